@@ -11,8 +11,8 @@ use fvi_benches::{
 use fvi_core::{BdfOrder, ConvolutionWeights, Damping, Fixed, Memory};
 use fvi_fft::WeightTable;
 use fvi_fft::baseline::OfflineFft;
-use fvi_host::lab::compare_engines::{Contender, Task};
 use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
+use fvi_strategies::{Made, Task, engines};
 use gungraun::{library_benchmark, library_benchmark_group, main};
 use nalgebra::SVector;
 
@@ -27,9 +27,11 @@ fn weights() -> Vec<f64> {
 
 /// The engine of that name, and a signal.
 fn engine(name: &str) -> (Box<dyn Memory<f64>>, Vec<f64>) {
-    let task = Task { order: BdfOrder::GRUNWALD_LETNIKOV, exponent: 0.5, weights: &weights() };
-    let contender = Contender::all().into_iter().find(|contender| contender.name() == name).expect("a name");
-    (contender.make(task).expect("a good task").expect("a short run"), noise(STEPS))
+    let task = Task::of_a_run(BdfOrder::GRUNWALD_LETNIKOV, 0.5, STEPS).expect("in range");
+    let strategy =
+        engines::strategies().into_iter().find(|strategy| strategy.name() == name).expect("a name");
+    let memory = strategy.make(&task).ok().and_then(Made::into_memory).expect("a short run");
+    (memory, noise(STEPS))
 }
 
 #[library_benchmark(setup = engine)]

@@ -1,4 +1,4 @@
-//! Makes the constants of the controller from its orders, gains, sample time and horizon.
+//! Generates the constants of the controller from its orders, gains, sample time and horizon.
 
 use std::error::Error;
 use std::path::Path;
@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let source = controller_source("axis", &settings, 100_000_000, 1e-7)?;
     fs::write(Path::new(&env::var("OUT_DIR")?).join("axis.rs"), source)?;
     println!("cargo::rerun-if-changed=build.rs");
-    // The memory map of the part.
+    // The memory map of the processor.
     println!("cargo::rerun-if-changed=../images/memory.x");
     println!("cargo::rustc-link-search={}/../images", env!("CARGO_MANIFEST_DIR"));
     Ok(())

@@ -7,7 +7,7 @@ use crate::linear::{all_finite, is_positive_definite, zero_matrix, zero_vector};
 use crate::real::Real;
 use crate::space::{Block, Space};
 
-/// N coordinates, N known at compile time; everything lies in place.
+/// Space of N coordinates, N known at compile time: vectors and matrices are stored in place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Fixed<const N: usize>;
 
@@ -38,7 +38,7 @@ impl<T: Real, const N: usize> Space<T> for Fixed<N> {
     }
 }
 
-/// Symmetric N×N matrix of coefficients, kept diagonal where it is.
+/// Symmetric N×N matrix of coefficients; of a diagonal one only the diagonal is stored.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Coefficients<T, const N: usize> {
     /// Diagonal entries.
@@ -144,8 +144,8 @@ impl<T: Real, const N: usize> Block<T> for Coefficients<T, N> {
         let diagonal = columns().filter_map(|(index, column)| column.get(index).copied());
         let largest = diagonal.fold(T::zero(), |largest, entry| largest.max(entry.abs()));
         let lift = largest * T::EPSILON * T::from_count(64 * N as u64);
-        // An all-zero matrix is semidefinite; elsewhere a lift by rounding makes a semidefinite matrix
-        // definite.
+        // An all-zero matrix is semidefinite. Any other semidefinite matrix becomes definite when its
+        // diagonal is raised by the rounding error.
         let zero = matrix.iter().all(|entry| *entry == T::zero());
         for (index, column) in matrix.data.0.iter_mut().enumerate() {
             if let Some(entry) = column.get_mut(index) {

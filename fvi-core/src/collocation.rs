@@ -20,7 +20,7 @@ use crate::workspace::Workspace;
 /// step is long beside the periods of the system.
 const LINEAR_CORRECTIONS: u32 = 2;
 
-/// Collocation by a Runge–Kutta method, as a view of its numbers.
+/// Collocation by a Runge–Kutta method, as a view of its coefficients.
 ///
 /// ```text
 /// M a_i + ∇U(X_i) − F(t_k + c_i h, X_i, V_i) − u + Σ_m ρ_m (D^{β_m} X)_{k,i} = 0 ,      i = 1…R
@@ -69,7 +69,7 @@ impl<T: Real, const R: usize> Collocation<T, R> {
         }
     }
 
-    /// Its numbers.
+    /// View of the coefficients.
     pub fn tables(&self) -> CollocationTables<'_, T> {
         CollocationTables {
             matrix: self.matrix.as_flattened(),
@@ -140,7 +140,8 @@ impl<T: Real> CollocationTables<'_, T> {
         work.begin(damping, step, self.nodes, state)?;
         let (position, momentum) = (&state.position, &state.momentum);
         let coordinates = X::slice(position).len();
-        // The velocity keeps the scratch vector's place through the solution.
+        // The velocity needs a vector of its own: the scratch vector is in use while the equations are
+        // solved.
         let mut velocity = position.clone();
         mechanics.velocity(X::slice(momentum), X::slice_mut(&mut velocity));
         work.increments.fill(T::zero());
@@ -195,7 +196,7 @@ impl<T: Real> CollocationTables<'_, T> {
             let balance = |accelerations: &[T], residual: &mut [T], matrix: Option<&mut E>| {
                 equations.residual(accelerations, residual, matrix);
             };
-            // What is below the rounding of positions does not show in an acceleration.
+            // A residual below the rounding of the positions, divided by h², does not change an acceleration.
             let offset = size(X::slice(position)) / (step.size * step.size);
             newton(work.increments, work.residual, offset, work.matrix, balance)?.iterations
         };
@@ -440,7 +441,7 @@ mod tests {
             let mut integrator = Integrator::builder(system, scheme, h).position([2.0]).build().unwrap();
             integrator.step(&[0.0].into()).unwrap()
         };
-        // h² a is rounding of q where h² is below it.
+        // For h² below the unit roundoff, h² a is below the rounding of q.
         assert_eq!((iterations(1e-9), iterations(1e-3)), (1, 2));
     }
 }

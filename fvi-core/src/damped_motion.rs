@@ -1,4 +1,4 @@
-//! The motion that a damping acts on, and the memory that is told it.
+//! The motion that a damping acts on, and the samples of it that its memory stores.
 
 use core::fmt;
 
@@ -31,8 +31,8 @@ pub enum Derivative {
 pub struct Sample<'a, T> {
     /// Main node q_k at the beginning of the step.
     pub from: &'a [T],
-    /// q_k − X_{k−1,i}: how far the nodes of the sample before lie behind q_k, R·N numbers. Empty where they
-    /// end at q_k, as main nodes do.
+    /// q_k − X_{k−1,i}, the offsets of q_k from the nodes of the previous sample, R·N numbers. Empty if the
+    /// previous sample is the main node q_k.
     pub behind: &'a [T],
     /// t_k.
     pub time: T,
@@ -42,14 +42,15 @@ pub struct Sample<'a, T> {
     pub fractions: &'a [T],
 }
 
-/// A motion X as the memory of its damping is told it, and the derivatives D^β X that the memory knows: all
-/// of a damping term but its coefficient.
+/// The motion X that a damping acts on, with the memory that stores its samples and supplies the derivatives
+/// D^β X: a damping term without its coefficient ρ.
 ///
 /// The memory has one channel for each coordinate and node. A kernel of plain numbers acts on the sequence of
-/// every node by itself; one of R×R matrices couples the R nodes. The memory says which differences of the
-/// motion it wants ([`ActsOn`]); they come from the solved increments e_i, and those of Caputo's type begin
-/// with zero where those of Riemann–Liouville's begin with q₀. A memory of several kernels
-/// ([`Memory::kernels`]) gives as many derivatives, for dampings of different orders on the same coordinates.
+/// every node by itself; one of R×R matrices couples the R nodes. [`ActsOn`] of the memory selects the
+/// samples: values of the motion or differences, which come from the solved increments e_i. The differences
+/// of Caputo's type begin with zero, those of Riemann–Liouville's with q₀. A memory of several kernels
+/// ([`Memory::kernels`]) supplies one derivative for each, for dampings of different orders on the same
+/// coordinates.
 ///
 /// With the nodes of the sample to come at q_k + e_1, …, q_k + e_R and the weights W of a kernel
 ///
@@ -63,12 +64,12 @@ pub struct DampedMotion<T: Real, X: Space<T>, M> {
     start: Subtraction,
     initial_position: X::Vector,
     initial_velocity: X::Vector,
-    /// Of the kernels; zero if the caller vouches for it.
+    /// Step size of the kernels; zero if it is the caller's responsibility.
     step_size: T,
     memory: M,
 }
 
-/// Part of the motion on which the derivatives do not act.
+/// Part of the motion that is subtracted before the derivatives are taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Subtraction {
     Nothing,
@@ -91,8 +92,8 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
     /// The motion on a memory of the given kernels.
     ///
     /// # Errors
-    /// If a β is outside [0, 2), two of them leave out other parts of the motion or have other steps, or the
-    /// memory is not one of the kernels.
+    /// If a β is outside [0, 2), two kernels subtract different parts of the motion or have different step
+    /// sizes, or the weights of the memory are not those of the kernels.
     #[inline(always)]
     pub fn new(
         space: &X,
@@ -149,21 +150,23 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         Ok(())
     }
 
-    /// Forgets everything and notes how the motion starts.
+    /// Clears the memory and stores the initial position and velocity.
     pub fn begin(&mut self, position: &[T], velocity: &[T]) {
         self.memory.clear();
         copy(X::slice_mut(&mut self.initial_position), position);
         copy(X::slice_mut(&mut self.initial_velocity), velocity);
     }
 
-    /// Notes that the motion begins at another time than 0: what is left out of it is a line through t = 0.
+    /// Sets a start time t₀ other than 0: the line that Caputo's type subtracts for β > 1 is then q₀ + v₀ (t
+    /// − t₀).
     pub fn begin_at(&mut self, time: T) {
         if let Subtraction::PositionAndVelocity = self.start {
             add_multiple(X::slice_mut(&mut self.initial_position), -time, X::slice(&self.initial_velocity));
         }
     }
 
-    /// Asks the memory for its terms, R·N numbers for each kernel: what is known but for the offsets.
+    /// Writes the memory terms, R·N numbers for each kernel: the known part of the derivatives without the
+    /// offsets of the nodes.
     ///
     /// # Errors
     /// [`MemoryError::Full`] if the sample to come could not be stored, [`MemoryError::StepLength`] if the
@@ -177,13 +180,13 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         self.memory.next_term(terms)
     }
 
-    /// Makes the memory's terms of a kernel, for a sample of one node, what is known of its derivative.
+    /// Completes the memory term of a kernel, for a sample of one node, to the known part of its derivative.
     #[inline(always)]
     pub fn complete(&self, kernel: usize, sample: &Sample<'_, T>, term: &mut [T]) {
         self.add_offset(sample, 0, self.leading(kernel, 1, 0, 0), term);
     }
 
-    /// Writes known_i of a (kernel, node i), for a sample of several nodes, from the memory's terms of that
+    /// Writes known_i for (kernel, node i), for a sample of several nodes, from the memory terms of that
     /// kernel.
     #[inline(always)]
     pub fn complete_node(
@@ -221,7 +224,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         self.memory.leading().get(index).copied().unwrap_or(T::zero())
     }
 
-    /// Shows every W_ij of a kernel that is not zero, as (i, j, W_ij).
+    /// Calls `visit(i, j, W_ij)` for every nonzero W_ij of a kernel.
     #[inline(always)]
     pub fn visit_leading(&self, kernel: usize, nodes: usize, mut visit: impl FnMut(usize, usize, T)) {
         for i in 0..nodes {
@@ -272,10 +275,10 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         self.memory.push(stored)
     }
 
-    /// Adds `factor` times what node j of the sample would give to the memory's signal if it lay at q_k.
+    /// Adds `factor` times the sample that node j would give the memory if it lay at q_k.
     ///
-    /// With the increment e_j added that is what the memory stores. Of increments and rises nothing is
-    /// subtracted that the solver does not know by itself.
+    /// The sample that the memory stores is this plus the increment e_j. For increments and rises it contains
+    /// only differences that the solver has as such; none is formed by subtracting positions.
     #[inline(always)]
     fn add_offset(&self, sample: &Sample<'_, T>, j: usize, factor: T, out: &mut [T]) {
         let velocity = X::slice(&self.initial_velocity);
@@ -310,7 +313,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         }
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         let left_out = match self.start {
             Subtraction::Nothing => 0,
@@ -348,7 +351,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         self.memory.check_state(from)
     }
 
-    /// Takes over a saved state; see [`Damping::restore`](crate::Damping::restore).
+    /// Replaces the state by a saved one; see [`Damping::restore`](crate::Damping::restore).
     ///
     /// # Errors
     /// As there.
@@ -374,7 +377,7 @@ impl<T: Real, X: Space<T>, M> DampedMotion<T, X, M> {
     }
 }
 
-/// Why a damping does not go with an integrator.
+/// Reason why a damping does not fit an integrator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -425,7 +428,7 @@ pub enum DampingError {
     Order(ParameterError),
     /// The coefficients are not finite, not symmetric or not positive semidefinite.
     Coefficients(MatrixError),
-    /// The memory is not one of the kernel.
+    /// The weights of the memory are not those of the kernel.
     Kernel(ParameterError),
 }
 
@@ -466,7 +469,7 @@ mod tests {
     use crate::weights::{BdfOrder, leading_bdf_weight};
     use std::vec::Vec;
 
-    /// Two kernels on one channel that remember nothing.
+    /// Two kernels on one channel with a leading weight only, without memory.
     struct Leading([f64; 2]);
 
     impl Memory<f64> for Leading {
@@ -562,9 +565,9 @@ mod tests {
         }
     }
 
-    /// Tells a memory four samples of the motion, with two kernels on it, and compares what it is told, and
-    /// what is known of the derivatives, with the definitions. Nodes lie at `fractions` of the steps; without
-    /// them samples are main nodes.
+    /// Pushes four samples of the motion to a memory of two kernels, and compares the samples that the memory
+    /// receives and the known parts of the derivatives with their definitions. Nodes lie at `fractions` of
+    /// the steps; without fractions samples are main nodes.
     fn assert_told(
         stages: usize,
         fractions: Option<&[f64]>,
@@ -574,7 +577,7 @@ mod tests {
     ) {
         let (h, nodes) = (0.5, fractions.map_or(1, <[f64]>::len));
         let case = std::format!("{stages} stages, {fractions:?}, {acts_on:?}, {derivative:?}, {exponent}");
-        // An entry that is zero is not shown.
+        // Zero entries are not visited.
         let leading = [3.0, 0.5, 0.0, -2.0, 1.5, -0.25, 0.75, 4.0][..2 * stages * stages].to_vec();
         let weight = |kernel: usize, i: usize, j: usize| match (stages == nodes, i == j) {
             (true, _) => leading[kernel * stages * stages + i * stages + j],
@@ -600,7 +603,7 @@ mod tests {
                 Sample { from: &[9.0; 2], behind: &[], time: 0.0, length: h, fractions: &[1.0; 2][..nodes] };
             motion.push(&sample, &std::vec![1.0; 2 * nodes], &mut scratch).unwrap();
         }
-        // It forgets what was.
+        // `begin` clears the memory.
         motion.begin(&position(0.0), &[3.0, 0.5]);
         let acted_on = |time: f64| {
             let (motion, less) = (position(time), left_out(derivative, exponent, time));
@@ -716,7 +719,7 @@ mod tests {
                 DampedMotion::<f64, Fixed<2>, _>::new(&Fixed, &kernels, Derivative::Caputo, memory).unwrap();
             motion.check(coordinates, nodes, 0.1)
         };
-        // Plain numbers act on any nodes, matrices on as many as they have rows.
+        // Scalar weights fit any number of nodes, R×R matrices R nodes only.
         assert_eq!((check(1, 2, 2, 1), check(1, 6, 2, 3), check(3, 6, 2, 3)), (Ok(()), Ok(()), Ok(())));
         for (stages, channels, coordinates, nodes) in [(1, 3, 2, 1), (3, 3, 2, 3), (2, 6, 2, 3), (2, 2, 2, 1)]
         {

@@ -11,11 +11,11 @@ use crate::real::Real;
 use crate::saving::{StateError, StateReader, StateWriter};
 use crate::space::{Block, Space, part_mut, vectors, vectors_mut};
 
-/// Damping with memory: anything between no damping and many terms.
+/// Damping with memory: none, one term or several.
 ///
-/// A sample holds R nodes: one where the memory stores the main nodes q_k, and as many as there are
-/// quadrature nodes where it stores those. With the nodes of the sample to come at q_k + e_1, …, q_k + e_R
-/// the damping exerts
+/// A sample holds R nodes: R = 1 if the memory stores the main nodes q_k, otherwise the number of quadrature
+/// nodes, which it then stores. With the nodes of the sample to come at q_k + e_1, …, q_k + e_R the damping
+/// exerts
 ///
 /// ```text
 /// Σ_m ρ_m (D^{β_m} q)_i = known_i + Σ_m ρ_m Σ_j W_ij e_j ,     i = 1…R
@@ -30,10 +30,10 @@ pub trait Damping<T: Real, X: Space<T>> {
     /// [`Mismatch`] if one does not.
     fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch>;
 
-    /// Forgets everything and notes how the motion starts.
+    /// Clears the memories and stores the initial position and velocity.
     fn begin(&mut self, position: &[T], velocity: &[T]);
 
-    /// Notes, after that, that the motion starts at another time than 0.
+    /// Sets, after [`begin`](Damping::begin), a start time other than 0.
     fn begin_at(&mut self, time: T);
 
     /// Adds known_i to `known`, R·N numbers. `scratch` has R·N numbers, and N more where R > 1.
@@ -51,7 +51,7 @@ pub trait Damping<T: Real, X: Space<T>> {
     /// Adds Σ_m ρ_m Σ_j W_ij e_j to `force`, R·N numbers. `scratch` has N numbers at least.
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]);
 
-    /// Shows every W_ij ρ_m that is not zero, as (i, j, W_ij, ρ_m), for a sample of `nodes` nodes.
+    /// Calls `visit(i, j, W_ij, ρ_m)` for every nonzero W_ij ρ_m, for a sample of `nodes` nodes.
     fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &X::Block));
 
     /// Whether the leading weights of all later steps are those of the step to come.
@@ -74,17 +74,17 @@ pub trait Damping<T: Real, X: Space<T>> {
         0
     }
 
-    /// Writes the state, so that a damping made alike that [`restore`](Damping::restore)s it goes on with the
-    /// same bits.
+    /// Writes the state. A damping with the same parameters that [`restore`](Damping::restore)s it continues
+    /// with identical bits.
     ///
     /// # Errors
-    /// [`StateError::NoRoom`], and [`StateError::Unsupported`] for dampings that do not offer it.
+    /// [`StateError::NoRoom`], and [`StateError::Unsupported`] for dampings that cannot be saved.
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         let _ = to;
         Err(StateError::Unsupported)
     }
 
-    /// Reads past a state and checks on the way that [`restore`](Damping::restore) would take it.
+    /// Reads past a state and checks that [`restore`](Damping::restore) would accept it.
     ///
     /// # Errors
     /// [`StateError`]
@@ -93,10 +93,10 @@ pub trait Damping<T: Real, X: Space<T>> {
         Err(StateError::Unsupported)
     }
 
-    /// Takes over a saved state in place of its own.
+    /// Replaces the state by a saved one.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are not the state of such a damping; it is as before.
+    /// [`StateError`] if the bytes are not the state of such a damping, which then is unchanged.
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let _ = from;
         Err(StateError::Unsupported)
@@ -106,8 +106,8 @@ pub trait Damping<T: Real, X: Space<T>> {
 /// One damping term ρ D₋^β q with its memory.
 ///
 /// ρ is symmetric positive semidefinite; β = 2α is the damping order, 0 ≤ β < 2 (α is the order in the
-/// Lagrangian). The [`Kernel`] of the memory says what β and the step size are; [`DampedMotion`] what the
-/// memory is told. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
+/// Lagrangian). The [`Kernel`] of the memory contains β and the step size; [`DampedMotion`] defines the
+/// samples of the memory. Source: \[JO\] eq. 1, 34a; \[HJO\] eq. 34a, 35.
 #[derive(Clone)]
 pub struct DampingTerm<T: Real, X: Space<T>, M> {
     coefficients: X::Block,
@@ -136,8 +136,8 @@ impl<T: Real, const N: usize, M: Memory<T>> DampingTerm<T, Fixed<N>, M> {
     /// The term ρ D^β q on a memory of the given kernel, that of s^β.
     ///
     /// # Errors
-    /// If β is outside [0, 2), ρ is not finite, symmetric and positive semidefinite, or the memory is not one
-    /// of the kernel.
+    /// If β is outside [0, 2), ρ is not finite, symmetric and positive semidefinite, or the weights of the
+    /// memory are not those of the kernel.
     #[inline(always)]
     pub fn new(
         kernel: Kernel,
@@ -453,7 +453,7 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
     }
 }
 
-/// A damping that hands every call on to the one it holds.
+/// Implements `Damping` for a holder of a damping, by forwarding every call.
 macro_rules! handing_on {
     ($({$($generics:tt)*})? $holder:ty, $inner:ty, $self:ident => $shared:expr, $unique:expr) => {
         impl<T: Real, X: Space<T>, D: Damping<T, X> $(, $($generics)*)?> Damping<T, X> for $holder {
@@ -567,8 +567,8 @@ mod tests {
         Sample { from: &FROM, behind: &[], time: 0.0, length: 0.5, fractions }
     }
 
-    /// What a damping exerts on the nodes of the sample, node by node, by its forces; and the derivative of
-    /// that, row by row, by what it shows.
+    /// Force of a damping on the nodes of the sample, node by node, and its derivative with respect to the
+    /// increments, row by row, from the visited entries.
     fn exerted(damping: &mut impl Damping<f64, Fixed<2>>, nodes: usize) -> (Vec<f64>, Vec<f64>) {
         let room = 2 * nodes + if nodes > 1 { 2 } else { 0 };
         let (mut force, mut scratch) = (std::vec![0.0; 2 * nodes], std::vec![f64::NAN; room]);
@@ -581,7 +581,7 @@ mod tests {
         (force, derivative)
     }
 
-    /// The same for one term from ρ, the terms of its memory, and its leading weight.
+    /// The same for one term by its definition, from ρ, the terms of its memory, and its leading weight.
     fn defined(rho: [[f64; 2]; 2], memory: &RecordingMemory) -> (Vec<f64>, Vec<f64>) {
         let nodes = memory.stages;
         let (mut force, mut derivative) = (std::vec![0.0; 2 * nodes], std::vec![0.0; 4 * nodes * nodes]);
@@ -630,8 +630,8 @@ mod tests {
         }
     }
 
-    /// That every one of two memories is told what happens, and that one that refuses is heard. `samples`
-    /// says how many samples each has.
+    /// Asserts that every call reaches both of two memories, and that an error of either is returned.
+    /// `samples` returns the number of samples of each.
     fn assert_both_are_asked<D: Damping<f64, Fixed<2>>>(
         with: impl Fn(RecordingMemory, RecordingMemory) -> D,
         samples: impl Fn(&D) -> [usize; 2],
@@ -697,7 +697,7 @@ mod tests {
         bytes
     }
 
-    /// That no beginning of a state is taken, not even by the first of the dampings.
+    /// Asserts that a truncated state is refused and changes no damping, not even the first.
     fn assert_taken_whole<D: Damping<f64, Fixed<2>>>(of: impl Fn(Saved<'static>, Saved<'static>) -> D) {
         let fed = |count: usize, start: f64| {
             let memory = FixedDirect::full_memory(&[1.0, 0.5, 0.25, 0.125], 1.0).unwrap();
@@ -732,7 +732,7 @@ mod tests {
         assert_taken_whole(|one, other| &mut *std::vec![one, other].leak());
     }
 
-    /// A force ρ q̇ of the current step; it ignores everything else that a damping is told.
+    /// A force ρ q̇ of the current step, without memory.
     struct Viscous;
 
     impl Damping<f64, Fixed<1>> for Viscous {

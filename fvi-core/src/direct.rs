@@ -94,7 +94,7 @@ pub struct Direct<T, K, C, R> {
 const TAG: [u8; 4] = *b"dire";
 
 /// Largest number of stages S of a matrix kernel.
-pub const MAX_STAGES: usize = 4;
+pub(crate) const MAX_STAGES: usize = 4;
 
 /// [`Direct`] with `C` channels in rings of fixed capacity `H` and a borrowed table of weights: no
 /// allocation.
@@ -180,7 +180,7 @@ where
         Ok(Self { weights, stages, scale, leading, rings, overflow, acts_on, len, ring })
     }
 
-    /// The same memory, its weights being for such samples.
+    /// The same memory, with weights for samples of the given kind.
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
         Self { acts_on, ..self }
     }
@@ -190,7 +190,7 @@ where
         self.rings.as_ref().iter().map(Ring::capacity).min().unwrap_or(0)
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         let kernel = fingerprint(self.leading());
         [
@@ -200,7 +200,7 @@ where
         ]
     }
 
-    /// Reads how many samples a state has seen.
+    /// Reads the number of samples in a saved state.
     fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
         from.header::<T, 3>(TAG, &self.shape())?;
         let refuses = self.overflow == Overflow::Refuse;
@@ -479,7 +479,7 @@ mod tests {
             restored.next_term(&mut found).unwrap();
             memory.next_term(&mut expected).unwrap();
             assert_eq!(found, expected);
-            // The first ring's count lies behind the header and the number of samples.
+            // The first ring's count follows the header and the number of samples.
             let place = header_bytes(4);
             let kept = bytes[place];
             bytes[place] = kept - 1;

@@ -1,4 +1,4 @@
-//! One step of a discrete Lagrangian on polynomials, whatever its degree, its quadrature and the space.
+//! One step of a discrete Lagrangian on polynomials, for any degree, quadrature and space.
 
 use crate::damping::Damping;
 use crate::linear::all_finite;
@@ -11,15 +11,16 @@ use crate::space::{Block, Space, called, part, part_mut, vector_at, vectors, vec
 use crate::system::{Instant, Mechanics, NodalRule};
 use crate::workspace::Workspace;
 
-/// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points, as a view of its numbers.
+/// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points, as a view of its
+/// coefficients.
 ///
 /// ```text
 /// L_d = h Σ_i b_i L(q_d(c_i h), q̇_d(c_i h)) ,     q_d(τh) = q_k + Σ_{ν=1}^{S} ℓ_ν(τ) e^ν ,
 /// e^ν = q^ν − q_k
 /// ```
 ///
-/// The lengths of the slices say what S and Q are. Where they are known at compile time
-/// ([`Galerkin`](crate::Galerkin) lends such a view) they cost nothing. Source: \[HJO\] eq. 6–7, 42.
+/// S and Q are the lengths of the slices. Where these are known at compile time, as in the view of a
+/// [`Galerkin`](crate::Galerkin), they cost nothing. Source: \[HJO\] eq. 6–7, 42.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DiscreteLagrangian<'a, T> {
     /// Quadrature weights b_i, Q numbers.
@@ -30,14 +31,14 @@ pub struct DiscreteLagrangian<'a, T> {
     pub control_points: &'a [T],
     /// ℓ_ν(c_i), S numbers ν = 1…S for each i.
     pub shapes: &'a [T],
-    /// ℓ_ν(c_i), S numbers ν = 0…S−1 for each i: the shapes that the S equations are tested with.
+    /// ℓ_ν(c_i), S numbers ν = 0…S−1 for each i: the test functions of the S equations.
     pub tests: &'a [T],
     /// K_νμ = Σ_i b_i ℓ̇_ν(c_i) ℓ̇_μ(c_i), S numbers μ = 1…S for each row ν = 0…S−1.
     pub kinetic: &'a [T],
 }
 
 impl<T: Real> DiscreteLagrangian<'_, T> {
-    /// The same without tables, if it has one unknown node and one point.
+    /// The same discrete Lagrangian without tables, if it has one unknown node and one quadrature point.
     #[inline(always)]
     fn one_node(&self) -> Option<OneNode<T>> {
         let ([_], &[weight], &[node]) = (self.control_points, self.weights, self.nodes) else { return None };
@@ -133,7 +134,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         let coordinates = work.known.len();
         let rise = vectors(work.increments, coordinates).last().unwrap_or(&[]);
         damping.add_leading(rise, work.known, work.scratch);
-        // The impulse lies in the first numbers of the residual, which end as p_{k+1} − p_k.
+        // The first N numbers of the residual hold the impulse, and in the end p_{k+1} − p_k.
         let kick = part_mut(work.residual, coordinates);
         combine(kick, work.known, |impulse, force| -impulse - force * step.size);
         let found = Outcome { increments: rise, rise, kick };
@@ -236,7 +237,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     }
 
     /// As [`solve`](Self::solve), for any number of unknown nodes and points. The first `moments` numbers of
-    /// `work.moment_correction` are moments of the force that the nodes lack.
+    /// `work.moment_correction` are the part of the force moments that the quadrature misses.
     #[inline(always)]
     fn solve_for_any_nodes<X, E, G, D>(
         &self,
@@ -257,12 +258,12 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         let coordinates = position.len();
         // From here on `scratch` holds one vector for products, and whatever the damping needs.
         if mechanics.is_linear() && damping.is_some() && !self.drifts() {
-            // No guess is needed, and a stiff motion at speed would be guessed so far off that its place is
-            // lost in rounding.
+            // A linear system needs no guess, and the guess for a fast stiff motion would be so large that
+            // the position is lost in its rounding.
             work.increments.fill(T::zero());
         } else {
             let drift = part_mut(work.scratch, coordinates);
-            // Where nothing is solved for, the guess is the result.
+            // Without equations to solve the guess is the result.
             if self.drifts() {
                 mechanics.velocity(momentum, drift);
             } else {
@@ -298,25 +299,26 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
                 equations.residual::<E>(work.increments, work.residual, None);
             } else {
                 equations.residual(work.increments, work.residual, Some(&mut *work.matrix));
-                // A symmetric change of what several nodes share is none of the mass.
+                // With several nodes a symmetric perturbation of the matrix is not one of the mass alone: no
+                // inertia is given.
                 let inertia = (T::zero(), equations.mechanics.mass());
                 work.matrix.keep(&mut work.kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
                 work.kept.length = if stays { step.size } else { T::zero() };
             }
             equations.correct(work.increments, work.residual, work.matrix, &work.kept.solver);
             equations.forces::<E>(work.increments, None);
-            // The rounding of the solver is the same at every step, so that it would add up to growth or
-            // decay. A second correction, with the forces that are wanted anyway, leaves nothing of it.
+            // The rounding error of the solver is the same at every step, so that it would accumulate to
+            // growth or decay. A second correction, with the forces that are needed anyway, removes it.
             equations.balance(work.increments, work.residual);
             let (matrix, solver) = (&mut *work.matrix, &work.kept.solver);
             if matrix.is_unsettled(solver, work.increments, position, work.residual) {
                 equations.correct(work.increments, work.residual, matrix, solver);
             }
-            // What is not finite in the first correction is so in its residual and in the second.
+            // A value of the first correction that is not finite leaves a residual that is not finite.
             if !all_finite(work.residual) {
                 return Err(StepError::NotFinite);
             }
-            // The nodes are the sample where the force acts at them.
+            // If the damping acts at the nodes, the nodes are its sample.
             if damping.is_some() {
                 self.place_stages(work.increments, equations.stages, coordinates);
             }
@@ -346,7 +348,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
 struct StepEquations<'a, T: Real, X: Space<T>, G, D> {
     lagrangian: &'a DiscreteLagrangian<'a, T>,
     mechanics: &'a mut G,
-    /// Where it acts at the quadrature nodes.
+    /// Damping, if it acts at the quadrature nodes.
     damping: Option<&'a D>,
     step: &'a Step<'a, T>,
     position: &'a [T],
@@ -354,7 +356,7 @@ struct StepEquations<'a, T: Real, X: Space<T>, G, D> {
     stages: &'a mut [T],
     forces: &'a mut [T],
     known: &'a [T],
-    /// By how much the moments of the force exceed those of the nodes; empty where they do not.
+    /// Exact moments of the force minus those of the quadrature; empty without a correction.
     moment_correction: &'a [T],
     scratch: &'a mut [T],
     point: &'a mut X::Vector,
@@ -465,7 +467,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
         self.balance(increments, residual);
     }
 
-    /// Takes the solution for the residual off the increments.
+    /// Solves for the residual and subtracts the solution from the increments.
     #[inline(always)]
     fn correct<E: Equations<T, X::Block>>(
         &self,
@@ -480,7 +482,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'
         }
     }
 
-    /// Writes the residuals of the S equations with the forces as they were last found.
+    /// Writes the residuals of the S equations with the forces computed last.
     #[inline(always)]
     fn balance(&mut self, increments: &[T], residual: &mut [T]) {
         let (lagrangian, h) = (self.lagrangian, self.step.size);
@@ -549,7 +551,7 @@ mod tests {
     }
 
     struct Push {
-        /// Of forces of the velocity; without them there is none.
+        /// Coefficient of the velocity-dependent part of the force; 0 without one.
         drag: f64,
     }
 

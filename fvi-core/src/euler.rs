@@ -17,9 +17,9 @@ use crate::workspace::{CachedFactor, Workspace};
 /// q_{k+1} = q_k + h M⁻¹ p_k ,     p_{k+1} = p_k − h ∇U(q_k) + h F(t_k, q_k) − h Σ_m ρ_m (D^{β_m} q)_{k+1}
 /// ```
 ///
-/// q_{k+1} is known before the memory is asked for it; for β = 1 and Grünwald–Letnikov weights the last term
-/// is ρ (q_{k+1} − q_k) = h ρ M⁻¹ p_k, the explicit Euler method of the linearly damped system. Source:
-/// \[JO\] §5, eq. 44.
+/// q_{k+1} is known before the damping at k + 1 is computed; for β = 1 and Grünwald–Letnikov weights the last
+/// term is ρ (q_{k+1} − q_k) = h ρ M⁻¹ p_k, the explicit Euler method of the linearly damped system.
+/// Source: \[JO\] §5, eq. 44.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ExplicitEuler;
 

@@ -6,15 +6,15 @@ use core::marker::PhantomData;
 use crate::direct::{MAX_STAGES, Overflow};
 use crate::error::{ParameterError, check_step_size};
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
-use crate::real::Real;
+use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
 use crate::space::{vectors, vectors_mut};
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"expo";
 
-/// Exponentials in a block: what the table and the state hold lies in blocks, and vectors never straddle two
-/// kinds of numbers.
+/// Exponentials per block. Table and state consist of blocks, so that a vector never mixes two kinds of
+/// numbers.
 const LANES: usize = 4;
 
 /// One number for each exponential of a block.
@@ -29,7 +29,7 @@ type Lanes<T> = [T; LANES];
 ///
 /// For plain numbers (S = 1) u_j is the value of an exponential at n = n₀ and v_j = 1; kernels of S×S
 /// matrices have rank-one terms. The table holds μ_j = 1 − R_j and not the factor R_j, which near 1 would
-/// lose the digits that decide what is left after many steps.
+/// lose the digits that determine R_j to the power of many steps.
 ///
 /// This is plain data, so that it can lie in flash; [`check`](ExponentialTable::check) checks it. `C` is
 /// anything that holds numbers: `&'static [f32]`, `[f32; 8]`, `Vec<f64>`.
@@ -46,8 +46,10 @@ pub struct ExponentialTable<C> {
     pub exponentials: C,
     /// How many blocks, from the first, hold slow exponentials, whose running sums are kept in two parts.
     ///
-    /// A sum that forgets slowly (μ_j ≪ 1) would otherwise gather the rounding errors of 1/μ_j steps, and in
-    /// single precision stand still once a sample is less than half a unit in its last place.
+    /// A slowly decaying sum (μ_j ≪ 1) would otherwise accumulate the rounding errors of 1/μ_j steps, and in
+    /// single precision stay constant once a sample is less than half a unit in its last place. For
+    /// differences of a signal that jumps ([`Memory::expect_jumps`]) the two parts are those of the
+    /// difference between signal and sum.
     pub slow_blocks: usize,
     /// How many of these, from the first, hold exponentials so slow that their running sums are kept in three
     /// parts; only for plain numbers.
@@ -55,11 +57,11 @@ pub struct ExponentialTable<C> {
     /// Of N samples of one size, two parts of single precision lose N 2⁻⁴⁸ at worst, 4·10⁻⁷ for N = 10⁸, and
     /// stand still from N = 2⁴⁹ on. Three parts lose N 2⁻⁷², 10⁻⁷ for N = 2⁴⁹.
     pub far_blocks: usize,
-    /// Largest lag at which the weights hold: so many samples the memory takes, and then refuses more or
-    /// forgets ([`ExponentialSum::past_horizon`]). [`ENDLESS`](ExponentialTable::ENDLESS) where they hold
-    /// longer than anything runs.
+    /// Largest lag at which the weights hold, and number of samples that the memory takes before it refuses
+    /// more or forgets ([`ExponentialSum::past_horizon`]). [`ENDLESS`](ExponentialTable::ENDLESS) for weights
+    /// that hold for longer than any run.
     pub horizon: u64,
-    /// The step size h that is in the weights; 1 for a table that any step size may scale.
+    /// The step size h contained in the weights; 1 for a table that is scaled to any step size.
     pub step_size: f64,
 }
 
@@ -106,7 +108,7 @@ impl<C> ExponentialTable<C> {
 }
 
 impl<T: Real> ExponentialTable<&[T]> {
-    /// Checks that the table can be read: what a memory refuses, whatever its channels.
+    /// Checks everything about the table that does not depend on the number of channels.
     ///
     /// # Errors
     /// If the shapes do not fit together, S is not one of 1…4, a number is not finite, a μ_j is outside
@@ -175,7 +177,7 @@ impl<T: Real> ExponentialTable<&[T]> {
 }
 
 impl<T> ExponentialTable<&[T]> {
-    /// How many numbers of state [`ExponentialSum`] needs for this table and `channels` channels.
+    /// Length of the state that [`ExponentialSum`] needs for this table and `channels` channels.
     ///
     /// 2J C/S + (2n₀ − 1) C + S² with J in whole blocks of four, and 4C for each far block: running sums in
     /// two parts or three, pending terms and delayed samples, the term, the leading weight. A `const fn`, to
@@ -243,13 +245,18 @@ pub struct ExponentialSum<T, C, B> {
     state: B,
     /// Place of the oldest delayed sample.
     oldest: usize,
-    /// Which slow block settles at the next step.
+    /// Index of the slow block that settles at the next step.
     settling: usize,
     acts_on: ActsOn,
     /// Samples so far; see [`advance`](ExponentialSum::advance).
     len: u64,
-    /// Whether it goes on past the horizon of the table.
+    /// Whether the memory goes on past the horizon of the table.
     forgets: bool,
+    /// Whether samples are differences of a signal that jumps: then slow sums are stored as their difference
+    /// from the signal.
+    jumps: bool,
+    /// The sum of the samples that have reached the exponentials, in two parts.
+    signal: [T; 2],
     number: PhantomData<T>,
 }
 
@@ -294,29 +301,40 @@ where
             "1 for a table whose weights hold the step size",
         )?;
         let layout = Layout::of(&view, channels);
-        let (oldest, settling, acts_on, len, forgets) = (0, 0, ActsOn::Values, 0, false);
-        let number = PhantomData;
-        let mut memory =
-            Self { table, scale, layout, state, oldest, settling, acts_on, len, forgets, number };
+        let mut memory = Self {
+            table,
+            scale,
+            layout,
+            state,
+            oldest: 0,
+            settling: 0,
+            acts_on: ActsOn::Values,
+            len: 0,
+            forgets: false,
+            jumps: false,
+            signal: [T::zero(); 2],
+            number: PhantomData,
+        };
         memory.clear();
         Ok(memory)
     }
 
-    /// The same memory, its weights being for such samples.
+    /// The same memory, with weights for samples of the given kind.
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
         Self { acts_on, ..self }
     }
 
-    /// The same memory, with what happens once it has taken as many samples as the table's horizon: it
-    /// refuses more, as a new one does, or goes on and forgets.
+    /// The same memory, with the policy for samples beyond the table's horizon: it refuses them, as a new
+    /// memory does, or goes on and forgets.
     ///
     /// Beyond the horizon H the exponentials decay where the weights of the operator fall slowly, so that the
     /// term lacks at most max|x| Σ_{n>H} (|w_n| + |Σ_j (1 − μ_j)^{n−n₀} u_j|) at any time: for derivatives a
-    /// few times what a ring of H samples leaves out, (H h)^{−β} / Γ(1 − β). Integrals of order λ of a signal
-    /// that stays come to rest about (H h)^λ.
+    /// few times what a ring of H samples leaves out, (H h)^{−β} / Γ(1 − β). The integral of order λ of a
+    /// constant signal levels off at about (H h)^λ.
     ///
     /// # Errors
-    /// To forget, if the table has an exponential that never decays: its sum would grow without bound.
+    /// For [`Overflow::Forget`], if an exponential of the table never decays: its sum would grow without
+    /// bound.
     pub fn past_horizon(self, overflow: Overflow) -> Result<Self, ParameterError> {
         let table = self.table.borrow();
         let forgets = overflow == Overflow::Forget;
@@ -341,19 +359,22 @@ where
         &self.table
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<4> {
         let table = self.table.borrow();
         let kernel = fingerprint(table.head.iter().chain(table.exponentials)) ^ self.scale.bits();
         [
             ("channels", self.layout.channels() as u64),
             ("stages", table.stages as u64),
-            ("slow blocks, and far ones above", table.slow_blocks as u64 | (table.far_blocks as u64) << 32),
+            (
+                "slow blocks, far ones above, and whether samples jump",
+                table.slow_blocks as u64 | (table.far_blocks as u64) << 32 | u64::from(self.jumps) << 63,
+            ),
             ("fingerprint of the kernel", kernel),
         ]
     }
 
-    /// Reads how many samples a state has seen.
+    /// Reads the number of samples in a saved state.
     fn count(&self, from: &mut StateReader<'_>) -> Result<u64, StateError> {
         from.header::<T, 4>(TAG, &self.shape())?;
         let (found, limit) = (from.count()?, self.capacity().min(ENDLESS - 1));
@@ -366,18 +387,23 @@ where
         if self.len < self.table.horizon || self.forgets { Ok(()) } else { Err(full(self.table.horizon)) }
     }
 
+    /// The part of the signal that is saved: both parts if the signal jumps, otherwise none.
+    fn saved_signal(&self) -> &[T] {
+        if self.jumps { &self.signal } else { &[] }
+    }
+
     /// Numbers of the state that samples change: all but the leading weight.
     fn changing(&self) -> usize {
         self.state.as_ref().len().saturating_sub(self.layout.planes())
     }
 
-    /// How many samples are taken.
+    /// Number of samples that the memory takes.
     fn capacity(&self) -> u64 {
         if self.forgets { ENDLESS } else { self.table.horizon }
     }
 
-    /// Counts a sample. Near its end the count goes back by as many as leave the places that follow from it
-    /// where they are, so that there is always room for one more.
+    /// Counts a sample. Before the count overflows it is reduced by a multiple of both ring lengths, which
+    /// leaves `oldest` and `settling` unchanged.
     #[inline(always)]
     fn advance(&mut self) {
         self.oldest = if self.oldest + 3 < self.layout.head { self.oldest + 1 } else { 0 };
@@ -394,18 +420,18 @@ where
         self.len = self.len.saturating_sub(self.delayed_samples().saturating_mul(self.settling_blocks()));
     }
 
-    /// Places of the ring of delayed samples, or 1.
+    /// Length of the ring of delayed samples, at least 1.
     fn delayed_samples(&self) -> u64 {
         self.layout.head.saturating_sub(2).max(1) as u64
     }
 
-    /// Blocks that settle one after the other, or 1.
+    /// Number of blocks that settle in turn, at least 1.
     fn settling_blocks(&self) -> u64 {
         self.table.slow_blocks.max(1) as u64
     }
 }
 
-/// How many samples fill a memory without an end.
+/// Capacity of a memory without a horizon.
 const ENDLESS: u64 = ExponentialTable::<()>::ENDLESS;
 
 #[cold]
@@ -413,13 +439,13 @@ fn full(capacity: u64) -> MemoryError {
     MemoryError::Full { capacity: saturated(capacity) }
 }
 
-/// As many as a word can say.
+/// `count`, or the largest `usize` if it does not fit.
 fn saturated(count: u64) -> usize {
     usize::try_from(count).unwrap_or(usize::MAX)
 }
 
-/// Where the parts of the state lie, one behind the other. The running sums come first: where the state is
-/// aligned, so are they. Third parts of sums, which few tables have, come last but for the leading weight.
+/// Layout of the parts of the state, one after another. The running sums come first and are aligned if the
+/// state is. Third parts of sums, which few tables have, come last except for the leading weight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Layout {
     stages: usize,
@@ -432,7 +458,7 @@ struct Layout {
 }
 
 impl Layout {
-    /// For a table and a number of channels that [`ExponentialSum::new`] has checked.
+    /// Layout for a table and a number of channels that [`ExponentialSum::new`] has checked.
     fn of<T>(table: &ExponentialTable<&[T]>, channels: usize) -> Self {
         let stages = table.stages.max(1);
         Self {
@@ -475,7 +501,7 @@ impl Layout {
         self.sums() + self.pending() + self.delayed()
     }
 
-    /// `None` if the state is too short, which the constructor excludes.
+    /// The parts of the state; `None` if it is too short, which the constructor excludes.
     #[inline(always)]
     fn split<T>(self, state: &mut [T]) -> Option<Parts<'_, T>> {
         let (sums, state) = state.split_at_mut_checked(self.sums())?;
@@ -520,7 +546,7 @@ fn lanes<T: Real>(number: impl Fn(usize) -> T) -> Lanes<T> {
     lanes
 }
 
-/// One of four numbers. In range for the compiler too, without a look at who calls.
+/// Number `lane` of a block. The remainder lets the compiler see that the index is in range.
 #[inline(always)]
 fn at<T: Real>(numbers: &Lanes<T>, lane: usize) -> T {
     numbers[lane % LANES]
@@ -546,11 +572,11 @@ fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
         let Some((here, behind)) = pending.split_first_chunk_mut::<LANES>() else { return };
         *here = moved;
         pending = behind;
-        // The compiler would make a loop over several blocks of this one, and check at every step, at a
-        // greater cost than that of the step, that no slices overlap.
+        // Otherwise the compiler would process several blocks at a time and check at every step that no
+        // slices overlap, which costs more than the step.
         core::hint::black_box(());
     }
-    // At most three, each on its own: a loop would be made into one of vectors, at a greater cost.
+    // At most three, one by one: a vectorised loop would cost more.
     let mut rest = rest.iter();
     for _ in 1..LANES {
         let (Some(&weight), Some(&next)) = (rest.next(), pending.get(1)) else { return };
@@ -558,6 +584,36 @@ fn shift_and_add<T: Real>(mut pending: &mut [T], weights: &[T], x: T) {
         *here = next + weight * x;
         pending = behind;
     }
+}
+
+/// Adds a difference to the signal, kept in two parts: the first is the rounded signal.
+#[inline(always)]
+fn add_difference<T: Real>(signal: &mut [T; 2], x: T) {
+    let (sum, lost) = sum_and_rest(signal[0], x);
+    let rest = lost + signal[1];
+    // A few units in the last place of the sum, which is the larger of the two.
+    signal[0] = sum + rest;
+    signal[1] = rest - (signal[0] - sum);
+}
+
+/// y ← y + μ z with z = X − y for a block of slow exponentials and the signal X whose differences they take,
+/// y = settled + recent; adds the z before to the totals. `signal` is X, less the third part of y if there is
+/// one.
+#[inline(always)]
+fn follow<T: Real>(
+    sums: &mut [T; STATE_BLOCK],
+    block: &[T; STATE_BLOCK],
+    signal: impl Fn(usize) -> T,
+    totals: &mut Lanes<T>,
+) {
+    let [decay, coefficient] = halves(*block);
+    let [recent, settled] = halves(*sums);
+    let before = lanes(|lane| (signal(lane) - at(&settled, lane)) - at(&recent, lane));
+    let changed = lanes(|lane| at(&recent, lane) + at(&decay, lane) * at(&before, lane));
+    if let Some(recent) = sums.first_chunk_mut::<LANES>() {
+        *recent = changed;
+    }
+    *totals = lanes(|lane| at(totals, lane) + at(&coefficient, lane) * at(&before, lane));
 }
 
 /// z ← z + (x − μ z) for a block of exponentials, z = recent + settled; returns the z before.
@@ -587,13 +643,13 @@ fn absorb_number<T: Real>(
     *totals = lanes(|lane| at(totals, lane) + at(&coefficient, lane) * at(&before, lane));
 }
 
-/// Values that the steps of all channels share.
+/// Values shared by the steps of all channels.
 struct NumberStep<'a, T> {
     /// w₁ … w_{n₀−1}.
     weights: &'a [T],
     exponentials: &'a [[T; STATE_BLOCK]],
     scale: T,
-    /// Which block settles at this step.
+    /// Index of the block that settles at this step.
     settling: Option<usize>,
 }
 
@@ -631,11 +687,12 @@ impl<'a, T: Real> NumberStep<'a, T> {
         if let Some(sums) = self.settling.and_then(|settling| sums.get_mut(settling)) {
             settle(sums);
         }
-        // Through memory: otherwise the pairs of the total decide how the compiler lays out the loop above.
+        // The totals go through memory: otherwise their pairwise sum determines how the compiler vectorises
+        // the loop above.
         total(core::hint::black_box(totals)) * self.scale
     }
 
-    /// The same where sums of the first blocks have third parts.
+    /// As [`take`](Self::take), for tables whose first blocks have third parts.
     fn take_with_third_parts(
         &self,
         x: T,
@@ -672,14 +729,6 @@ impl<'a, T: Real> NumberStep<'a, T> {
         }
         total(totals) * self.scale
     }
-}
-
-/// a + b rounded, and what rounding took away.
-#[inline(always)]
-fn sum_and_rest<T: Real>(a: T, b: T) -> (T, T) {
-    let sum = a + b;
-    let second = sum - a;
-    (sum, (a - (sum - second)) + (b - second))
 }
 
 /// Moves the recent parts of a block into the settled ones and these into the third; what rounding takes away
@@ -721,7 +770,64 @@ where
     C: AsRef<[T]>,
     B: AsRef<[T]> + AsMut<[T]>,
 {
-    /// The step for plain numbers in one channel, which needs no loop and what a loop computes beforehand.
+    /// The step for differences of a signal that jumps. Out of line, so that schemes do not pay for it.
+    ///
+    /// With the sum X of the samples that have reached the exponentials, a running sum is z = X − y, where
+    ///
+    /// ```text
+    /// y ← y + μ (X − y) ,        X ← X + x :
+    /// ```
+    ///
+    /// For a slow exponential the changes of y are small, whereas those of z, x − μ z, lose the decay below
+    /// the last digit of x. X is one number for all exponentials, summed without rounding errors.
+    #[inline(never)]
+    fn push_difference(&mut self, x: T) -> Option<()> {
+        let layout = Layout { stages: 1, coordinates: 1, ..self.layout };
+        let table = self.table.borrow();
+        let parts = layout.split(self.state.as_mut())?;
+        let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
+        let leaving = match parts.delayed.get_mut(self.oldest) {
+            Some(place) => core::mem::replace(place, x),
+            None => x,
+        };
+        shift_and_add(parts.pending, step.weights, x);
+        let head = parts.pending.first().copied().unwrap_or_default();
+        let mut totals = [head, T::zero(), T::zero(), T::zero()];
+        let sums = parts.sums.as_chunks_mut::<STATE_BLOCK>().0;
+        let third = parts.third.as_chunks_mut::<LANES>().0;
+        let [signal, _] = self.signal;
+        let (slow, fast) = step.exponentials.split_at_checked(table.slow_blocks)?;
+        let (slow_sums, fast_sums) = sums.split_at_mut_checked(table.slow_blocks)?;
+        if third.is_empty() {
+            let (pairs, last) = slow.as_chunks::<2>();
+            let (sums_of_pairs, sums_of_last) = slow_sums.as_chunks_mut::<2>();
+            for ([first, second], [sums, more_sums]) in pairs.iter().zip(sums_of_pairs) {
+                follow(sums, first, |_| signal, &mut totals);
+                follow(more_sums, second, |_| signal, &mut totals);
+            }
+            for (block, sums) in last.iter().zip(sums_of_last) {
+                follow(sums, block, |_| signal, &mut totals);
+            }
+        } else {
+            for (index, (block, sums)) in slow.iter().zip(slow_sums.iter_mut()).enumerate() {
+                let third = third.get(index).copied().unwrap_or_default();
+                follow(sums, block, |lane| signal - at(&third, lane), &mut totals);
+            }
+        }
+        for (block, sums) in fast.iter().zip(fast_sums) {
+            absorb_number(sums, block, leaving, &mut totals);
+        }
+        add_difference(&mut self.signal, leaving);
+        match (slow_sums.get_mut(self.settling), third.get_mut(self.settling)) {
+            (Some(sums), Some(third)) => settle_far(sums, third),
+            (Some(sums), None) => settle(sums),
+            (None, _) => {}
+        }
+        *parts.term.first_mut()? = total(totals) * self.scale;
+        Some(())
+    }
+
+    /// The step for plain numbers in one channel, without a loop and its set-up.
     #[inline(always)]
     fn push_number(&mut self, x: T) -> Option<()> {
         let layout = Layout { stages: 1, coordinates: 1, ..self.layout };
@@ -844,6 +950,12 @@ where
         self.acts_on
     }
 
+    fn expect_jumps(&mut self) {
+        let one = self.layout.stages == 1 && self.layout.channels() == 1;
+        self.jumps = one && self.acts_on == ActsOn::Increments;
+        self.clear();
+    }
+
     fn leading(&self) -> &[T] {
         let state = self.state.as_ref();
         state.get(state.len().saturating_sub(self.table.stages * self.table.stages)..).unwrap_or(&[])
@@ -863,7 +975,7 @@ where
         self.check_room()?;
         let ready = self.state.as_ref().get(self.layout.term_start()..).unwrap_or(&[]);
         match (term, ready) {
-            // Without what a loop computes beforehand.
+            // One channel needs no set-up of a loop.
             ([term], [ready, ..]) => *term = *ready,
             (term, ready) => term.iter_mut().zip(ready).for_each(|(term, &ready)| *term = ready),
         }
@@ -875,6 +987,7 @@ where
         check_channels(self.layout.channels(), sample.len())?;
         self.check_room()?;
         let stored = match (self.layout.stages, sample) {
+            (_, &[x]) if self.jumps => self.push_difference(x),
             _ if self.table.far_blocks > 0 => self.push_numbers_with_third_parts(sample),
             (1, &[x]) => self.push_number(x),
             (1, _) => self.push_numbers(sample),
@@ -896,6 +1009,7 @@ where
             }
         }
         (self.oldest, self.settling, self.len) = (0, 0, 0);
+        self.signal = [T::zero(); 2];
     }
 
     fn bytes(&self) -> usize {
@@ -905,26 +1019,27 @@ where
     }
 
     fn state_bytes(&self) -> usize {
-        header_bytes(5) + self.changing() * T::BYTES
+        header_bytes(5) + (self.changing() + self.saved_signal().len()) * T::BYTES
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 4>(TAG, &self.shape())?;
         to.count(self.len)?;
-        to.numbers(self.state.as_ref().iter().take(self.changing()))
+        to.numbers(self.state.as_ref().iter().take(self.changing()).chain(self.saved_signal()))
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.count(from)?;
-        from.skip::<T>(self.changing())
+        from.skip::<T>(self.changing() + self.saved_signal().len())
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.check_state(&mut from.clone())?;
         self.len = self.count(from)?;
         let changing = self.changing();
-        from.numbers(self.state.as_mut().iter_mut().take(changing))?;
-        // Both go round, a place further with every sample.
+        let signal = self.signal.iter_mut().take(if self.jumps { 2 } else { 0 });
+        from.numbers(self.state.as_mut().iter_mut().take(changing).chain(signal))?;
+        // Both indices are cyclic and advance by one with every sample.
         self.oldest = self.len.checked_rem(self.delayed_samples()).map_or(0, saturated);
         self.settling = self.len.checked_rem(self.settling_blocks()).map_or(0, saturated);
         Ok(())
@@ -1048,7 +1163,7 @@ mod tests {
             let state = vec![0.0; table.borrow().state_len(1)];
             ExponentialSum::new(table, scale, 1, state).unwrap()
         };
-        // Scales of few bits and of many: neither of the two may hide what the other says.
+        // The fingerprint must distinguish kernels and scales of few bits and of many.
         for scale in [1.0, 0.0, f64::from_bits(1), f64::MAX] {
             let own = memory(1.0, scale);
             let mut bytes = vec![0; own.state_bytes()];
@@ -1341,7 +1456,58 @@ mod tests {
         }
     }
 
-    /// A table of 9 + 12 numbers whose places go round after 7 and 3 samples.
+    #[test]
+    fn differences_of_a_signal_that_jumps_give_the_terms_of_any_others() {
+        // In two parts and in three; the slow sums are stored differently, with a difference of rounding
+        // size.
+        for far_blocks in [0, 2] {
+            let (head, exponentials) = numbers::<f64>(9, 3);
+            let table = ExponentialTable {
+                stages: 1,
+                head: &head[..],
+                exponentials: &exponentials[..],
+                slow_blocks: 2,
+                far_blocks,
+                horizon: 1000,
+                step_size: 1.0,
+            };
+            let build = || ExponentialSum::new(table, 1.0, 1, vec![0.0; table.state_len(1)]).unwrap();
+            let mut plain = build().acting_on(ActsOn::Increments);
+            let jumping = || {
+                let mut memory = build().acting_on(ActsOn::Increments);
+                memory.expect_jumps();
+                memory
+            };
+            let mut memory = jumping();
+            for k in 0..200 {
+                let sample = [libm::cos(3.0 * f64::from(k))];
+                let (mut expected, mut found) = ([f64::NAN], [f64::NAN]);
+                plain.next_term(&mut expected).unwrap();
+                memory.next_term(&mut found).unwrap();
+                assert!((found[0] - expected[0]).abs() < 1e-13, "{k}: {} {}", found[0], expected[0]);
+                plain.push(&sample).unwrap();
+                memory.push(&sample).unwrap();
+                // Restored bit by bit, and refused by a memory that does not expect jumps.
+                let mut bytes = vec![0; memory.state_bytes()];
+                let mut writer = StateWriter::new(&mut bytes);
+                memory.save(&mut writer).unwrap();
+                assert_eq!(writer.written(), memory.state_bytes());
+                let mut restored = jumping();
+                let mut reader = StateReader::new(&bytes);
+                assert_eq!((restored.restore(&mut reader), reader.finish()), (Ok(()), Ok(())));
+                assert_eq!((restored.signal, &restored.state), (memory.signal, &memory.state));
+                assert!(plain.clone().restore(&mut StateReader::new(&bytes)).is_err());
+            }
+            memory.clear();
+            assert_eq!((memory.signal, memory.jumps), ([0.0; 2], true));
+            // Samples of other kinds are treated as before.
+            let mut on_values = build();
+            on_values.expect_jumps();
+            assert!(!on_values.jumps);
+        }
+    }
+
+    /// A table of 9 + 12 numbers whose cyclic indices have the periods 7 and 3.
     fn table<'a>(head: &'a [f32], exponentials: &'a [f32], horizon: u64) -> ExponentialTable<&'a [f32]> {
         ExponentialTable {
             stages: 1,
@@ -1354,7 +1520,7 @@ mod tests {
         }
     }
 
-    /// The state of this memory if it had seen so many samples more.
+    /// The saved state of this memory with the sample count raised by `samples`.
     fn later(memory: &ExponentialSum<f32, &[f32], Vec<f32>>, samples: u64) -> Vec<u8> {
         let mut bytes = vec![0; memory.state_bytes()];
         memory.save(&mut StateWriter::new(&mut bytes)).unwrap();
@@ -1374,7 +1540,7 @@ mod tests {
         for (end, steps) in [(1u64 << 32, 50), (u64::MAX, 2000)] {
             let mut early = build();
             (0..30).for_each(|k| early.push(&[sample(k)]).unwrap());
-            // As many more as leave all places where they are.
+            // A multiple of 21, so that all cyclic indices stay the same.
             let more = (end - 60) / 21 * 21;
             let mut late = build();
             late.restore(&mut StateReader::new(&later(&early, more))).unwrap();
@@ -1386,7 +1552,7 @@ mod tests {
                 assert_eq!(found[0].to_bits(), expected[0].to_bits(), "sample {k} before {end}");
                 early.push(&[sample(k)]).unwrap();
                 late.push(&[sample(k)]).unwrap();
-                // Saved on either side of the end it is taken back.
+                // A state saved on either side of the end can be restored.
                 let mut bytes = vec![0; late.state_bytes()];
                 late.save(&mut StateWriter::new(&mut bytes)).unwrap();
                 let mut again = build();
@@ -1421,7 +1587,7 @@ mod tests {
             assert_eq!((endless.push(&sample), forgetting.push(&sample)), (Ok(()), Ok(())), "{k}");
         }
         assert_eq!(forgetting.state, endless.state);
-        // What a horizon of 40 has seen it takes back, and nothing later.
+        // Only a memory that forgets restores a state with more samples than its horizon of 40.
         let saved = later(&forgetting, 0);
         assert!(build(table).restore(&mut StateReader::new(&saved)).is_err());
         let mut again = build(table).past_horizon(Overflow::Forget).unwrap();
@@ -1458,8 +1624,8 @@ mod tests {
         assert_eq!(made(0.001, 31.6), Some("scale"));
     }
 
-    /// What N equal samples leave behind in single precision, from a sum that has already seen as many as
-    /// would take hours to count.
+    /// Effect of N equal samples in single precision on a sum that already contains more samples than a test
+    /// can push.
     #[test]
     fn three_parts_of_a_sum_take_samples_that_two_parts_would_lose() {
         // Behind two parts, two pending sums and the term.

@@ -4,7 +4,7 @@ use crate::error::ParameterError;
 use crate::kernel::{Kernel, Rule};
 use crate::memory::Memory;
 use crate::operator::{FractionalOperator, OperatorError, Pending, Start};
-use crate::real::Real;
+use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 use crate::weights::BdfOrder;
 
@@ -19,21 +19,22 @@ use crate::weights::BdfOrder;
 /// [`set`](FractionalIntegral::set): for limits, and for transfer without a bump. For λ > 1, where D^{1−λ}
 /// itself is an integral, and for λ = 1, where it is the identity, nothing else changes.
 ///
-/// **What a set state remembers.** Only s is set; D^{1−λ} still knows the past. After 1 s of x = 1 and then
-/// zeros I^0.8 falls from 1.07 to 0.34 within 100 s, and from whatever value s was given it falls by those
-/// 0.73 as well. [`restart`](FractionalIntegral::restart) lets D^{1−λ} forget: then s stays where it was put
-/// until samples move it.
+/// **History of a set state.** Only s is set; D^{1−λ} keeps its history. After 1 s of x = 1 and then zeros
+/// I^0.8 falls from 1.07 to 0.34 within 100 s, and from any value that s was set to it falls by the same
+/// 0.73. [`restart`](FractionalIntegral::restart) clears the history of D^{1−λ}: then s stays at its value
+/// until samples change it.
 ///
-/// **Take a memory on increments** for λ < 1
-/// ([`monic_increment_table`](crate::monic_increment_table), `fvi exponentials --increments`). That of a
-/// table on values has errors ε of its weights, which for a signal that stays do not cancel as the weights
-/// do: s then drifts by ε h^λ for each sample, k^{1−λ} ε of I^λ after k of them. On increments the error
-/// stays at ε.
+/// **Use a memory on increments** for λ < 1 ([`monic_increment_table`](crate::monic_increment_table), `fvi
+/// exponentials --increments`). The weights of a table on values have errors ε that do not cancel for a
+/// constant signal as the weights do: s then drifts by ε h^λ for each sample, k^{1−λ} ε of I^λ after k of
+/// them. On increments the error stays at ε.
 ///
-/// **In single precision** for λ < 1 the sum gathers what the memory of D^{1−λ} rounds: of exponential sums,
-/// over 10⁷ samples with a mean, 10⁻³ of the value for λ = 0.5 and 5·10⁻³ for λ = 0.9, in proportion to the
-/// samples. The [`FractionalOperator`] of exponent −λ stays within 4·10⁻⁷, and so does
-/// [`FractionalPid`](crate::FractionalPid), which has it. For λ ≥ 1 nothing is gathered.
+/// **Over long times in single precision** use for λ < 1 the memory of I^λ itself,
+/// [`of_integral`](FractionalIntegral::of_integral): s is then its value plus an offset that can be set, and
+/// nothing is summed. Its error stays at 4·10⁻⁷ of the largest value for any number of samples, as that of
+/// [`FractionalPid`](crate::FractionalPid) does. As the integral of a derivative, s accumulates the rounding
+/// errors of the values of D^{1−λ}, at worst N^{1−λ} of their last digits after N samples. For λ ≥ 1 nothing
+/// accumulates.
 ///
 /// ```
 /// # use fvi_core::{BdfOrder, FractionalIntegral, Kernel, monic_increment_table};
@@ -55,14 +56,15 @@ use crate::weights::BdfOrder;
 #[derive(Clone, Debug)]
 pub struct FractionalIntegral<T, M> {
     derivative: FractionalOperator<T, M>,
-    step_size: T,
+    /// Step size of the sum; `None` where the operator is I^λ itself.
+    step_size: Option<T>,
     /// s.
     sum: T,
-    /// Rounding error of s so far (compensated summation).
+    /// Rounding error of s (compensated summation), or the offset of s from the value of I^λ.
     rest: T,
 }
 
-/// A sample that an integral has computed with and not taken yet; dropped, it leaves the integral as it was.
+/// A sample whose value an integral has computed but not yet taken; if dropped, the integral is unchanged.
 #[derive(Debug)]
 #[must_use = "the integral has not taken the sample"]
 pub struct PendingIntegral<'a, T, M> {
@@ -100,24 +102,51 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
     ///
     /// # Errors
     /// [`ParameterError`] if β is not in (−1, 1), the rule is not the backward differentiation formula of
-    /// order 1 with a step size, or the memory is not one of the kernel with one channel.
-    pub fn new(kernel: &Kernel, mut memory: M) -> Result<Self, ParameterError> {
-        let (exponent, step) = (kernel.symbol().growth(), kernel.step_size());
+    /// order 1 with a step size, or the memory does not have one channel with the weights of the kernel.
+    pub fn new(kernel: &Kernel, memory: M) -> Result<Self, ParameterError> {
+        let exponent = kernel.symbol().growth();
         ParameterError::check(
             exponent > -1.0 && exponent < 1.0,
             "exponent",
             exponent,
             "1 less the order of the integral, between -1 and 1",
         )?;
+        let (derivative, step_size) = Self::operator(kernel, memory)?;
+        Ok(Self { derivative, step_size: Some(T::of(step_size)), sum: T::zero(), rest: T::zero() })
+    }
+
+    /// The integral of order λ < 1 on an empty memory of the given kernel, that of I^λ = D^{−λ}:
+    ///
+    /// ```text
+    /// s_k = (I^λ x)_k + c ,
+    /// ```
+    ///
+    /// where [`set`](FractionalIntegral::set) changes c and [`restart`](FractionalIntegral::restart) clears
+    /// the history of I^λ. The values are those of [`new`](FractionalIntegral::new) on D^{1−λ}, set or not.
+    ///
+    /// # Errors
+    /// As [`new`](FractionalIntegral::new), for an exponent −λ in (−1, 0).
+    pub fn of_integral(kernel: &Kernel, memory: M) -> Result<Self, ParameterError> {
+        let exponent = kernel.symbol().growth();
+        let allowed = "minus the order of the integral, between -1 and 0";
+        ParameterError::check(exponent > -1.0 && exponent < 0.0, "exponent", exponent, allowed)?;
+        let (derivative, _) = Self::operator(kernel, memory)?;
+        Ok(Self { derivative, step_size: None, sum: T::zero(), rest: T::zero() })
+    }
+
+    /// The operator of a kernel with a step size, and that step size.
+    fn operator(kernel: &Kernel, mut memory: M) -> Result<(FractionalOperator<T, M>, f64), ParameterError> {
         let allowed = "one of backward differentiation of order 1, with a step size";
         let wrong = ParameterError { parameter: "kernel", value: f64::NAN, allowed };
-        let step_size =
-            step.filter(|_| kernel.rule() == Rule::Bdf(BdfOrder::GRUNWALD_LETNIKOV)).ok_or(wrong)?;
+        let step_size = kernel
+            .step_size()
+            .filter(|_| kernel.rule() == Rule::Bdf(BdfOrder::GRUNWALD_LETNIKOV))
+            .ok_or(wrong)?;
         let channels = memory.channels();
         ParameterError::check(channels == 1, "channels", channels as f64, "1")?;
         kernel.check(&mut memory, 0)?;
         let derivative = FractionalOperator::new(memory, Start::RiemannLiouville).map_err(|_| wrong)?;
-        Ok(Self { derivative, step_size: T::of(step_size), sum: T::zero(), rest: T::zero() })
+        Ok((derivative, step_size))
     }
 
     /// Takes the next sample x_k and returns (I^λ x)_k.
@@ -146,21 +175,20 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
     #[inline]
     pub fn prepare(&mut self, sample: T) -> Result<PendingIntegral<'_, T, M>, OperatorError> {
         let derivative = self.derivative.prepare(sample)?;
-        let gain = self.step_size * derivative.value() + self.rest;
-        let sum = self.sum + gain;
+        let (sum, rest) = match self.step_size {
+            Some(step) => sum_and_rest(self.sum, step * derivative.value() + self.rest),
+            None => (derivative.value() + self.rest, self.rest),
+        };
         if !sum.is_finite() {
             return Err(OperatorError::NotFinite);
         }
-        // What rounding took from the sum, exactly.
-        let second = sum - self.sum;
-        let rest = (self.sum - (sum - second)) + (gain - second);
         Ok(PendingIntegral { derivative, sum: (&mut self.sum, sum), rest: (&mut self.rest, rest) })
     }
 
-    /// Change of the next value for a unit of the next sample, h w₀ = h^λ.
+    /// Change of the next value for a unit of the next sample, h^λ.
     pub fn leading(&self) -> T {
         let leading = self.derivative.memory().leading().first().copied().unwrap_or(T::zero());
-        self.step_size * leading
+        self.step_size.map_or(leading, |step| step * leading)
     }
 
     /// The value s after the last sample; 0 before the first.
@@ -169,15 +197,19 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         self.sum
     }
 
-    /// Sets s. What D^{1−λ} knows of the past stays; see [`restart`](FractionalIntegral::restart).
+    /// Sets s. The operator keeps its history; see [`restart`](FractionalIntegral::restart).
     ///
     /// # Errors
-    /// [`OperatorError::NotFinite`] if it is not a finite number.
+    /// [`OperatorError::NotFinite`] if it is not a finite number, or its offset from the value of I^λ is not.
     pub fn set(&mut self, value: T) -> Result<(), OperatorError> {
-        if !value.is_finite() {
+        let rest = match self.step_size {
+            Some(_) => T::zero(),
+            None => self.rest + (value - self.sum),
+        };
+        if !value.is_finite() || !rest.is_finite() {
             return Err(OperatorError::NotFinite);
         }
-        (self.sum, self.rest) = (value, T::zero());
+        (self.sum, self.rest) = (value, rest);
         Ok(())
     }
 
@@ -199,14 +231,16 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         }
     }
 
-    /// Forgets all samples and goes on from s = `value`.
+    /// Clears all samples and continues from s = `value`.
     ///
     /// # Errors
     /// [`OperatorError::NotFinite`] if it is not a finite number; nothing is forgotten then.
     pub fn restart(&mut self, value: T) -> Result<(), OperatorError> {
-        self.set(value)?;
-        self.derivative.clear();
-        Ok(())
+        if !value.is_finite() {
+            return Err(OperatorError::NotFinite);
+        }
+        self.clear();
+        self.set(value)
     }
 
     /// Forgets all samples.
@@ -215,7 +249,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         (self.sum, self.rest) = (T::zero(), T::zero());
     }
 
-    /// The operator D^{1−λ} whose values are summed.
+    /// The operator D^{1−λ} whose values are summed, or I^λ.
     pub fn derivative(&self) -> &FractionalOperator<T, M> {
         &self.derivative
     }
@@ -225,20 +259,20 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         header_bytes(1) + 2 * T::BYTES + self.derivative.state_bytes()
     }
 
-    /// Writes the state, so that an integral made alike that restores it goes on with the same bits.
+    /// Writes the state. An integral with the same parameters that restores it continues with identical bits.
     ///
     /// # Errors
-    /// [`StateError::NoRoom`], and what the memory says.
+    /// [`StateError::NoRoom`], and the errors of the memory.
     pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 1>(TAG, &self.shape())?;
         to.numbers([&self.sum, &self.rest])?;
         self.derivative.save(to)
     }
 
-    /// Takes over a saved state in place of its own.
+    /// Replaces the state by a saved one.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are not the state of such an integral; it is as before.
+    /// [`StateError`] if the bytes are not the state of such an integral, which then is unchanged.
     pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
         ahead.header::<T, 1>(TAG, &self.shape())?;
@@ -249,9 +283,9 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         Ok(())
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<1> {
-        [("bits of the step size", self.step_size.bits())]
+        [("bits of the step size of the sum", self.step_size.map_or(0, Real::bits))]
     }
 }
 
@@ -346,6 +380,50 @@ mod tests {
     }
 
     #[test]
+    fn on_the_memory_of_the_integral_values_are_the_same_set_or_not() {
+        static INTEGRAL: [f64; 256] = monic_bdf_table(ORDER, -0.8);
+        let made =
+            || FractionalIntegral::of_integral(&kernel(-0.8), kernel(-0.8).full_memory(&INTEGRAL).unwrap());
+        let (mut summed, mut direct) = (on(0.2, &FIFTH), made().unwrap());
+        assert!((direct.leading() - libm::pow(STEP, 0.8)).abs() < 1e-15);
+        for k in 0..250 {
+            let sample = libm::sin(0.1 * f64::from(k)) + 0.25;
+            let (expected, value) = (summed.push(sample).unwrap(), direct.push(sample).unwrap());
+            assert!((value - expected).abs() < 1e-13, "{k}: {value} {expected}");
+            for integral in [&mut summed, &mut direct] {
+                match k {
+                    20 | 40 => integral.set(0.3).unwrap(),
+                    60 => integral.restart(-0.2).unwrap(),
+                    80.. => integral.clamp(-0.5, 0.4).unwrap(),
+                    _ => {}
+                }
+            }
+            if k % 20 == 0 {
+                assert!((direct.value() - summed.value()).abs() < 1e-13);
+                let mut bytes = vec![0; direct.state_bytes()];
+                direct.save(&mut StateWriter::new(&mut bytes)).unwrap();
+                let mut restored = made().unwrap();
+                restored.restore(&mut StateReader::new(&bytes)).unwrap();
+                assert_eq!((restored.peek(0.5), restored.value()), (direct.peek(0.5), direct.value()));
+                assert!(on(0.2, &FIFTH).restore(&mut StateReader::new(&bytes)).is_err());
+            }
+        }
+        // Refused, with nothing changed.
+        let before = (direct.value(), direct.derivative().memory().len());
+        assert!(
+            direct.set(f64::NAN).is_err()
+                && direct.restart(f64::NAN).is_err()
+                && direct.push(f64::NAN).is_err()
+        );
+        assert_eq!((direct.value(), direct.derivative().memory().len()), before);
+        let refused = FractionalIntegral::of_integral(
+            &kernel(0.2),
+            kernel(0.2).full_memory::<f64, 1, 256>(&FIFTH).unwrap(),
+        );
+        assert_eq!(refused.map(|_| ()).unwrap_err().parameter, "exponent");
+    }
+
+    #[test]
     fn what_is_refused_changes_nothing() {
         let mut integral = on(0.2, &FIFTH);
         integral.push(1.0).unwrap();
@@ -401,7 +479,7 @@ mod tests {
 
     #[test]
     fn ten_million_samples_leave_no_drift_in_single_precision() {
-        // An accumulator by itself, λ = 1, of numbers that single precision rounds.
+        // λ = 1 alone, an accumulator, with numbers that single precision rounds.
         static ONE: [f32; 1] = [1.0];
         let kernel = Kernel::bdf(ORDER, 0.0, 1e-3).unwrap();
         let memory = kernel.short_memory::<f32, 1, 1>(&ONE).unwrap();

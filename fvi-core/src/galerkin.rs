@@ -47,7 +47,7 @@ pub struct Galerkin<T, const S: usize, const Q: usize> {
     control_points: [T; S],
     /// ℓ_ν(c_i), ν = 1…S.
     shapes: [[T; S]; Q],
-    /// ℓ_ν(c_i), ν = 0…S−1: the shapes that the S equations are tested with.
+    /// ℓ_ν(c_i), ν = 0…S−1: the test functions of the S equations.
     tests: [[T; S]; Q],
     /// Σ_i b_i ℓ̇_ν(c_i) ℓ̇_μ(c_i), row ν = 0…S−1, column μ = 1…S.
     kinetic: [[T; S]; S],
@@ -65,7 +65,7 @@ fn lagrange(points: &[f64], nu: usize, tau: f64) -> (f64, f64) {
     (value, derivative)
 }
 
-/// The numbers of a [`DiscreteLagrangian`] that follow from its quadrature, as places to write them to.
+/// Output slices for the coefficients of a [`DiscreteLagrangian`] that follow from its quadrature.
 #[derive(Debug)]
 pub struct Tables<'a, T> {
     /// S numbers; their count is the degree.
@@ -168,8 +168,8 @@ impl<T: Real, const S: usize, const Q: usize> Galerkin<T, S, Q> {
         Ok(galerkin)
     }
 
-    /// Twice L_d on the nodes v, x_1, …, x_{S−1}, −v of a motion that turns round every step, as (kinetic,
-    /// potential) coefficients of (1/h) M and h K for the unknowns (v, x_1, …, x_{S−1}).
+    /// Twice L_d on the nodes v, x_1, …, x_{S−1}, −v of a motion that changes its sign with every step, as
+    /// (kinetic, potential) coefficients of (1/h) M and h K for the unknowns (v, x_1, …, x_{S−1}).
     ///
     /// The shape that belongs to v is ℓ₀ − ℓ_S, those of the other unknowns are their own.
     pub(crate) fn alternating_form(&self) -> [[(T, T); S]; S] {
@@ -201,7 +201,7 @@ impl<T: Real, const S: usize, const Q: usize> Galerkin<T, S, Q> {
 
     /// Σ_i b_i ℓ̇_ν(c_i) ℓ̇_μ(c_i) for ν and μ from 0 to S.
     ///
-    /// The table has all of the symmetric matrix but its first and its last entry; those follow from the
+    /// The table contains the symmetric matrix without its first and its last entry; these follow from the
     /// others, since the slopes of all shapes add to zero.
     fn slopes(&self, nu: usize, mu: usize) -> T {
         let kept = |nu: usize, mu: usize| {
@@ -243,7 +243,7 @@ impl<T: Real> Galerkin<T, 1, 1> {
         Ok(Self::of_degree_one(node, node, kappa))
     }
 
-    /// Straight lines with one node, and the given numbers for ℓ₁ and ℓ₀ there.
+    /// Straight lines with one node and the given values of ℓ₁ and ℓ₀ at it.
     #[inline(always)]
     pub(crate) fn of_degree_one(node: T, shape: T, test: T) -> Self {
         Self {
@@ -272,8 +272,8 @@ impl<T, const S: usize, const Q: usize> Galerkin<T, S, Q> {
     }
 }
 
-/// The room of one step on the stack: calls `$step` with a workspace for R memory nodes and scratch space of
-/// as many vectors as given.
+/// Workspace of one step on the stack: calls `$step` with it, for R memory nodes and the given number of
+/// scratch vectors.
 macro_rules! in_place {
     ($degree:ident, $points:ident; $kept:expr, $behind:expr, $mechanics:expr, $known:expr, $scratch:expr, $step:expr) => {{
         let zero = T::zero();

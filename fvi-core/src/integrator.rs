@@ -16,8 +16,8 @@ use crate::system::{Force, Mechanics, Potential, System};
 
 /// Integrates d/dt ∂L/∂v − ∂L/∂q = F + u − Σ_m ρ_m D₋^{β_m} q step by step.
 ///
-/// One step asks the memories for their terms, solves the scheme's equations, stores the new sample and only
-/// then moves on: an error leaves state and memories as they were, and the caller may try again.
+/// A step computes the memory terms, solves the equations of the scheme, stores the new sample and only then
+/// advances the state: an error leaves state and memories as they were, and the caller may try again.
 ///
 /// ```
 /// # use fvi_core::*;
@@ -58,15 +58,15 @@ pub struct Integrator<T: Real, X: Space<T>, G, S: Scheme<T, X>, D> {
     damping: D,
     step_size: T,
     state: State<X::Vector>,
-    /// A step and its time, from where on steps are counted with the step size: those before were of any
-    /// length.
+    /// Index and time of the grid point from which later times are counted with the step size; earlier steps
+    /// may have had any length.
     anchor: (u64, T),
 }
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"intg";
 
-/// An integrator in the making. Without more said, the motion begins at rest at the origin, undamped.
+/// Builder of an [`Integrator`]. By default the motion begins at rest at the origin, undamped.
 #[derive(Clone, Debug)]
 #[must_use]
 pub struct IntegratorBuilder<T: Real, X: Space<T>, G, S, D> {
@@ -77,7 +77,7 @@ pub struct IntegratorBuilder<T: Real, X: Space<T>, G, S, D> {
     step_size: T,
     start: T,
     position: X::Vector,
-    /// Momentum or velocity.
+    /// Initial momentum or velocity, and which of the two it is.
     motion: (X::Vector, Motion),
 }
 
@@ -87,7 +87,7 @@ enum Motion {
     Velocity,
 }
 
-/// Why an integrator cannot be made.
+/// Reason why an integrator cannot be built.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -96,7 +96,7 @@ pub enum IntegratorError {
     StepSize(ParameterError),
     /// The initial position or momentum is not finite.
     InitialState,
-    /// A damping does not go with the system, the scheme or the step size.
+    /// A damping does not fit the system, the scheme or the step size.
     Damping(Mismatch),
     /// A memory has no room for the first sample.
     Memory(MemoryError),
@@ -131,7 +131,7 @@ where
     F: Force<T, N>,
     S: Scheme<T, Fixed<N>>,
 {
-    /// Begins an integrator for a system of N coordinates with the step size h.
+    /// Builder of an integrator for a system of N coordinates with the step size h.
     #[inline]
     pub fn builder(
         system: System<T, N, P, F>,
@@ -143,7 +143,7 @@ where
 }
 
 impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>> IntegratorBuilder<T, X, G, S, ()> {
-    /// Begins an integrator in any space; see [`Integrator::builder`].
+    /// Builder of an integrator in any space; see [`Integrator::builder`].
     #[inline]
     pub fn in_space(space: X, mechanics: G, scheme: S, step_size: T) -> Self {
         let (position, motion) = (space.zeros(), (space.zeros(), Motion::Momentum));
@@ -161,7 +161,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>> IntegratorBuilde
 impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>>
     IntegratorBuilder<T, X, G, S, D>
 {
-    /// The time t₀ at which the motion begins; 0 without.
+    /// The time t₀ at which the motion begins; 0 by default.
     #[inline]
     pub fn start(mut self, time: T) -> Self {
         self.start = time;
@@ -245,8 +245,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         self.step_under(X::slice(input))
     }
 
-    /// As [`step`](Integrator::step), under an input of which the first numbers are given; the others are
-    /// zero.
+    /// As [`step`](Integrator::step), with the first numbers of the input given; the others are zero.
     ///
     /// # Errors
     /// As [`step`](Integrator::step).
@@ -304,9 +303,9 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         scheme.step(storage, mechanics, damping, &step, state)
     }
 
-    /// Takes a step of the step size h that was made otherwise, to the time `end`: position and momentum move
-    /// on by what was found, and the memories are told the nodes, as if the step had been solved for. A
-    /// motion that is known becomes the past of the one that follows.
+    /// Makes a step of the step size h to the time `end` from a given result instead of solving for it: adds
+    /// the increments `found` to position and momentum, and stores the nodes in the memories as after a
+    /// solved step. So a known motion becomes the past of the one that follows.
     ///
     /// `found.increments` are those of the nodes that the memory stores, R·N numbers. `known` has room for as
     /// many, `scratch` for N more.
@@ -381,11 +380,12 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         header_bytes(4) + numbers * T::BYTES + self.damping.state_bytes()
     }
 
-    /// Writes the state: step, position, momentum, and what the damping remembers. An integrator built alike
-    /// that [`restore`](Integrator::restore)s it goes on with the same bits, on this machine or another.
+    /// Writes the state: step, position, momentum, and the state of the damping. An integrator built with the
+    /// same parameters that [`restore`](Integrator::restore)s it continues with identical bits, on this
+    /// machine or another.
     ///
     /// # Errors
-    /// [`StateError::NoRoom`], and what the damping says.
+    /// [`StateError::NoRoom`], and the errors of the damping.
     pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 2>(TAG, &self.shape())?;
         to.count(self.state.step)?;
@@ -399,7 +399,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         self.damping.save(to)
     }
 
-    /// Takes over a saved state in place of its own.
+    /// Replaces the state by a saved one.
     ///
     /// # Errors
     /// [`StateError`] if the bytes are not the state of an integrator with as many coordinates, the same step
@@ -419,7 +419,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         for vector in [position, momentum, &mut rounding.position, &mut rounding.momentum] {
             ahead.numbers(X::slice_mut(vector))?;
         }
-        // What the scheme keeps otherwise is for the leading weights of the damping as it was.
+        // All else that the scheme stores belongs to the leading weights of the old damping.
         let mut storage = self.scheme.storage(&self.space, &self.mechanics);
         ahead.numbers(S::carried_mut(&mut storage))?;
         self.damping.restore(&mut ahead)?;
@@ -428,7 +428,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         Ok(())
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<2> {
         let coordinates = self.space.coordinates() as u64;
         [("coordinates", coordinates), ("bits of the step size", self.step_size.bits())]
@@ -449,8 +449,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         &self.mechanics
     }
 
-    /// The system, for what its caller may change between steps: the step that follows is of the system as it
-    /// is then. Nothing of the state depends on it.
+    /// The system, to be changed between steps: the steps that follow are those of the changed system. The
+    /// state does not depend on it.
     pub fn system_mut(&mut self) -> &mut G {
         &mut self.mechanics
     }
@@ -460,7 +460,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         &self.damping
     }
 
-    /// The damping, for what its caller keeps in it beside what the steps need.
+    /// The damping, for access to data that it holds beside what the steps need.
     pub fn damping_mut(&mut self) -> &mut D {
         &mut self.damping
     }
@@ -575,7 +575,8 @@ mod tests {
     fn steps_that_were_made_otherwise_are_the_past_of_those_that_follow() {
         macro_rules! assert_followed {
             ($order:expr, $derivative:expr) => {
-                // One makes all steps; the other is told those of the first half, and begins at another time.
+                // One integrator makes all steps; the other follows the given first half, and begins at
+                // another time.
                 let mut whole = damped!(0.5, $order, $derivative, 0.5, 1.0, 0.5);
                 let mut half = damped!(0.5, $order, $derivative, 0.5, 1.0, 0.5);
                 for step in 1..=20 {
@@ -613,7 +614,7 @@ mod tests {
             ($order:expr, $kappa:expr) => {
                 let [mut now, mut later] =
                     [0.0, 1.0].map(|start| damped!($kappa, $order, Derivative::Caputo, start, 1.0, 0.5));
-                // The force 2 t is the same with an input that takes off what is more of it.
+                // The force is 2 t: at times later by 1 it is larger by 2, which the input compensates.
                 for _ in 0..20 {
                     now.step(&[0.0].into()).unwrap();
                     later.step(&[-2.0].into()).unwrap();

@@ -52,19 +52,20 @@ pub enum Rule {
         /// det A of its matrix.
         determinant: f64,
     },
-    /// Plain weights that their maker knows, of another rule or another symbol.
+    /// Scalar weights of another rule or another symbol, identified by the first two.
     Weights {
         /// w₀ and w₁, on values.
         first: [f64; 2],
     },
-    /// Matrix weights that their maker knows, of another rule or another symbol.
+    /// Matrix weights of another rule or another symbol, identified by det W₀.
     MatrixWeights {
         /// Number of stages R.
         stages: usize,
         /// det W₀.
         determinant: f64,
     },
-    /// Weights that the caller vouches for: measured ones, or of another rule.
+    /// Weights that are not checked and for which the caller is responsible: measured ones, or of another
+    /// rule.
     Given,
 }
 
@@ -77,15 +78,15 @@ pub enum Symbol {
         /// β.
         exponent: f64,
     },
-    /// Another function, which the maker of the weights knows.
+    /// Another function, of which only the growth is known here.
     Other {
-        /// μ, where K(s) is like s^μ for large s.
+        /// μ with K(s) ~ s^μ for large s.
         growth: f64,
     },
 }
 
 impl Symbol {
-    /// μ, where K(s) is like s^μ for large s: the order of a fractional derivative.
+    /// μ with K(s) ~ s^μ for large s: the order of a fractional derivative.
     #[inline(always)]
     pub fn growth(self) -> f64 {
         match self {
@@ -132,7 +133,7 @@ impl Kernel {
         Ok(Self { rule, symbol: Symbol::Power { exponent }, step_size: None })
     }
 
-    /// s^β by weights that the caller vouches for; neither they nor the step are checked.
+    /// s^β by weights for which the caller is responsible; neither they nor the step size are checked.
     ///
     /// # Errors
     /// If β is outside (−1, 2).
@@ -142,9 +143,9 @@ impl Kernel {
         Ok(Self { rule: Rule::Given, symbol: Symbol::Power { exponent }, step_size: None })
     }
 
-    /// Another symbol, like s^`growth` for large s, for a memory that the caller answers for, as
-    /// [`given`](Kernel::given) is for s^β: that of a table of relaxations, say, on steps of any length. With
-    /// a growth of 0 it is not the identity: Caputo's form leaves out the first value.
+    /// Another symbol that grows as s^`growth` for large s, with weights that are not checked, as those of
+    /// [`given`](Kernel::given) for s^β: for example a table of relaxations on steps of any length. A growth
+    /// of 0 does not make it the identity: Caputo's form subtracts the first value.
     ///
     /// # Errors
     /// If the growth is outside (−1, 2).
@@ -152,8 +153,8 @@ impl Kernel {
         Self::other(growth, Rule::Given, None)
     }
 
-    /// Another symbol, like s^`growth` for large s, by plain weights whose first two on values are `first`: a
-    /// memory with others is refused.
+    /// Another symbol that grows as s^`growth` for large s, by scalar weights whose first two on values are
+    /// `first`: a memory with others is refused.
     ///
     /// # Errors
     /// If the growth is outside (−1, 2), or h is not positive and finite, or a weight not finite.
@@ -165,8 +166,8 @@ impl Kernel {
         Self::other(growth, Rule::Weights { first }, Some(step_size))
     }
 
-    /// Another symbol, like s^`growth` for large s, by R×R matrix weights, det W₀ = `determinant`: a memory
-    /// with another is refused.
+    /// Another symbol that grows as s^`growth` for large s, by R×R matrix weights, det W₀ = `determinant`: a
+    /// memory with another determinant is refused.
     ///
     /// # Errors
     /// If the growth is outside (−1, 2), or h is not positive and finite, or the determinant not finite.
@@ -204,8 +205,8 @@ impl Kernel {
 
     /// The direct memory for C coordinates that keeps up to H samples and refuses more, with its weights in
     /// flash: those on increments ([`monic_increment_table`](crate::monic_increment_table)), which lose less
-    /// to rounding, or those on values ([`monic_bdf_table`](crate::monic_bdf_table)). The table tells which
-    /// it is.
+    /// to rounding, or those on values ([`monic_bdf_table`](crate::monic_bdf_table)). Which of the two
+    /// follows from the table.
     ///
     /// # Errors
     /// If the weights are not those of this kernel.
@@ -243,8 +244,8 @@ impl Kernel {
         Ok(Tiled::new(weights, scale, overflow)?.acting_on(acts_on))
     }
 
-    /// The exponential-sum memory for a table of this kernel and so many channels, on values or on
-    /// increments: the table tells which it is.
+    /// The exponential-sum memory for a table of this kernel and the given number of channels, on values or
+    /// on increments: which of the two follows from the table.
     ///
     /// A table made for a step size of 1 serves every other one, and gets its scale here; one whose weights
     /// hold their step size ([`ExponentialTable::step_size`]) must hold that of the kernel.
@@ -287,8 +288,8 @@ impl Kernel {
         Ok(ExponentialSum::new(table, scale, channels, state)?.acting_on(acts_on))
     }
 
-    /// The factor that makes a table's weights those of this kernel, and what they act on; for a table of
-    /// `weights` after which there is nothing if it `ends`.
+    /// Factor from a table's weights to those of this kernel, and the kind of samples they act on. `ends`
+    /// states that all weights after `weights` are zero.
     ///
     /// # Errors
     /// If the first of the weights are not, up to a factor, those of this kernel, or the kernel is not one of
@@ -310,8 +311,8 @@ impl Kernel {
         Ok((leading / first, acts_on))
     }
 
-    /// w₀ and what the table acts on, after a look at its first weights: they must be w_n/w₀ of this kernel,
-    /// or the sums of these.
+    /// w₀ and the kind of samples a table acts on, from its first weights: they must be w_n/w₀ of this
+    /// kernel, or the partial sums of these.
     fn table<T: Real>(&self, weights: &[T]) -> Result<(T, ActsOn), ParameterError> {
         if let Rule::Weights { first } = self.rule {
             return Self::table_of(first, weights);
@@ -343,7 +344,8 @@ impl Kernel {
         })
     }
 
-    /// The same for weights of which the first two are known: a table on increments has their sum.
+    /// As `table`, for a kernel of which the first two weights are known. The second weight on increments is
+    /// their sum.
     fn table_of<T: Real>(first: [f64; 2], weights: &[T]) -> Result<(T, ActsOn), ParameterError> {
         let [leading, second] = first;
         let found = weights.get(1).map_or(f64::NAN, |weight| weight.to_f64());
@@ -360,7 +362,7 @@ impl Kernel {
         Ok((T::of(leading), ActsOn::Increments))
     }
 
-    /// Checks that the first weights of a memory's kernel of this index are those of this one, and clears the
+    /// Checks that the first weights of kernel `index` of a memory are those of this kernel, and clears the
     /// memory.
     ///
     /// # Errors
@@ -417,7 +419,7 @@ impl Kernel {
             ActsOn::Increments | ActsOn::Rises => on_increments,
         };
         let found = found.to_f64();
-        // Of the size of the leading weight, which it may be the difference of.
+        // Relative to the leading weight: the weight may be a difference of numbers of that size.
         let leading = memory.leading().first().map_or(1.0, |weight| weight.to_f64());
         let error = (found - right).abs() / leading.abs();
         ParameterError::check(
@@ -432,11 +434,11 @@ impl Kernel {
 /// Weights of a table that are compared with those of a kernel.
 const COMPARED: usize = 8;
 
-/// Channels up to which a memory is tried out.
+/// Largest number of channels of a memory whose second weight is measured.
 const TRIED: usize = 16;
 
-/// The weight w₁ of a memory of plain numbers, by trying it out: how it answers to a one. `None` where
-/// nothing can be said: weights that vary, too many channels, several kernels, no room.
+/// The weight w₁ of a memory of plain numbers, measured as its response to a unit sample. `None` where it
+/// cannot be measured: weights that vary, too many channels, several kernels, no room.
 fn second_weight<T: Real>(memory: &mut impl Memory<T>) -> Option<T> {
     let channels = memory.channels();
     let plain = memory.stages() == 1 && memory.kernels() == 1;
@@ -571,7 +573,7 @@ mod tests {
             assert_eq!(parameter([10.1, -5.0]), "leading weight of the memory");
             assert_eq!(parameter([10.0, -5.1]), "second weight of the memory");
         }
-        // Of tables, too.
+        // Also for tables.
         let increments: [f64; 16] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
         let values = &WEIGHTS[..];
         let acts_on = |first, table: &[f64]| {
@@ -617,7 +619,7 @@ mod tests {
             let kernel = |exponent| Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, step_size).unwrap();
             let mut memory = kernel(0.3).full_memory::<f32, 1, 8>(&SINGLE).unwrap();
             assert_eq!(kernel(0.3).check(&mut memory, 0), Ok(()));
-            // Weights that are zero are zero.
+            // Weights that vanish are accepted as zeros.
             assert!(kernel(1.0).full_memory::<f64, 1, 8>(&FIRST).is_ok());
             let mut table: [f64; 8] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 0.3);
             assert!(kernel(0.3).full_memory::<f64, 1, 8>(&table).is_ok());
@@ -626,8 +628,7 @@ mod tests {
         }
     }
 
-    /// The first weights of s^β at a step size, in single precision, and an exponential that matters to
-    /// nobody.
+    /// The first weights of s^β at a step size, in single precision.
     fn exponentials(exponent: f64, step_size: f64, on_increments: bool) -> [f32; 6] {
         let weights = ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, step_size).unwrap();
         let mut head = [0.0; 6];
@@ -667,7 +668,8 @@ mod tests {
                 assert!((found / leading(1e-3, exponent) - 1.0).abs() < 1e-5, "{exponent}, {said}: {found}");
                 assert_eq!(samples, acts_on, "{exponent}");
             }
-            // Another exponent, another step size, and one that says what it does not hold.
+            // Another exponent, another step size, and a table whose stated step size is not that of its
+            // weights.
             let other = exponentials(exponent + 0.1, 1e-3, on_increments);
             assert_eq!(made(right, &other, 1e-3), Err("weight of the table"), "{exponent}");
             let head = exponentials(exponent, 2e-3, on_increments);
@@ -675,7 +677,7 @@ mod tests {
             assert_eq!(made(right, &head, 1e-3), Err("leading weight of the table"), "{exponent}");
             assert_eq!(made(kernel(exponent, 1.0), &head, 1.0), Err("leading weight of the table"));
         }
-        // Three weights and nothing behind them are not the beginning of any that go on.
+        // A table that ends after three weights is not that of a kernel with infinitely many.
         let scale = |weights: &[f32], ends| kernel(1.0, 0.5).scale_of(weights, ends).map_err(|_| ());
         assert_eq!(scale(&[1.0, -1.0], true), Ok((2.0, ActsOn::Values)));
         assert!(kernel(0.5, 1.0).scale_of(&[1.0f32, -0.5, -0.125], true).is_err());
@@ -684,7 +686,7 @@ mod tests {
         assert!(Kernel::given(0.5).unwrap().scale_of(&[1.0f32], false).is_err());
     }
 
-    /// A memory that has more to it than plain weights.
+    /// A memory whose stages and constancy of the leading weight can be set.
     struct Special {
         memory: FixedDirect<'static, f64, 2, 16>,
         stages: usize,
@@ -741,7 +743,7 @@ mod tests {
         assert_eq!(kernel.check(&mut sixteen, 0).unwrap_err().parameter, "second weight of the memory");
         let mut seventeen = kernel.full_memory::<f64, 17, 4>(&WEIGHTS).unwrap().acting_on(wrong);
         assert_eq!(kernel.check(&mut seventeen, 0), Ok(()));
-        // Of weights that vary, or are matrices, the second says nothing.
+        // For weights that vary, or matrices, the second weight is not checked.
         for (stages, varies, accepted) in [(1, false, false), (1, true, true), (2, false, true)] {
             let memory = kernel.full_memory(&WEIGHTS).unwrap().acting_on(wrong);
             let mut special = Special { memory, stages, varies };
@@ -749,7 +751,7 @@ mod tests {
         }
     }
 
-    /// A memory of several kernels that is asked for their leading weights only.
+    /// A memory of several kernels of which only the leading weights are used.
     struct Leading<'a>(&'a [f64]);
 
     impl Memory<f64> for Leading<'_> {

@@ -58,7 +58,7 @@ pub use coefficients::{Coefficients, Fixed};
 pub use collocation::{Collocation, CollocationTables};
 pub use damped_motion::{DampedMotion, DampingError, Derivative, Mismatch, Sample};
 pub use damping::{Damping, DampingTerm};
-pub use direct::{Direct, FixedDirect, MAX_STAGES, Overflow, Ring};
+pub use direct::{Direct, FixedDirect, Overflow, Ring};
 pub use discrete_lagrangian::DiscreteLagrangian;
 pub use double_double::DoubleDouble;
 pub use error::{MatrixError, ParameterError};
@@ -69,12 +69,12 @@ pub use galerkin::{Galerkin, Tables};
 pub use integrator::{Integrator, IntegratorBuilder, IntegratorError};
 pub use kernel::{Kernel, Rule, Symbol};
 pub use linear::{
-    Singular, add_multiple, combine, combine_four, combine_pair, combine_two, factor, invert_factored,
+    Singular, add_multiple, combine, combine_four, combine_two, factor, invert_factored,
     is_positive_definite_in_place, keep_factors, solve, substitute, substitute_kept,
 };
 pub use memory::{ActsOn, Memory, MemoryError, SavedChannels, check_channels};
 pub use memoryless::Memoryless;
-pub use newton::{Converged, Corrections, Equations, Factors, StepMatrix};
+pub use newton::{Equations, Factors};
 pub use node_galerkin::{NodeGalerkin, NodeStorage};
 pub use operator::{FractionalOperator, OperatorError, Pending, Start, left_operator, right_operator};
 pub use pid::{Actuator, ExponentialPi, ExponentialPid, FractionalPid, PidError, PidInputs, RingPi, RingPid};

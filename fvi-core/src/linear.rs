@@ -1,4 +1,4 @@
-//! Small dense linear algebra: elimination with pivots, and what symmetric matrices must satisfy.
+//! Small dense linear algebra: elimination with pivots, and properties of symmetric matrices.
 //!
 //! Matrices of n×n numbers lie row by row in a slice.
 
@@ -8,15 +8,15 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::real::Real;
 
-/// Numbers that are taken at a time. A loop over vectors whose length is not known before run time also finds
-/// out whether they overlap, and has loops of its own for what is left over: small vectors spend more on that
-/// than on their arithmetic.
+/// Numbers processed at a time. A loop over slices whose length is known at run time only also checks that
+/// they do not overlap, and has loops for the remainder: for small vectors that costs more than the
+/// arithmetic.
 const LANES: usize = 8;
 
-/// Whether it is worth taking several: microcontrollers have no vectors of such numbers.
+/// Whether to process several numbers at a time: microcontrollers have no vector registers for them.
 const IN_ROWS: bool = cfg!(target_pointer_width = "64");
 
-/// The first `len` numbers as rows, and what is left of them.
+/// The first `len` numbers as rows of [`LANES`], and the remainder.
 #[inline(always)]
 fn rows<T>(numbers: &[T], len: usize) -> (&[[T; LANES]], &[T]) {
     let numbers = numbers.get(..len).unwrap_or_default();
@@ -102,8 +102,7 @@ pub(crate) fn fill_pair<T: Real>(
     }
 }
 
-/// target ← target − x, number by number; the sizes of x and of the target then, by `join`, which joins a
-/// number to the largest so far.
+/// target ← target − x, number by number. Returns x and the new target, each folded with `join` from zero.
 #[inline(always)]
 pub(crate) fn subtract_and_fold<T: Real>(target: &mut [T], x: &[T], join: impl Fn(T, T) -> T) -> (T, T) {
     let len = target.len().min(x.len());
@@ -130,7 +129,7 @@ pub(crate) fn subtract_and_fold<T: Real>(target: &mut [T], x: &[T], join: impl F
 
 /// (a, b) ← of(a, b, x), number by number.
 #[inline(always)]
-pub fn combine_pair<T: Real>((a, b): (&mut [T], &mut [T]), x: &[T], of: impl Fn(T, T, T) -> (T, T)) {
+pub(crate) fn combine_pair<T: Real>((a, b): (&mut [T], &mut [T]), x: &[T], of: impl Fn(T, T, T) -> (T, T)) {
     let len = a.len().min(b.len()).min(x.len());
     let ((rows_of_a, a), (rows_of_b, b), (xs, x)) = (rows_mut(a, len), rows_mut(b, len), rows(x, len));
     for ((a, b), &x) in rows_of_a.iter_mut().zip(rows_of_b).zip(xs) {
@@ -145,7 +144,8 @@ pub fn combine_pair<T: Real>((a, b): (&mut [T], &mut [T]), x: &[T], of: impl Fn(
     }
 }
 
-/// Joins numbers, and what has been joined of others, to `start`, in no particular order.
+/// Folds the numbers with `join` from `start`, in no particular order. `join` must be associative and
+/// commutative, also between partial results.
 #[inline(always)]
 pub(crate) fn fold<T: Real>(numbers: &[T], start: T, join: impl Fn(T, T) -> T) -> T {
     let (rows, rest) = rows(numbers, numbers.len());
@@ -164,7 +164,7 @@ pub(crate) fn fold<T: Real>(numbers: &[T], start: T, join: impl Fn(T, T) -> T) -
 /// Whether every number of the slice is finite.
 #[inline]
 pub(crate) fn all_finite<T: Real>(numbers: &[T]) -> bool {
-    // Zero times what is infinite or not a number is not a number, and stays so in sums.
+    // Zero times an infinity or not-a-number is not a number, and stays so in sums.
     fold(numbers, T::zero(), |sum, number| sum + number * T::zero()) == T::zero()
 }
 
@@ -185,7 +185,7 @@ pub(crate) fn add_zeros<T: Real>(start: T, x: &[T], y: &[T]) -> T {
     x.iter().zip(y).fold(sum, |sum, (&x, &y)| sum + (x + y) * T::zero())
 }
 
-/// Joins halves, of which the compiler makes vectors.
+/// Folds by halves, which the compiler vectorises.
 #[inline(always)]
 fn join_lanes<T: Real>(lanes: &[T; LANES], join: impl Fn(T, T) -> T) -> T {
     let four: [T; 4] = from_fn(|lane| join(lane_of(lanes, lane), lane_of(lanes, lane + 4)));
@@ -198,7 +198,7 @@ fn lane_of<T: Real>(row: &[T; LANES], lane: usize) -> T {
     row.get(lane).copied().unwrap_or(T::zero())
 }
 
-/// Keeps the compiler from taking several rows together, for which it would turn them into columns.
+/// Keeps the compiler from merging iterations, for which it would transpose rows into columns.
 #[inline(always)]
 fn by_itself() {
     core::hint::black_box(());
@@ -235,6 +235,22 @@ fn two_rows<T>(matrix: &mut [T], n: usize, upper: usize, lower: usize) -> Option
     Some((above.get_mut(upper * n..)?.get_mut(..n)?, below.get_mut(..n)?))
 }
 
+/// Takes multiples of a pivot's row from the rows below it, so that nothing is left below the pivot; the
+/// factors stand there instead.
+#[inline(always)]
+fn eliminate<T: Real>(matrix: &mut [T], n: usize, column: usize, pivot: T) {
+    for row in column + 1..n {
+        let Some((upper, lower)) = two_rows(matrix, n, column, row) else { continue };
+        let mut entries = lower.iter_mut().zip(upper).skip(column);
+        let Some((entry, _)) = entries.next() else { continue };
+        *entry /= pivot;
+        let factor = *entry;
+        for (entry, &mut above) in entries {
+            *entry -= factor * above;
+        }
+    }
+}
+
 /// Factors P A = L U in place, by elimination with row pivoting; `pivots` takes the row that each column's
 /// pivot came from.
 ///
@@ -265,16 +281,7 @@ pub fn factor<T: Real>(matrix: &mut [T], pivots: &mut [usize]) -> Result<(), Sin
         {
             upper.iter_mut().zip(lower).for_each(|(a, b)| core::mem::swap(a, b));
         }
-        for row in column + 1..n {
-            let Some((upper, lower)) = two_rows(matrix, n, column, row) else { continue };
-            let mut entries = lower.iter_mut().zip(upper).skip(column);
-            let Some((entry, _)) = entries.next() else { continue };
-            *entry /= pivot;
-            let factor = *entry;
-            for (entry, &mut above) in entries {
-                *entry -= factor * above;
-            }
-        }
+        eliminate(matrix, n, column, pivot);
     }
     Ok(())
 }
@@ -330,9 +337,9 @@ pub fn keep_factors<T: Real>(matrix: &mut [T], pivots: &mut [usize], kept: &mut 
 
 /// Solves A x = `vector` with what [`keep_factors`] wrote; x replaces `vector`.
 ///
-/// As many products as with the inverse of A, but what is left of A x − `vector` is rounding of A x, however
-/// stiff the equations are: the error of a product with a rounded inverse grows with the condition of A, and
-/// from 10⁸ on a stiff motion is lost in it.
+/// As many products as with the inverse of A, but the residual A x − `vector` is of the size of the rounding
+/// error of A x for any stiffness: the error of a product with a rounded inverse grows with the condition
+/// number of A, and beyond 10⁸ a stiff motion is lost in it.
 #[inline(always)]
 pub fn substitute_kept<T: Real, P: Copy + Into<usize>>(kept: &[T], pivots: &[P], vector: &mut [T]) {
     let n = pivots.len();
@@ -397,22 +404,13 @@ pub fn is_positive_definite_in_place<T: Real>(matrix: &mut [T], n: usize) -> boo
         if !(pivot.is_finite() && pivot > diagonal * T::EPSILON * T::of(4.0)) {
             return false;
         }
-        for row in column + 1..n {
-            let Some((upper, lower)) = two_rows(matrix, n, column, row) else { continue };
-            let mut entries = lower.iter_mut().zip(upper).skip(column);
-            let Some((entry, _)) = entries.next() else { continue };
-            *entry /= pivot;
-            let factor = *entry;
-            for (entry, &mut above) in entries {
-                *entry -= factor * above;
-            }
-        }
+        eliminate(matrix, n, column, pivot);
     }
     true
 }
 
-/// Zeros. nalgebra's own constructors count what they write, and only some levels of optimisation see that
-/// the count is right and cannot fail.
+/// The zero vector. nalgebra's constructors check the number of entries written, and the check is not removed
+/// at every level of optimisation.
 #[inline(always)]
 pub(crate) fn zero_vector<T: Real, const N: usize>() -> SVector<T, N> {
     SVector::from([T::zero(); N])

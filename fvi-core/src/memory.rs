@@ -1,5 +1,4 @@
-//! What every memory engine is: the convolution of a known kernel with a signal that arrives one sample a
-//! step.
+//! The trait of memory engines: convolution of a known kernel with a signal that arrives one sample a step.
 
 use core::fmt;
 
@@ -9,8 +8,8 @@ use crate::saving::{StateError, StateReader, StateWriter};
 ///
 /// The same derivative D^β X = Σ_n W_n X_{k−n} may be served from any of them, by kernels that differ by a
 /// factor: with Y_k = X_k − X_{k−1} the kernel has the sums W_0 + … + W_n, of generating function
-/// K(z)/(1 − z). The schemes know differences to full relative accuracy, from their equations and not by
-/// subtraction, and their sum is as small as the derivative itself: where values lose u h^{−β}|X| to
+/// K(z)/(1 − z). Schemes have the differences to full relative accuracy, from their equations and not by
+/// subtraction, and the sum over them is as small as the derivative itself: where values lose u h^{−β}|X| to
 /// rounding, increments lose u h^{1−β}|Ẋ|. All of these kernels have the same leading weight.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ActsOn {
@@ -65,16 +64,25 @@ pub trait Memory<T> {
 
     /// Kind of samples: which differences of the motion the kernel is for.
     ///
-    /// A damping term asks, and pushes samples of that kind; the memory itself does not distinguish them.
+    /// A damping term pushes samples of this kind; the memory itself does not distinguish them.
     fn acts_on(&self) -> ActsOn {
         ActsOn::Values
+    }
+
+    /// States that samples will be differences of a signal that may jump by its own size at every sample, as
+    /// a measured value with noise does, and clears the memory.
+    ///
+    /// For engines whose sums would accumulate the rounding errors of such differences; others need no
+    /// change. The differences of a motion are small, and do not need it.
+    fn expect_jumps(&mut self) {
+        self.clear();
     }
 
     /// Leading weight W₀, S×S numbers, row by row, of each kernel.
     fn leading(&self) -> &[T];
 
-    /// Whether W₀ of all later samples is that of the sample to come as long as their steps are: not where
-    /// starting weights correct the first few.
+    /// Whether W₀ stays the same for all later samples as long as the step does: false where starting weights
+    /// correct the first few.
     fn leading_is_constant(&self) -> bool {
         true
     }
@@ -87,14 +95,13 @@ pub trait Memory<T> {
         self.len() == 0
     }
 
-    /// Says how long the step is that leads from the sample before to the sample to come, x_k, in units of
-    /// time.
+    /// Sets the length, in units of time, of the step that leads from the previous sample to the sample to
+    /// come, x_k.
     ///
-    /// An engine for steps of any length takes it into the weights of x_k, [`leading`](Memory::leading)
-    /// included. To an engine for equal steps it says nothing new: a damping term has compared the length
-    /// with its kernel's step before. It may be called again before a push, when a step is tried once more
-    /// with another length; the last call counts. There is no step before the first sample x₀ where main
-    /// nodes are stored.
+    /// An engine for steps of any length uses it in the weights of x_k, [`leading`](Memory::leading)
+    /// included. An engine for equal steps ignores it: a damping term has compared the length with its
+    /// kernel's step before. It may be called again before a push, when a step is repeated with another
+    /// length; the last call counts. There is no step before the first sample x₀ where main nodes are stored.
     ///
     /// # Errors
     /// [`MemoryError::StepLength`] if the engine cannot serve a step of this length.
@@ -122,28 +129,28 @@ pub trait Memory<T> {
     /// Bytes of state, tables and buffers, wherever they lie.
     fn bytes(&self) -> usize;
 
-    /// How often work was not done when it was due; `None` for engines that keep no schedule.
+    /// Number of times that scheduled work was late; `None` for engines without a schedule.
     fn overruns(&self) -> Option<usize> {
         None
     }
 
-    /// Number of bytes that [`save`](Memory::save) writes at present: what the samples so far left behind,
+    /// Number of bytes that [`save`](Memory::save) writes at present: the state that depends on the samples,
     /// without the kernel.
     fn state_bytes(&self) -> usize {
         0
     }
 
-    /// Writes the state, so that a memory of the same kernel that [`restore`](Memory::restore)s it goes on
-    /// with the same bits.
+    /// Writes the state. A memory of the same kernel that [`restore`](Memory::restore)s it continues with
+    /// identical bits.
     ///
     /// # Errors
-    /// [`StateError::NoRoom`], and [`StateError::Unsupported`] for engines that do not offer it.
+    /// [`StateError::NoRoom`], and [`StateError::Unsupported`] for engines that cannot be saved.
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         let _ = to;
         Err(StateError::Unsupported)
     }
 
-    /// Reads past a state and checks on the way that [`restore`](Memory::restore) would take it.
+    /// Reads past a state and checks that [`restore`](Memory::restore) would accept it.
     ///
     /// # Errors
     /// [`StateError`]
@@ -152,24 +159,24 @@ pub trait Memory<T> {
         Err(StateError::Unsupported)
     }
 
-    /// Takes over a saved state in place of its own.
+    /// Replaces the state by a saved one.
     ///
     /// # Errors
     /// [`StateError`] if the bytes are no state of a memory of this kind, shape, precision and kernel; the
-    /// memory is as before.
+    /// memory is then unchanged.
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let _ = from;
         Err(StateError::Unsupported)
     }
 
-    /// Takes over some channels of a saved state, that of a memory which differs in the number of its
-    /// channels only; the others stay. So channels may be divided among memories anew.
+    /// Restores some channels from a saved state, that of a memory which differs in the number of its
+    /// channels only; the other channels are unchanged. So channels can be redistributed among memories.
     ///
-    /// A memory without samples begins with as many as the state has seen; any other must have seen as many.
+    /// A memory without samples takes over the sample count of the state; any other must have the same count.
     ///
     /// # Errors
-    /// As [`restore`](Memory::restore), and if the channels are not there in either, or the samples differ in
-    /// number; the memory is as before.
+    /// As [`restore`](Memory::restore), and if a channel does not exist in state or memory, or the sample
+    /// counts differ; the memory is then unchanged.
     fn restore_channels(
         &mut self,
         from: &mut StateReader<'_>,
@@ -180,25 +187,25 @@ pub trait Memory<T> {
     }
 }
 
-/// Channels that go over from a saved state to a memory.
+/// Channels to restore from a saved state into a memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SavedChannels {
-    /// How many the state has.
+    /// Number of channels in the state.
     pub of: usize,
-    /// The first of them to be taken.
+    /// Index of the first channel taken from the state.
     pub first: usize,
-    /// How many are taken.
+    /// Number of channels taken.
     pub count: usize,
-    /// The channel of the memory that takes the first; the others follow.
+    /// Channel of the memory that receives the first; the others follow.
     pub to: usize,
 }
 
-/// Why a memory engine refused a call. The engine is as it was before.
+/// Reason why a memory engine refused a call; the engine is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum MemoryError {
-    /// The engine keeps at most `capacity` samples (or its table reaches no further) and has them all.
+    /// The engine has all of the `capacity` samples that it can keep or that its table reaches.
     Full {
         /// Number of samples the engine can take.
         capacity: usize,
@@ -243,6 +250,10 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
 
     fn acts_on(&self) -> ActsOn {
         (**self).acts_on()
+    }
+
+    fn expect_jumps(&mut self) {
+        (**self).expect_jumps();
     }
 
     fn leading(&self) -> &[T] {
@@ -318,7 +329,8 @@ pub fn check_channels(expected: usize, found: usize) -> Result<(), MemoryError> 
 mod tests {
     use super::*;
 
-    /// A memory of two kernels with answers of its own to everything, and one that leaves all to the trait.
+    /// A memory of two kernels with its own implementation of every method, and one that relies on the
+    /// defaults.
     #[derive(Default)]
     struct Answers {
         steps: std::vec::Vec<f64>,
@@ -342,6 +354,10 @@ mod tests {
 
         fn acts_on(&self) -> ActsOn {
             ActsOn::Rises
+        }
+
+        fn expect_jumps(&mut self) {
+            self.samples = 9;
         }
 
         fn leading(&self) -> &[f64] {
@@ -443,7 +459,7 @@ mod tests {
         }
     }
 
-    /// Through a type parameter, which is a reference here.
+    /// Calls through a type parameter, which is a reference here.
     fn assert_answers(mut memory: impl Memory<f64>) {
         assert_eq!((memory.channels(), memory.stages(), memory.kernels()), (6, 3, 2));
         assert_eq!((memory.acts_on(), memory.leading_is_constant()), (ActsOn::Rises, false));
@@ -455,6 +471,8 @@ mod tests {
         assert_eq!((memory.next_term(&mut term), term), (Ok(()), [7.0; 12]));
         assert_eq!(memory.push(&[0.0]), Err(MemoryError::ChannelMismatch { expected: 6, found: 1 }));
         assert_eq!((memory.push(&[0.0; 6]), memory.len(), memory.is_empty()), (Ok(()), 1, false));
+        memory.expect_jumps();
+        assert_eq!(memory.len(), 9);
         let mut bytes = [0; 9];
         assert_eq!((memory.save(&mut StateWriter::new(&mut bytes)), bytes), (Ok(()), [1; 9]));
         assert_eq!(memory.state_bytes(), 9);

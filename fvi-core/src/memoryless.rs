@@ -1,4 +1,4 @@
-//! The memory of an operator of order zero, which remembers nothing.
+//! The memory of an operator of order zero, which has no state.
 
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
@@ -6,7 +6,7 @@ use crate::saving::{StateError, StateReader, StateWriter};
 
 /// The memory of D⁰, the identity: W₀ = 1, and no other weights.
 ///
-/// It makes of a [`FractionalIntegral`](crate::FractionalIntegral) an integral of order 1, a plain
+/// With it a [`FractionalIntegral`](crate::FractionalIntegral) is an integral of order 1, a plain
 /// accumulator, at equal steps and at steps of any length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Memoryless<T> {
@@ -40,7 +40,7 @@ impl<T: Real> Memory<T> for Memoryless<T> {
         &self.leading
     }
 
-    /// The number of samples, or the largest there is.
+    /// The number of samples, at most the largest `usize`.
     fn len(&self) -> usize {
         self.len
     }

@@ -5,18 +5,18 @@ use crate::real::Real;
 use crate::scheme::StepError;
 use crate::space::Block;
 
-/// Corrections before giving up. A sane step needs three to five.
+/// Largest number of corrections. A well-posed step needs three to five.
 const MAX_ITERATIONS: u32 = 50;
 
-/// Corrections of this size, relative to what is corrected, tell by how much the later ones shrink.
+/// Largest relative size of a correction from which the convergence rate is estimated.
 const NEAR: f64 = 1.0 / 64.0;
 
-/// The part of the one before that a correction has at most where expensive factors serve further ones.
+/// Largest ratio of successive corrections at which expensive factors are reused.
 const SHRINKING: f64 = 0.125;
 
 /// The matrix of a step's linear equations: S×S blocks of N×N numbers, put together term by term.
 ///
-/// [`StepMatrix`] is the dense one, in place. A host brings others, sparse ones included.
+/// fvi-core has a dense implementation in place; a host adds others, sparse ones included.
 pub trait Equations<T: Real, B: Block<T>> {
     /// Factors that solve the equations of every step while the matrix stays the same.
     type Factor;
@@ -39,19 +39,19 @@ pub trait Equations<T: Real, B: Block<T>> {
         false
     }
 
-    /// Whether factors cost so much more than a solution with them that corrections take those of the first
-    /// one for as long as they get small.
+    /// Whether factorisation is so much more expensive than a solution that the factors of the first
+    /// correction are reused as long as corrections shrink fast enough.
     #[inline(always)]
     fn spares_factors(&self) -> bool {
         false
     }
 
-    /// Replaces `vector` by the solution with the matrix that was solved last, where it has left its factors.
+    /// Replaces `vector` by the solution with the matrix that was solved last, if its factors were kept.
     #[inline(always)]
     fn solve_again(&mut self, _vector: &mut [T]) {}
 
-    /// Prepares solutions for this matrix, of which `inertia` is the part that the mass M has in the blocks
-    /// on the diagonal: factor · M. The matrix may be overwritten.
+    /// Prepares solutions with this matrix. `inertia` is (factor, M): the diagonal blocks contain factor · M
+    /// of the mass M. The matrix may be overwritten.
     ///
     /// # Errors
     /// [`Singular`].
@@ -60,18 +60,18 @@ pub trait Equations<T: Real, B: Block<T>> {
     /// Replaces `vector` by the solution, with what [`keep`](Equations::keep) prepared.
     fn solve_kept(&mut self, kept: &Self::Factor, vector: &mut [T]);
 
-    /// Whether one correction by [`solve_kept`](Equations::solve_kept) solves the equations of a matrix that
-    /// differs from this one by no more than a symmetric change of the mass by rounding does.
+    /// Whether one correction by [`solve_kept`](Equations::solve_kept) suffices: the prepared solution is
+    /// exact for a matrix that differs from this one only by a symmetric change of the mass of rounding size.
     #[inline(always)]
     fn is_solved_at_once(&self, _kept: &Self::Factor) -> bool {
         false
     }
 
-    /// Whether the residual that [`solve_kept`](Equations::solve_kept) has left with these increments on this
-    /// position is worth another correction. What is not may be set to zero.
+    /// Whether the residual left by [`solve_kept`](Equations::solve_kept), with these increments on this
+    /// position, needs another correction. Negligible parts of it may be set to zero.
     ///
-    /// Rounding in factors acts on every step alike. Where it is not symmetric, energy grows or decays by it,
-    /// so that without more knowledge the answer is yes.
+    /// Rounding errors in factors are the same at every step. Where they are not symmetric, energy grows or
+    /// decays, so the default is true.
     #[inline(always)]
     fn is_unsettled(
         &self,
@@ -86,7 +86,7 @@ pub trait Equations<T: Real, B: Block<T>> {
 
 /// Dense [`Equations`] for N coordinates and S nodes, in place.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StepMatrix<T, const N: usize, const S: usize> {
+pub(crate) struct StepMatrix<T, const N: usize, const S: usize> {
     entries: Square<T, N, S>,
     pivots: [[usize; N]; S],
 }
@@ -94,12 +94,12 @@ pub struct StepMatrix<T, const N: usize, const S: usize> {
 /// (S N)×(S N) numbers, row by row.
 type Square<T, const N: usize, const S: usize> = [[[[T; N]; S]; N]; S];
 
-/// The factors of a [`StepMatrix`].
+/// The factors of the matrix of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Factors<T, const N: usize, const S: usize> {
     /// Column by column.
     entries: Square<T, N, S>,
-    /// In little room: a microcontroller keeps them.
+    /// In 16 bits: a microcontroller stores them.
     pivots: [[u16; N]; S],
 }
 
@@ -114,7 +114,7 @@ impl<T: Real, const N: usize, const S: usize> Factors<T, N, S> {
 impl<T: Real, const N: usize, const S: usize> StepMatrix<T, N, S> {
     /// The zero matrix.
     #[inline(always)]
-    pub fn zero() -> Self {
+    pub(crate) fn zero() -> Self {
         Self { entries: [[[[T::zero(); N]; S]; N]; S], pivots: [[0; N]; S] }
     }
 
@@ -179,28 +179,28 @@ pub(crate) fn size<T: Real>(numbers: &[T]) -> T {
     fold(numbers, T::zero(), larger)
 }
 
-/// The larger of a size and that of a number; not a number if that is not finite.
+/// The larger of a size and the size of a number; not a number if that is not finite.
 #[expect(clippy::eq_op, reason = "x − x tells a finite number from others")]
 #[inline(always)]
 fn larger<T: Real>(largest: T, number: T) -> T {
     let size = number.abs();
-    // The difference of what is not finite is not a number, nor is what is added to that.
+    // x − x is not a number if x is not finite, nor is a sum with it.
     (if size > largest { size } else { largest }) + (number - number)
 }
 
-/// How Newton's method came to its end.
+/// Result of Newton's method.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Converged<T> {
+pub(crate) struct Converged<T> {
     /// Corrections made.
-    pub iterations: u32,
-    /// About how large the residual is at the end, rounding apart; `None` where nothing tells.
-    pub residual: Option<T>,
+    pub(crate) iterations: u32,
+    /// Estimate of the residual at the end without rounding; `None` without one.
+    pub(crate) residual: Option<T>,
 }
 
-/// Newton's method but for its equations: which corrections take the factors of the one before, and which of
-/// them is the last.
+/// Newton's method apart from its equations: which corrections reuse the factors of the previous one, and
+/// when the iteration ends.
 ///
-/// Corrections are Newton's; after each of them that is small comes one with the same factors, which takes a
+/// Corrections are Newton's; after each small one follows one with the same factors, which needs a
 /// residual only: two such corrections together converge to third order (\[Kelley95\] §5.4.3). The iteration
 /// ends when a correction is no larger than the rounding of numbers of size `offset` + |x| (the unknowns x
 /// are increments on something of size `offset`), or when the next one would be: corrections shrink by a
@@ -209,7 +209,7 @@ pub struct Converged<T> {
 /// shrinking: then rounding in the residual makes them. Near the smallest normal number rounding no longer
 /// shrinks with the numbers, so neither does the bound.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Corrections<T> {
+pub(crate) struct Corrections<T> {
     offset: T,
     count: u32,
     previous: Option<T>,
@@ -218,32 +218,32 @@ pub struct Corrections<T> {
 }
 
 impl<T: Real> Corrections<T> {
-    /// None made yet.
+    /// No correction made yet.
     #[inline(always)]
-    pub fn new(offset: T) -> Self {
+    pub(crate) fn new(offset: T) -> Self {
         Self { offset, count: 0, previous: None, again: false, sparing: false }
     }
 
-    /// None made yet; each factor serves for as long as corrections with it shrink by [`SHRINKING`].
+    /// The same, where each factor is reused as long as corrections with it shrink by [`SHRINKING`].
     #[inline(always)]
     fn sparing(self, sparing: bool) -> Self {
         Self { sparing, ..self }
     }
 
-    /// Whether the next correction takes the factors of the last one.
+    /// Whether the next correction reuses the factors of the last one.
     #[inline(always)]
-    pub fn takes_factors_again(&self) -> bool {
+    pub(crate) fn takes_factors_again(&self) -> bool {
         self.again
     }
 
-    /// Judges a correction: the size of the residual that it is for, its own size, and that of the unknowns
-    /// after it; `keeps_factors` says whether another one could take its factors. Returns how the iteration
-    /// has ended, if it has.
+    /// Evaluates a correction from the size of its residual, its own size, and that of the unknowns after it.
+    /// `keeps_factors`: another correction could reuse its factors. Returns the result of the iteration if it
+    /// has ended.
     ///
     /// # Errors
     /// [`StepError::NotFinite`] or [`StepError::NotConverged`].
     #[inline(always)]
-    pub fn judge(
+    pub(crate) fn judge(
         &mut self,
         residual: T,
         (change, extent): (T, T),
@@ -258,15 +258,15 @@ impl<T: Real> Corrections<T> {
         // Far from the solution corrections shrink by chance.
         let near = T::of(NEAR) * scale;
         let ratio = previous.map(|previous| change / previous.min(near));
-        // By which factor the next correction is smaller, at most.
+        // Upper bound of the ratio of the next correction to this one.
         let shrinkage = ratio.map(|ratio| if again { ratio + ratio } else { ratio });
         let resolved = change <= T::of(2.0) * T::EPSILON * scale;
         let settled = shrinkage.is_some_and(|factor| factor * change <= T::of(0.125) * T::EPSILON * scale);
         let stalled =
             previous.is_some_and(|previous| change >= previous) && change <= T::EPSILON.sqrt() * scale;
         if resolved || settled || stalled {
-            // What is left after a correction of Newton's is quadratic in it, as this residual was in the one
-            // before; after one with its factors it is smaller by the shrinkage.
+            // The residual after a Newton correction is quadratic in it, as this residual was in the previous
+            // one; after a correction with reused factors it is smaller by the shrinkage.
             let left = shrinkage.map(|factor| if again { factor } else { factor * factor });
             return Ok(Some(Converged {
                 iterations: self.count,
@@ -287,10 +287,10 @@ impl<T: Real> Corrections<T> {
     }
 }
 
-/// Solves residual(x) = 0 from the guess `unknowns`, and leaves the last correction in `correction`;
-/// [`Corrections`] says how.
+/// Solves residual(x) = 0 from the guess `unknowns`, and leaves the last correction in `correction`, by the
+/// iteration of [`Corrections`].
 ///
-/// `balance` writes the residual at x, and its Jacobian where it is given a matrix.
+/// `balance` writes the residual at x, and its Jacobian if it gets a matrix.
 ///
 /// # Errors
 /// [`StepError::NotFinite`], [`StepError::SingularJacobian`] or [`StepError::NotConverged`].
@@ -370,7 +370,7 @@ mod tests {
         assert!((unknown[0] - 2f64.sqrt()).abs() <= f64::EPSILON && slopes.get() == 1, "{unknown:?}");
     }
 
-    /// [`StepMatrix`] whose factors are dear.
+    /// [`StepMatrix`] with factors that are to be reused.
     struct Dear(StepMatrix<f64, 1, 1>, bool);
 
     impl Equations<f64, Coefficients<f64, 1>> for Dear {
@@ -432,12 +432,12 @@ mod tests {
 
     #[test]
     fn rounding_has_a_floor_among_the_smallest_numbers() {
-        // Three of the smallest number there is on either side of the root: corrections cannot shrink
-        // further.
+        // The residual is ±3 of the smallest positive number on either side of the root: corrections cannot
+        // shrink further.
         let rough = |x: f64| (if x > 1e-317 { 1.5e-323 } else { -1.5e-323 }, 1.0);
         let (root, iterations) = scalar(1.0001e-317, rough).unwrap();
         assert!((root - 1e-317).abs() < 1e-320 && iterations < 3, "{root:e} after {iterations}");
-        // A correction far below the smallest normal number is rounding of what lies at that number.
+        // A correction far below the smallest normal number is rounding of a number of that size.
         assert_eq!(scalar(1e-310, |x| (x, 1.0)), Ok((0.0, 1)));
     }
 
@@ -445,8 +445,8 @@ mod tests {
     fn rounding_is_measured_by_the_size_of_the_unknowns() {
         // The next number above 10⁸.
         assert_eq!(scalar(1e8 + 1.5e-8, |x| (x - 1e8, 1.0)), Ok((1e8, 1)));
-        // Corrections that do not shrink are noise where they are small beside the unknown, and a failure
-        // elsewhere.
+        // Corrections that do not shrink are rounding if they are small relative to the unknown, and a
+        // failure otherwise.
         let noisy = |root: f64| move |x: f64| (if x > root { 0.5 } else { -0.5 }, 1.0);
         assert_eq!(scalar(1e8 + 0.25, noisy(1e8)), Ok((1e8 + 0.25, 2)));
         assert!(matches!(scalar(10.25, noisy(10.0)), Err(StepError::NotConverged { .. })));
@@ -456,7 +456,7 @@ mod tests {
     fn failures_are_told_apart() {
         assert_eq!(scalar(1.0, |_| (1.0, 0.0)), Err(StepError::SingularJacobian));
         assert_eq!(scalar(1.0, |_| (f64::NAN, 1.0)), Err(StepError::NotFinite));
-        // No real root, and from this guess Newton's method never comes to rest.
+        // No real root, and from this guess Newton's method never converges.
         let never = scalar(0.3, |x| (x * x + 1.0, 2.0 * x));
         assert!(matches!(never, Err(StepError::NotConverged { iterations: 50, .. })), "{never:?}");
     }
@@ -492,18 +492,18 @@ mod tests {
             let residual = found.residual.unwrap();
             assert!((residual / left - 1.0).abs() < 1e-12 && found.iterations == iterations, "{found:?}");
         };
-        // On a position of size 64 a correction is small up to 1. After a larger one the matrix is a new one,
-        // and what is left shrinks with the square of 10⁻⁸.
+        // On a position of size 64 a correction is small up to 1. After a larger one the matrix is factored
+        // anew, and the residual left shrinks with the square of 10⁻⁸.
         let mut corrections = Corrections::new(64.0);
         assert_eq!(corrections.judge(1.0, (2.0, 0.0), true), Ok(None));
         assert!(!corrections.takes_factors_again());
         near(corrections.judge(1e-3, (1e-8, 0.0), true).unwrap(), 2, 1e-3 * 1e-16);
-        // After a small one the factors serve again, and corrections shrink by no more than twice the ratio.
+        // After a small one the factors are reused, and corrections shrink by no more than twice the ratio.
         let mut corrections = Corrections::new(64.0);
         assert_eq!(corrections.judge(1.0, (0.5, 0.0), true), Ok(None));
         assert!(corrections.takes_factors_again());
         near(corrections.judge(1e-3, (1e-8, 0.0), true).unwrap(), 2, 1e-3 * 4e-8);
-        // A first correction that is rounding tells nothing of what it leaves.
+        // A first correction of rounding size gives no estimate of the residual.
         let first = Corrections::new(64.0).judge(1e-3, (1e-14, 0.0), true);
         assert_eq!(first, Ok(Some(Converged { iterations: 1, residual: None })));
     }

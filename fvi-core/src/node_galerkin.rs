@@ -16,7 +16,7 @@ use crate::workspace::{CachedFactor, Workspace};
 /// Galerkin scheme of degree S whose fractional force acts at its Q quadrature nodes, which the memory
 /// stores.
 ///
-/// The kernel of the memory decides how the fractional derivative is taken there:
+/// The kernel of the memory determines how the fractional derivative is taken there:
 ///
 /// * matrices of a Runge–Kutta convolution quadrature with the same nodes
 ///   ([`with_stages`](NodeGalerkin::with_stages)), which couple the nodes;
@@ -24,9 +24,8 @@ use crate::workspace::{CachedFactor, Workspace};
 ///   sequence of every node by itself, spaced by h like the main nodes:
 ///   (D^β X)_{k,i} = Σ_{n=0}^{k} w_n X_{k−n,i}. With BDF p the order is min(2S, p) in position and momentum.
 ///
-/// Both are implicit in the nodes of the step at hand;
-/// [`DiscreteLagrangian::step_damped_at_nodes`](crate::DiscreteLagrangian::step_damped_at_nodes) has the
-/// equations.
+/// Both are implicit in the nodes of the present step; for the equations see
+/// [`DiscreteLagrangian::step_damped_at_nodes`](crate::DiscreteLagrangian::step_damped_at_nodes).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodeGalerkin<T, const S: usize, const Q: usize> {
     galerkin: Galerkin<T, S, Q>,
@@ -41,7 +40,7 @@ pub struct NodeStorage<T, const N: usize, const S: usize, const Q: usize> {
 }
 
 impl<T: Real, const N: usize, const S: usize, const Q: usize> NodeStorage<T, N, S, Q> {
-    /// Nothing kept yet, no node behind.
+    /// Empty storage: no factors, all offsets zero.
     pub(crate) fn empty() -> Self {
         Self { kept: CachedFactor::nothing(Factors::zero()), behind: [[T::zero(); N]; Q] }
     }

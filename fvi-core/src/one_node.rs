@@ -32,10 +32,9 @@ impl<T: Real> OneNode<T> {
     /// 0 = p_k + (K/h) M e − h b ℓ₀(c) G ,     G = ∇U(X) − F(t_k + ch, X) − u ,     X = q_k + ℓ₁(c) e ,
     /// ```
     ///
-    /// where F may depend on the velocity e/h of the line, and G has the fractional force where it acts at
-    /// the node, for e = q_{k+1} − q_k, and leaves h b G in
-    /// `work.residual`, as is done for any degree. The first `moments` numbers of
-    /// `work.moment_correction` are moments of the force that the node lacks.
+    /// for e = q_{k+1} − q_k, and leaves h b G in `work.residual`, as is done for any degree. F may depend on
+    /// the velocity e/h of the line; if the damping acts at the node, G contains its force. The first
+    /// `moments` numbers of `work.moment_correction` are the part of the force moments that the node misses.
     ///
     /// # Errors
     /// [`StepError`].
@@ -71,19 +70,19 @@ impl<T: Real> OneNode<T> {
         let (linear, drifts) = (mechanics.is_linear(), self.test == T::zero());
         let from_rest = linear && damping.is_some() && !drifts;
         if from_rest {
-            // No guess is needed, and a stiff motion at speed would be guessed so far off that its place is
-            // lost in rounding.
+            // A linear system needs no guess, and the guess for a fast stiff motion would be so large that
+            // the position is lost in its rounding.
             increments.fill(T::zero());
         } else if drifts {
-            // What would be a guess is the result.
+            // Without an equation to solve the guess is the result.
             mechanics.velocity(momentum, increments);
             scale(increments, step.size);
         } else if restoring.is_empty() {
             mechanics.drift(momentum, increments);
             scale(increments, step.size);
         } else {
-            // The solution for the G of the last step, no coordinate going more than twice as far as it would
-            // without forces: where they are stiff those of the last step say nothing.
+            // The guess is the solution for the G of the last step, with each coordinate limited to twice its
+            // force-free displacement: a stiff force of the last step is no estimate of the present one.
             let impulse = step.size * self.weight * self.test;
             combine_two(stages, momentum, restoring, |_, p, restoring| {
                 let change = restoring * impulse;
@@ -124,15 +123,15 @@ impl<T: Real> OneNode<T> {
             equation.balance(increments, residual);
             work.matrix.solve_kept(&work.kept.solver, residual);
             take_off(increments, residual);
-            // The rounding of the solver is the same at every step, so that it would add up to growth or
-            // decay. A second correction, with the force that is wanted anyway, leaves nothing of it.
+            // The rounding error of the solver is the same at every step, so that it would accumulate to
+            // growth or decay. A second correction, with the force that is needed anyway, removes it.
             equation.look(increments, false);
             if !work.matrix.is_solved_at_once(&work.kept.solver) {
                 equation.balance(increments, residual);
                 if work.matrix.is_unsettled(&work.kept.solver, increments, position, residual) {
                     work.matrix.solve_kept(&work.kept.solver, residual);
                     take_off(increments, residual);
-                    // The node is the sample where the force acts at it.
+                    // If the damping acts at the node, the node is its sample.
                     if damping.is_some() {
                         equation.place_stage(increments);
                     }
@@ -148,9 +147,10 @@ impl<T: Real> OneNode<T> {
                 }
             };
             let converged = newton(increments, residual, size(position), &mut *work.matrix, balance)?;
-            // The force at the end is the last one and its linear change, where what that leaves is rounding.
+            // The final force is the last one plus its linear change, if the neglected remainder is of
+            // rounding size.
             let rounding = T::of(0.25) * T::EPSILON * step.size * self.weight * size(equation.force);
-            // With a force of the velocity the matrix at hand is its resistance.
+            // With a velocity-dependent force the matrix at hand is the resistance, not the stiffness.
             let changes = !equation.mechanics.depends_on_velocity();
             if changes && converged.residual.is_some_and(|left| left <= rounding) {
                 equation.carry_on(increments, residual);
@@ -190,7 +190,7 @@ fn line_velocity<T: Real>(increments: &[T], h: T, velocity: &mut [T]) {
 struct Equation<'a, T: Real, X: Space<T>, G, D> {
     numbers: &'a OneNode<T>,
     mechanics: &'a mut G,
-    /// Where it acts at the node.
+    /// Damping, if it acts at the node.
     damping: Option<&'a D>,
     step: &'a Step<'a, T>,
     position: &'a [T],
@@ -209,7 +209,7 @@ struct Equation<'a, T: Real, X: Space<T>, G, D> {
 }
 
 impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T, X, G, D> {
-    /// Places the node and finds G, with its derivative if that is wanted.
+    /// Places the node and computes G, with its derivative if `linearise`.
     #[inline(always)]
     fn look(&mut self, increments: &[T], linearise: bool) {
         let shape = self.numbers.shape;
@@ -221,7 +221,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
         }
     }
 
-    /// As [`look`](Self::look), without what increments add that are zero.
+    /// As [`look`](Self::look), without the contribution of the increments if they are zero.
     #[inline(always)]
     fn look_first(&mut self, increments: &[T], are_zero: bool, linearise: bool) {
         if !are_zero {
@@ -231,7 +231,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
         self.find_force(increments, linearise);
     }
 
-    /// Finds G at the node, but for what the increments add to the damping.
+    /// Computes G at the node without the contribution of the increments to the damping.
     #[inline(always)]
     fn find_force(&mut self, increments: &[T], linearise: bool) {
         let instant = Instant::in_step(self.step.time, self.numbers.node, self.step.size);
@@ -249,14 +249,14 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
         } else {
             self.mechanics.restoring_force(instant, self.point, self.force);
         }
-        // There may be fewer numbers of the input.
+        // The input may have fewer numbers; missing ones are zero.
         self.force.iter_mut().zip(self.step.input).for_each(|(force, &input)| *force -= input);
         if self.damping.is_some() {
             combine(self.force, self.known, |force, known| force + known);
         }
     }
 
-    /// Adds the linear change of G by the last correction, and places the node where it has led.
+    /// Adds the linear change of G by the last correction, and moves the node by it.
     #[inline(always)]
     fn carry_on(&mut self, increments: &[T], correction: &[T]) {
         let shape = self.numbers.shape;
@@ -279,14 +279,15 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T,
     fn balance(&self, increments: &[T], residual: &mut [T]) {
         let h = self.step.size;
         let factor = h * self.numbers.weight * self.numbers.test;
-        // What nearly cancels comes first: it is exact, and what is left is as small as its rounding.
+        // The terms that nearly cancel come first: their difference is exact, and the remainder as small as
+        // its rounding.
         let known = (self.momentum, (factor, &*self.force));
         self.mechanics.mass().balance(known, (self.numbers.kinetic / h, increments), residual);
-        // Of the moments those of the first shape.
+        // The moments of the first shape.
         residual.iter_mut().zip(self.moment_correction).for_each(|(place, &moment)| *place += moment * h);
     }
 
-    /// Writes its derivative at the increments that were last looked at with theirs.
+    /// Writes the derivative of the residual at the increments of the last linearisation.
     #[inline(always)]
     fn write_matrix<E: Equations<T, X::Block>>(&mut self, increments: &[T], matrix: &mut E) {
         let (h, numbers) = (self.step.size, self.numbers);
@@ -341,7 +342,7 @@ mod tests {
                 let (next_q, next_p) = (state.position[0], state.momentum[0]);
                 let node: f64 = 0.5 * (q + next_q);
                 let error = next_p - p + h * node.sin();
-                // Of the two momenta, of the node, and of the force itself.
+                // Rounding of the two momenta, of the node, and of the force itself.
                 let rounding = 0.5 * f64::EPSILON * (p.abs() + next_p.abs() + h * (2.0 * node.abs() + 1.0));
                 assert!(error.abs() < 3.0 * rounding, "h = {h}, step {step}: {}", error / rounding);
                 (q, p) = (next_q, next_p);

@@ -1,15 +1,15 @@
-//! Discrete fractional operators by themselves: on whole sequences, and on a stream.
+//! Discrete fractional operators on whole sequences and on a stream of samples.
 
 use core::fmt;
 
 use crate::memory::{ActsOn, Memory, MemoryError};
-use crate::real::Real;
+use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 
 /// Left (retarded) discrete operator: (D₋x)_k = Σ_{n=0}^{k} w_n x_{k−n}, for every k of the sequence.
 ///
-/// `output` has as many numbers as `samples`, of which those are written for which both exist. Source: \[JO\]
-/// eq. 45b; \[HJO\] eq. 21.
+/// Writes as many values as the shorter of `samples` and `output` has. Source: \[JO\] eq. 45b; \[HJO\] eq.
+/// 21.
 pub fn left_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
     for (k, output) in output.iter_mut().enumerate().take(samples.len()) {
         let past = samples.get(..=k).unwrap_or(&[]).iter().rev();
@@ -29,7 +29,7 @@ pub fn right_operator<T: Real>(weights: &[T], samples: &[T], output: &mut [T]) {
     }
 }
 
-/// What a fractional derivative of Caputo type leaves out: how the signal starts.
+/// Initial part of a signal that a fractional derivative of Caputo type subtracts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Start<T> {
     /// Nothing: the operator of Riemann–Liouville type acts on x itself. Fractional integrals are of this
@@ -50,13 +50,13 @@ pub enum Start<T> {
     },
 }
 
-/// Fractional operator on a stream: takes a sample x_k, gives back (D^β x)_k = Σ_{n=0}^{k} w_n x_{k−n}.
+/// Fractional operator on a stream: takes a sample x_k, returns (D^β x)_k = Σ_{n=0}^{k} w_n x_{k−n}.
 ///
-/// What a controller or a filter needs: fractional derivatives (0 < β < 2) and integrals (−1 < β < 0), on any
-/// [`Memory`] with one channel whose kernel holds the weights of D^β; integrals of order 1 and above are
-/// [`FractionalIntegral`](crate::FractionalIntegral)s, those below may be. Here the differences of samples
-/// are formed by subtraction, which loses nothing that the samples had; a memory that acts on them is worth
-/// its while for derivatives all the same, because its sums do not cancel.
+/// For controllers and filters: fractional derivatives (0 < β < 2) and integrals (−1 < β < 0), on any
+/// [`Memory`] with one channel whose kernel holds the weights of D^β. Integrals of order 1 and above are
+/// [`FractionalIntegral`](crate::FractionalIntegral)s; those below may be. Differences of samples are formed
+/// by subtraction here, without loss for samples that are given; memories that act on increments are more
+/// accurate for derivatives all the same, because their sums do not cancel.
 ///
 /// ```
 /// # use fvi_core::{BdfOrder, FixedDirect, FractionalOperator, Start, leading_bdf_weight, monic_bdf_table};
@@ -78,21 +78,22 @@ pub enum Start<T> {
 pub struct FractionalOperator<T, M> {
     memory: M,
     start: Start<T>,
-    /// The first sample, or of a memory on increments the last one.
+    /// The first sample; for a memory on increments the last one.
     reference: T,
-    /// Time of the last sample, where they come at any times.
-    time: T,
+    /// Time of the last sample, if samples come at any times; for a memory on increments the rounding error
+    /// of their sum.
+    rest: T,
 }
 
-/// A sample x_k that an operator has computed with and not taken yet; dropped, it leaves the operator as it
-/// was.
+/// A sample x_k whose value an operator has computed but not yet taken; if dropped, the operator is
+/// unchanged.
 #[derive(Debug)]
 #[must_use = "the operator has not taken the sample"]
 pub struct Pending<'a, T, M> {
     operator: &'a mut FractionalOperator<T, M>,
     acted_on: T,
     reference: T,
-    time: T,
+    rest: T,
     /// Contribution of the past to the next value.
     term: T,
     value: T,
@@ -106,18 +107,18 @@ impl<T: Real, M: Memory<T>> Pending<'_, T, M> {
     }
 
     /// The same with another sample, at the cost of a product: for laws in which the sample depends on the
-    /// value. Only of the type of Riemann–Liouville.
+    /// value. For the Riemann–Liouville type only.
     ///
     /// # Errors
     /// [`OperatorError::NotFinite`] if the sample or the result is not finite.
     #[inline]
     pub(crate) fn instead(self, sample: T) -> Result<Self, OperatorError> {
-        let (acted_on, reference) = self.operator.compared(sample)?;
+        let (acted_on, reference, rest) = self.operator.compared(sample)?;
         let value = self.operator.leading() * acted_on + self.term;
         if !acted_on.is_finite() || !value.is_finite() {
             return Err(OperatorError::NotFinite);
         }
-        Ok(Self { acted_on, reference, value, ..self })
+        Ok(Self { acted_on, reference, rest, value, ..self })
     }
 
     /// w₀ of the sample.
@@ -132,9 +133,9 @@ impl<T: Real, M: Memory<T>> Pending<'_, T, M> {
     /// None, of a memory that keeps the contract of [`Memory`].
     #[inline]
     pub fn take(self) -> Result<T, OperatorError> {
-        let Self { operator, acted_on, reference, time, value, .. } = self;
+        let Self { operator, acted_on, reference, rest, value, .. } = self;
         operator.memory.push(&[acted_on])?;
-        (operator.reference, operator.time) = (reference, time);
+        (operator.reference, operator.rest) = (reference, rest);
         Ok(value)
     }
 }
@@ -142,7 +143,7 @@ impl<T: Real, M: Memory<T>> Pending<'_, T, M> {
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"oper";
 
-/// Why the operator refused a sample. It is as it was before.
+/// Reason why the operator refused a sample; the operator is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
@@ -190,8 +191,8 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         {
             return Err(OperatorError::NotFinite);
         }
-        memory.clear();
-        Ok(Self { memory, start, reference: T::zero(), time: T::zero() })
+        memory.expect_jumps();
+        Ok(Self { memory, start, reference: T::zero(), rest: T::zero() })
     }
 
     /// Takes the next sample x_k and returns (D^β x)_k.
@@ -201,10 +202,10 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// memory is full; the operator then is as before.
     #[inline]
     pub fn push(&mut self, sample: T) -> Result<T, OperatorError> {
-        let (acted_on, reference) = self.compared(sample)?;
+        let (acted_on, reference, rest) = self.compared(sample)?;
         let (value, _) = self.value(acted_on)?;
         self.memory.push(&[acted_on])?;
-        self.reference = reference;
+        (self.reference, self.rest) = (reference, rest);
         Ok(value)
     }
 
@@ -219,8 +220,8 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
 
     /// Computes (D^β x)_k for the next sample x_k, which [`Pending::take`] takes.
     ///
-    /// All that can fail has then been tried. So several operators make one tick, of which all samples are
-    /// taken or none:
+    /// Everything that can fail has been checked then. So the samples of several operators in one tick are
+    /// taken together or not at all:
     ///
     /// ```
     /// # use fvi_core::{BdfOrder, FixedDirect, FractionalOperator, OperatorError, Start, monic_bdf_table};
@@ -242,57 +243,64 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// As those of [`push`](FractionalOperator::push).
     #[inline]
     pub fn prepare(&mut self, sample: T) -> Result<Pending<'_, T, M>, OperatorError> {
-        let (acted_on, reference) = self.compared(sample)?;
+        let (acted_on, reference, rest) = self.compared(sample)?;
         let (value, term) = self.value(acted_on)?;
-        let time = self.time;
-        Ok(Pending { operator: self, acted_on, reference, time, term, value })
+        Ok(Pending { operator: self, acted_on, reference, rest, term, value })
     }
 
-    /// What the memory acts on for this sample, and what the next one is compared with.
+    /// The number that the memory acts on for this sample, the new reference, and the rounding error of
+    /// increments, which is added to the next one, so that their sum equals the signal for any number of
+    /// them.
     #[inline(always)]
-    fn compared(&self, sample: T) -> Result<(T, T), OperatorError> {
+    fn compared(&self, sample: T) -> Result<(T, T, T), OperatorError> {
         let first = self.memory.is_empty();
         let on_values = self.memory.acts_on() == ActsOn::Values;
         let reference = if first { sample } else { self.reference };
-        let acted_on = match self.start {
-            Start::RiemannLiouville if on_values || first => sample,
-            Start::RiemannLiouville | Start::Caputo => sample - reference,
+        let (acted_on, rest) = match self.start {
+            Start::RiemannLiouville if on_values || first => (sample, self.rest),
+            Start::Caputo if on_values => (sample - reference, self.rest),
+            Start::RiemannLiouville | Start::Caputo => {
+                let (difference, lost) = sum_and_rest(sample, -reference);
+                // Units in the last place of the samples, and so of what they differ by or more.
+                let rest = lost + self.rest;
+                let increment = difference + rest;
+                (increment, rest - (increment - difference))
+            }
             Start::CaputoWithRise { rise } => {
                 let count = self.memory.len();
-                // Past the largest count there is no telling how long the line has become.
+                // A saturated count no longer gives the time of a sample on the line.
                 if on_values && count == usize::MAX {
                     return Err(MemoryError::Full { capacity: count }.into());
                 }
                 let rises = if on_values { T::from_count(count as u64) } else { T::of(count.min(1) as f64) };
-                sample - reference - rise * rises
+                if on_values {
+                    (sample - reference - rise * rises, self.rest)
+                } else {
+                    let (increment, lost) = sum_and_rest(sample, -reference);
+                    let (increment, more) = sum_and_rest(increment, -rise * rises);
+                    sum_and_rest(increment, (lost + more) + self.rest)
+                }
             }
-            // A slope wants times.
+            // A slope needs the times of samples.
             Start::CaputoWithSlope { .. } => return Err(MemoryError::StepLength.into()),
         };
-        Ok((acted_on, if on_values { reference } else { sample }))
+        Ok((acted_on, if on_values { reference } else { sample }, rest))
     }
 
-    /// Takes a sample that comes `interval` units of time after the one before and returns (D^β x)_k: for
+    /// Takes a sample that comes `interval` units of time after the previous one and returns (D^β x)_k: for
     /// ticks that come early or late.
     ///
-    /// The memory is one for steps of any length ([`VariableStepMemory`](crate::VariableStepMemory) of one
-    /// stage, of order 1). The interval of the first sample is that of a step which ends with it; what lies
-    /// before counts as zero for Riemann–Liouville's type, and as the first sample for Caputo's.
+    /// The memory must be one for steps of any length ([`VariableStepMemory`](crate::VariableStepMemory) of
+    /// one stage, of order 1). The first interval is the length of a step that ends with the first sample;
+    /// the signal before that counts as zero for the Riemann–Liouville type, and as the first sample for the
+    /// Caputo type.
     ///
     /// # Errors
     /// [`OperatorError::NotFinite`] if x_k or the result is not finite; [`OperatorError::Memory`] if the
-    /// memory does not take this interval, or the start is given by a rise, which has a step size in it. The
-    /// operator then is as before.
+    /// memory does not take this interval, or the start is given by a rise, which contains a step size. The
+    /// operator then is unchanged.
     pub fn push_after(&mut self, interval: T, sample: T) -> Result<T, OperatorError> {
         self.prepare_after(interval, sample)?.take()
-    }
-
-    /// What [`push_after`](FractionalOperator::push_after) would return; the operator stays as it is.
-    ///
-    /// # Errors
-    /// As there.
-    pub fn peek_after(&mut self, interval: T, sample: T) -> Result<T, OperatorError> {
-        Ok(self.prepare_after(interval, sample)?.value())
     }
 
     /// As [`prepare`](FractionalOperator::prepare), for a sample that comes `interval` units of time after
@@ -306,7 +314,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
             return Err(MemoryError::StepLength.into());
         }
         let first = if empty { sample } else { self.reference };
-        let time = if empty { T::zero() } else { self.time + interval };
+        let time = if empty { T::zero() } else { self.rest + interval };
         let acted_on = match self.start {
             Start::RiemannLiouville => sample,
             Start::Caputo => sample - first,
@@ -315,7 +323,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         };
         self.memory.begin_step(interval)?;
         let (value, term) = self.value(acted_on)?;
-        Ok(Pending { operator: self, acted_on, reference: first, time, term, value })
+        Ok(Pending { operator: self, acted_on, reference: first, rest: time, term, value })
     }
 
     /// The value with a sample of which the memory acts on this, and what the past adds to it.
@@ -339,7 +347,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// Forgets all samples.
     pub fn clear(&mut self) {
         self.memory.clear();
-        (self.reference, self.time) = (T::zero(), T::zero());
+        (self.reference, self.rest) = (T::zero(), T::zero());
     }
 
     /// Number of bytes that [`save`](FractionalOperator::save) writes at present.
@@ -347,17 +355,17 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         header_bytes(3) + 2 * T::BYTES + self.memory.state_bytes()
     }
 
-    /// Writes the state, so that an operator made alike that restores it goes on with the same bits.
+    /// Writes the state. An operator with the same parameters that restores it continues with identical bits.
     ///
     /// # Errors
-    /// [`StateError::NoRoom`], and what the memory says.
+    /// [`StateError::NoRoom`], and the errors of the memory.
     pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 3>(TAG, &self.shape())?;
-        to.numbers([&self.reference, &self.time])?;
+        to.numbers([&self.reference, &self.rest])?;
         self.memory.save(to)
     }
 
-    /// Reads past a state and checks on the way that [`restore`](FractionalOperator::restore) would take it.
+    /// Reads past a state and checks that [`restore`](FractionalOperator::restore) would accept it.
     ///
     /// # Errors
     /// [`StateError`]
@@ -367,21 +375,21 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         self.memory.check_state(from)
     }
 
-    /// Takes over a saved state in place of its own.
+    /// Replaces the state by a saved one.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are not the state of such an operator; it is as before.
+    /// [`StateError`] if the bytes are not the state of such an operator, which then is unchanged.
     pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
         ahead.header::<T, 3>(TAG, &self.shape())?;
-        let (reference, time) = (ahead.number()?, ahead.number()?);
+        let (reference, rest) = (ahead.number()?, ahead.number()?);
         self.memory.restore(&mut ahead)?;
-        (self.reference, self.time) = (reference, time);
+        (self.reference, self.rest) = (reference, rest);
         *from = ahead;
         Ok(())
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         let (kind, rise) = match self.start {
             Start::RiemannLiouville => (0, T::zero()),
@@ -433,7 +441,7 @@ mod tests {
     #[test]
     fn a_memory_on_increments_gives_the_same_derivative() {
         const SUMS: [f64; 3] = [2.0, 0.5, 0.75];
-        // The kernel on values that belongs to it goes on with −3/4 and then zeros.
+        // The corresponding kernel on values continues with −3/4 and then zeros.
         const VALUES: [f64; 4] = [2.0, -1.5, 0.25, -0.75];
         let samples = [1.0, -2.0, 0.5, 3.0, 2.5];
         for start in [Start::RiemannLiouville, Start::Caputo, Start::CaputoWithRise { rise: 0.25 }] {
@@ -472,7 +480,7 @@ mod tests {
                 assert_eq!(operator.peek(f64::NAN), Err(OperatorError::NotFinite));
                 assert_eq!(operator.push(sample), Ok(expected));
                 let by_one = other - expected;
-                // The first sample is what Caputo's type leaves out.
+                // Caputo's type subtracts the first sample.
                 let left_out = operator.memory().len() == 1 && start != Start::RiemannLiouville;
                 assert_eq!(by_one, if left_out { 0.0 } else { WEIGHTS[0] });
             }
@@ -480,8 +488,8 @@ mod tests {
         }
         let mut at_any_time = identity(Start::CaputoWithSlope { slope: 0.5 });
         at_any_time.push_after(0.25, 3.0).unwrap();
-        assert_eq!(at_any_time.peek_after(2.0, 5.0), Ok(1.0));
-        assert_eq!(at_any_time.peek_after(1.0, 5.0), Ok(1.5));
+        assert_eq!(at_any_time.prepare_after(2.0, 5.0).unwrap().value(), 1.0);
+        assert_eq!(at_any_time.prepare_after(1.0, 5.0).unwrap().value(), 1.5);
         assert_eq!(at_any_time.push_after(1.0, 5.0), Ok(1.5));
         assert_eq!(at_any_time.push_after(1.0, 5.0), Ok(1.0));
     }
@@ -513,7 +521,7 @@ mod tests {
             capacity: usize::MAX,
             samples: std::vec::Vec::new(),
         };
-        /// So many samples that a word does not count them.
+        /// A memory with more samples than a `usize` can count.
         struct Beyond(crate::recording_memory::RecordingMemory);
         impl Memory<f64> for Beyond {
             fn channels(&self) -> usize {
@@ -556,7 +564,7 @@ mod tests {
         assert_eq!(product(g, left), product(right, f));
     }
 
-    /// On D⁰, which gives back what it acts on.
+    /// On D⁰, which returns the number it acts on.
     fn identity(
         start: Start<f64>,
     ) -> FractionalOperator<f64, crate::VariableStepMemory<f64, 1, std::vec::Vec<f64>, std::vec::Vec<f64>>>
@@ -579,7 +587,7 @@ mod tests {
     #[test]
     fn samples_at_any_times_lose_their_start_and_their_slope() {
         let starts = [Start::RiemannLiouville, Start::Caputo, Start::CaputoWithSlope { slope: 0.5 }];
-        // The first interval leads to the first sample, whose time is zero.
+        // The first interval ends at the first sample, whose time is zero.
         let samples = [(0.25, 3.0), (1.0, 4.0), (2.5, -1.0), (0.125, 8.0)];
         let expected =
             [[3.0, 4.0, -1.0, 8.0], [0.0, 1.0, -4.0, 5.0], [0.0, 1.0 - 0.5, -4.0 - 1.75, 5.0 - 0.5 * 3.625]];

@@ -1,4 +1,4 @@
-//! A fractional PID controller: one tick, one atomic step of all that it remembers.
+//! A fractional PID controller whose ticks are atomic: the whole state advances or none of it.
 
 use core::borrow::{Borrow, BorrowMut};
 use core::fmt;
@@ -10,30 +10,30 @@ use crate::memory::Memory;
 use crate::memoryless::Memoryless;
 use crate::operator::{FractionalOperator, OperatorError, Pending, Start};
 use crate::pid_law::{AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw};
-use crate::real::Real;
+use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 
-/// A fractional PID controller on memories of any kind: [`PidLaw`] has the equations.
+/// A fractional PID controller on memories of any kind; see [`PidLaw`] for the equations.
 ///
-/// One [`tick`](FractionalPid::tick) a sample time: it takes setpoint and measured value, gives the output,
+/// One [`tick`](FractionalPid::tick) a sample time: it takes setpoint and measured value, returns the output,
 /// and is atomic: a tick that is refused (numbers that are not finite, a memory that is full) leaves
 /// everything as it was. The integral is in units of the output, I^λ of K_i e. For λ < 1 it is the value of
-/// an operator and a number beside it, which takes up transfers and changes of gains; for λ ≥ 1 it is a sum,
-/// exact to rounding, of I^{λ−1}. (I¹ D^{1−λ} for λ < 1 would sum up the rounding of its memory: in single
-/// precision 1.6·10⁻² after 10⁷ ticks of a signal of size 1, where the operator has lost 10⁻⁶.)
+/// an operator plus an offset, which absorbs transfers and changes of gains; for λ ≥ 1 it is a sum, exact to
+/// rounding, of I^{λ−1}. (I¹ D^{1−λ} for λ < 1 would accumulate the rounding of its memory: in single
+/// precision up to 10⁻² after 10⁷ ticks of a signal of size 1, where the operator has lost 10⁻⁶.)
 ///
-/// * **Limits and rate.** The output moves at most by the rate limit from that of the tick before, and never
-///   beyond the limits. Feed-forward is inside.
-/// * **Windup.** [`AntiWindup`] changes the samples that the integral takes, so that its memory is that of an
-///   integral which has never been far from the limits, and not its sum only.
-/// * **Manual.** [`manual`](FractionalPid::manual) sets the output; the integral's memory forgets.
-///   [`automatic`](FractionalPid::automatic) gives the output back: the first tick has the output of the
-///   manual mode, to rounding, and the integral goes on from there. Without an integral (K_i = 0) the law
-///   alone says where the output goes.
+/// * **Limits and rate.** The output changes at most by the rate limit from one tick to the next, and never
+///   exceeds the limits. Feed-forward is included.
+/// * **Windup.** [`AntiWindup`] changes the samples that the integral takes, so that its whole memory, not
+///   only its sum, is that of an integral which has never been far from the limits.
+/// * **Manual.** [`manual`](FractionalPid::manual) sets the output and clears the memory of the integral.
+///   [`automatic`](FractionalPid::automatic) returns control to the law: the first tick has the output of the
+///   manual mode, to rounding, and the integral continues from there. Without an integral (K_i = 0) the
+///   output follows from the law alone.
 /// * **Gains** change at any time ([`set_gains`](FractionalPid::set_gains),
-///   [`set_law`](FractionalPid::set_law)); [`Bumpless`] says what must not move.
-/// * **Lost samples.** A tick without a measurement is one with the value before; a tick that is left out
-///   takes time out of the operators. For ticks that come early or late there are memories for steps of any
+///   [`set_law`](FractionalPid::set_law)); [`Bumpless`] selects the value that stays the same.
+/// * **Lost samples.** For a tick without a measurement repeat the previous value; a tick that is left out
+///   shifts the time of the operators. For ticks that come early or late there are memories for steps of any
 ///   length, and [`tick_after`](FractionalPid::tick_after).
 ///
 /// Parameters: the scalar T, the memories I of I^λ or I^{λ−1} and D of D^μ (in the series form of the filter
@@ -78,10 +78,10 @@ use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
 #[derive(Clone, Debug)]
 pub struct FractionalPid<T, I, D, L = PidLaw<T>, F = Memoryless<T>> {
     law: L,
-    /// I^λ, or I^{λ−1} of which the state has the sum.
+    /// The operator I^λ, or I^{λ−1} whose values are summed in `state`.
     integral: FractionalOperator<T, I>,
     derivative: Option<FractionalOperator<T, D>>,
-    /// Of a fractional filter of the derivative.
+    /// Operator of a fractional filter of the derivative.
     filter: Option<FractionalOperator<T, F>>,
     state: PidState<T>,
 }
@@ -103,21 +103,21 @@ pub type ExponentialPid<'w, T, const I: usize, const D: usize, L = PidLaw<T>> =
 pub type ExponentialPi<'w, T, const I: usize, L = PidLaw<T>> =
     FractionalPid<T, ExponentialSum<T, &'w [T], [T; I]>, Memoryless<T>, L>;
 
-/// State of a loop beside that of its operators.
+/// State of a controller apart from that of its operators.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct PidState<T> {
     mode: Mode,
     /// The output of the last tick, or that of the manual mode.
     output: T,
-    /// The output that the manual mode asks for.
+    /// The output set in manual mode.
     manual: T,
-    /// The derivative behind the filter of order 1.
-    filtered: T,
+    /// The derivative after the filter of order 1, as a compensated sum.
+    filtered: Beside<T>,
     /// The gains of the last tick.
     gains: PidGains<T>,
     /// The integral term of the last tick.
     integral: T,
-    /// State beside the operator.
+    /// Sum or offset beside the integral operator.
     beside: Beside<T>,
 }
 
@@ -125,19 +125,12 @@ impl<T: Real> PidState<T> {
     fn new(gains: PidGains<T>) -> Self {
         let zero = T::zero();
         let beside = Beside { sum: zero, rest: zero };
-        Self {
-            mode: Mode::Automatic,
-            output: zero,
-            manual: zero,
-            filtered: zero,
-            gains,
-            integral: zero,
-            beside,
-        }
+        let filtered = beside;
+        Self { mode: Mode::Automatic, output: zero, manual: zero, filtered, gains, integral: zero, beside }
     }
 }
 
-/// A number that is added to, and what rounding took from it.
+/// A compensated sum: its value and its rounding error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Beside<T> {
     sum: T,
@@ -147,15 +140,12 @@ struct Beside<T> {
 impl<T: Real> Beside<T> {
     #[inline(always)]
     fn plus(self, more: T) -> Self {
-        let gain = more + self.rest;
-        let sum = self.sum + gain;
-        // What rounding took from the sum, exactly.
-        let second = sum - self.sum;
-        Self { sum, rest: (self.sum - (sum - second)) + (gain - second) }
+        let (sum, rest) = sum_and_rest(self.sum, more + self.rest);
+        Self { sum, rest }
     }
 
-    /// What is to be kept with this value of the operator, and the integral term: the sum of `step` times the
-    /// values, or the value and what lies beside it.
+    /// The new sum or offset for this value of the operator, and the integral term: with a `step` the sum of
+    /// `step` times the values, otherwise the value plus the offset.
     #[inline(always)]
     fn with(self, step: Option<T>, value: T) -> (Self, T) {
         match step {
@@ -176,19 +166,19 @@ enum Mode {
     Transfer,
 }
 
-/// Inputs of a tick. [`PidInputs::new`] sets those that every loop has.
+/// Inputs of a tick. [`PidInputs::new`] sets setpoint and measured value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PidInputs<T> {
     /// r.
     pub setpoint: T,
     /// y.
     pub measured: T,
-    /// ẏ, for a derivative of a [measured rate](DerivativeOf::MeasuredRate), which refuses what is not a
-    /// number; others do not look at it.
+    /// ẏ, used by a derivative of a [measured rate](DerivativeOf::MeasuredRate) only, which refuses a value
+    /// that is not a number.
     pub rate: T,
     /// u_ff.
     pub feed_forward: T,
-    /// Response of the actuator to the output of the tick before.
+    /// Response of the actuator to the output of the previous tick.
     pub actuator: Actuator<T>,
 }
 
@@ -200,32 +190,33 @@ impl<T: Real> PidInputs<T> {
     }
 }
 
-/// Response of an actuator to the output of the tick before.
+/// Response of an actuator to the output of the previous tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Actuator<T> {
-    /// It did as it was told.
+    /// It applied the output.
     Followed,
-    /// It did this. Back-calculation takes the difference from the integral; conditional integration takes it
-    /// for a limit on the side where it is; without either nothing comes of it.
+    /// It applied this value. Back-calculation subtracts the difference in the integral; conditional
+    /// integration takes it for a limit on that side; without anti-windup it has no effect.
     Applied(T),
-    /// It, or something behind it, is at a limit that the controller does not know: in this tick the integral
-    /// only shrinks.
+    /// The actuator, or something after it, is at a limit unknown to the controller: in this tick the
+    /// integral only shrinks.
     Limited,
 }
 
-/// Why a controller refused a call. It is as it was before.
+/// Reason why a controller refused a call; the controller is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum PidError {
-    /// A number that it was given, or that came out, is infinite or not a number.
+    /// An input or a result is infinite or not a number.
     NotFinite {
-        /// Which.
+        /// Name of that number.
         what: &'static str,
     },
     /// An operator refused its sample.
     Operator(OperatorError),
-    /// Ticks with an interval want a law without a sample time, others one with it.
+    /// A tick with an interval requires a law without a sample time; a tick without an interval requires one
+    /// with it.
     Interval,
 }
 
@@ -270,7 +261,8 @@ where
     /// [`PidLaw::derivative_kernel`]), in automatic mode.
     ///
     /// # Errors
-    /// [`ParameterError`] if a memory is not one of its kernel, or the law has a fractional filter.
+    /// [`ParameterError`] if the weights of a memory are not those of its kernel, or the law has a fractional
+    /// filter.
     pub fn new(law: L, integral: I, derivative: D) -> Result<Self, ParameterError> {
         Self::with_parts(law, integral, Some(derivative), None)
     }
@@ -296,18 +288,19 @@ where
     /// ([`PidLaw::filter_kernel`]).
     ///
     /// # Errors
-    /// [`ParameterError`] if a memory is not one of its kernel, or there is no such filter.
+    /// [`ParameterError`] if the weights of a memory are not those of its kernel, or the law has no such
+    /// filter.
     pub fn with_filter(law: L, integral: I, derivative: D, filter: F) -> Result<Self, ParameterError> {
         Self::with_parts(law, integral, Some(derivative), Some(filter))
     }
 
-    /// A controller of these parts; [`new`](FractionalPid::new),
-    /// [`without_derivative`](FractionalPid::without_derivative) and
-    /// [`with_filter`](FractionalPid::with_filter) where they are known when it is compiled.
+    /// A controller of these parts, for parts that are known at run time only; otherwise use
+    /// [`new`](FractionalPid::new), [`without_derivative`](FractionalPid::without_derivative) or
+    /// [`with_filter`](FractionalPid::with_filter).
     ///
     /// # Errors
-    /// [`ParameterError`] if a memory is not one of its kernel, a derivative lacks its memory, or the memory
-    /// of a filter is there without a fractional filter or missing with one.
+    /// [`ParameterError`] if the weights of a memory are not those of its kernel, a derivative lacks its
+    /// memory, or there is a memory of a filter without a fractional filter or the other way round.
     pub fn with_parts(
         law: L,
         integral: I,
@@ -351,14 +344,14 @@ where
     /// Takes setpoint r and measured value y and returns the output u.
     ///
     /// # Errors
-    /// [`PidError`]; the controller then is as before. A derivative of a measured rate wants
+    /// [`PidError`]; the controller then is unchanged. A derivative of a measured rate requires
     /// [`tick_with`](FractionalPid::tick_with).
     #[inline]
     pub fn tick(&mut self, setpoint: T, measured: T) -> Result<T, PidError> {
         self.step(None, &PidInputs::new(setpoint, measured))
     }
 
-    /// The same for an actuator that reports what it did with the output of the tick before.
+    /// The same for an actuator that reports the value it applied in the previous tick.
     ///
     /// # Errors
     /// As [`tick`](FractionalPid::tick).
@@ -367,7 +360,7 @@ where
         self.step(None, &PidInputs { actuator, ..PidInputs::new(setpoint, measured) })
     }
 
-    /// The same with all that a tick may be told.
+    /// The same with all inputs of a tick.
     ///
     /// # Errors
     /// As [`tick`](FractionalPid::tick).
@@ -375,8 +368,8 @@ where
         self.step(None, inputs)
     }
 
-    /// A tick that comes `interval` units of time after the one before, for a law without a sample time. That
-    /// of the first tick is the length of a step which ends with it.
+    /// A tick that comes `interval` units of time after the previous one, for a law without a sample time.
+    /// The first interval is the length of a step that ends with the first tick.
     ///
     /// # Errors
     /// As [`tick`](FractionalPid::tick), and if a memory does not serve the interval.
@@ -406,7 +399,7 @@ where
         };
         let error = setpoint - measured;
         finite("the control error", error)?;
-        // Everything that the gains multiply, and the samples of the operators that are to be taken.
+        // The signals that the gains multiply, and the pending samples of the operators.
         let mut pending_derivative = None;
         let mut pending_filter = None;
         let mut filtered = state.filtered;
@@ -424,19 +417,19 @@ where
                     let pending = prepare(derivative, interval, signal)?;
                     filtered = match (settings.derivative_filter, filter) {
                         (DerivativeFilter::FirstOrder { .. }, _) => {
-                            state.filtered + share * (pending.value() - state.filtered)
+                            state.filtered.plus(share * (pending.value() - state.filtered.sum))
                         }
                         (DerivativeFilter::Fractional { .. }, Some(filter)) => {
                             let (behind, pending) =
                                 relaxed(filter, interval, law.filter_time, pending.value())?;
                             pending_filter = Some(pending);
-                            behind
+                            Beside { sum: behind, ..filtered }
                         }
-                        _ => pending.value(),
+                        _ => Beside { sum: pending.value(), ..filtered },
                     };
                     pending_derivative = Some(pending);
                 }
-                (b * setpoint - measured, filtered)
+                (b * setpoint - measured, filtered.sum)
             }
             PidGains::Series { derivative_time, filter_ratio, .. } => match derivative {
                 Some(derivative) => {
@@ -525,7 +518,7 @@ where
                         }
                         _ => (lowest, highest),
                     };
-                    // What the integral comes to by itself, without a sample.
+                    // Value of the integral without the present sample.
                     let alone = value - leading * now.sample;
                     let (falling, rising) = if alone < start { (alone, start) } else { (start, alone) };
                     let held = if raw > most {
@@ -564,8 +557,8 @@ where
         Ok(output)
     }
 
-    /// Sets the output to u, from the next tick on, within limits and rate. The derivative goes on; the
-    /// integral's memory forgets.
+    /// Sets the output to u, from the next tick on, within limits and rate. The derivative continues; the
+    /// memory of the integral is cleared.
     ///
     /// # Errors
     /// [`PidError::NotFinite`].
@@ -580,8 +573,8 @@ where
         Ok(())
     }
 
-    /// Gives the output back to the law. The next tick has the output of the tick before, and the integral
-    /// goes on from there.
+    /// Returns to automatic mode. The next tick has the output of the previous one, and the integral
+    /// continues from there.
     pub fn automatic(&mut self) {
         if self.state.mode == Mode::Manual {
             self.state.mode = Mode::Transfer;
@@ -593,11 +586,10 @@ where
         self.state.mode == Mode::Manual
     }
 
-    /// Changes gains, from the next tick on; [`Bumpless`] says what must not move.
+    /// Changes gains, from the next tick on; [`Bumpless`] selects the value that stays the same.
     ///
     /// # Errors
-    /// [`ParameterError`] if a gain is not what is allowed, the form is the other one, or there is no memory
-    /// for a derivative.
+    /// [`ParameterError`] if a gain is out of range, the form differs, or a derivative has no memory.
     pub fn set_gains(&mut self, gains: PidGains<T>) -> Result<(), ParameterError>
     where
         L: BorrowMut<PidLaw<T>>,
@@ -609,7 +601,7 @@ where
     }
 
     /// Changes the law, from the next tick on: gains, weights, limits, times of filters; not form, orders and
-    /// sample time. [`Bumpless`] of the new law says what a change of gains must not move.
+    /// sample time. [`Bumpless`] of the new law selects the value that stays the same when gains change.
     ///
     /// # Errors
     /// [`ParameterError`] if the law has other operators.
@@ -626,7 +618,7 @@ where
         ParameterError::check(served, "derivative gain", 1.0, "0 without a memory of the derivative")
     }
 
-    /// Forgets everything: as made, in automatic mode, with the law as it is now.
+    /// Returns to the state after construction, in automatic mode, with the present law.
     pub fn reset(&mut self) {
         self.integral.clear();
         if let Some(derivative) = &mut self.derivative {
@@ -648,7 +640,7 @@ where
         self.state.output
     }
 
-    /// The integral term of the output, K_i I^λ of the samples with what limits and transfers made of it.
+    /// The integral term of the output: K_i I^λ of the samples, as modified by limits and transfers.
     pub fn integral(&self) -> T {
         self.state.integral
     }
@@ -662,14 +654,14 @@ where
     pub fn state_bytes(&self) -> usize {
         let derivative = self.derivative.as_ref().map_or(0, FractionalOperator::state_bytes);
         let filter = self.filter.as_ref().map_or(0, FractionalOperator::state_bytes);
-        header_bytes(4) + 8 + 10 * T::BYTES + self.integral.state_bytes() + derivative + filter
+        header_bytes(4) + 8 + 11 * T::BYTES + self.integral.state_bytes() + derivative + filter
     }
 
-    /// Writes the state with all that the memories hold, so that a controller made alike that restores it
-    /// goes on with the same bits. The law is not part of it.
+    /// Writes the state with all that the memories hold. A controller with the same parameters that restores
+    /// it continues with identical bits. The law is not included.
     ///
     /// # Errors
-    /// [`StateError::NoRoom`], and what the memories say.
+    /// [`StateError::NoRoom`], and the errors of the memories.
     pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 4>(TAG, &self.shape())?;
         let state = &self.state;
@@ -678,8 +670,8 @@ where
             Mode::Manual => 1,
             Mode::Transfer => 2,
         })?;
-        let Beside { sum, rest } = &state.beside;
-        to.numbers([&state.output, &state.manual, &state.filtered, &state.integral, sum, rest])?;
+        to.numbers([&state.output, &state.manual, &state.filtered.sum, &state.filtered.rest])?;
+        to.numbers([&state.integral, &state.beside.sum, &state.beside.rest])?;
         to.numbers(&numbers_of(&state.gains))?;
         self.integral.save(to)?;
         if let Some(derivative) = &self.derivative {
@@ -688,10 +680,10 @@ where
         self.filter.as_ref().map_or(Ok(()), |filter| filter.save(to))
     }
 
-    /// Takes over a saved state in place of its own.
+    /// Replaces the state by a saved one.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are not the state of such a controller; it is as before.
+    /// [`StateError`] if the bytes are not the state of such a controller, which then is unchanged.
     pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
         ahead.header::<T, 4>(TAG, &self.shape())?;
@@ -701,7 +693,8 @@ where
             2 => Mode::Transfer,
             found => return Err(StateError::TooLarge { what: "mode", limit: 2, found }),
         };
-        let (output, manual, filtered) = (ahead.number()?, ahead.number()?, ahead.number()?);
+        let (output, manual) = (ahead.number()?, ahead.number()?);
+        let filtered = Beside { sum: ahead.number()?, rest: ahead.number()? };
         let integral = ahead.number()?;
         let beside = Beside { sum: ahead.number()?, rest: ahead.number()? };
         let numbers = [ahead.number()?, ahead.number()?, ahead.number()?, ahead.number()?];
@@ -726,7 +719,7 @@ where
         Ok(())
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<4> {
         let settings = self.law.borrow().settings();
         let series = u64::from(matches!(settings.gains, PidGains::Series { .. }));
@@ -745,12 +738,12 @@ struct Terms<T> {
     proportional: T,
     derivative: T,
     integral_gain: T,
-    /// K_i e, or of the series form K_i times the signal that the integral sees.
+    /// K_i e, or in the series form K_i times the input of the integral.
     sample: T,
 }
 
 impl<T: Real> Terms<T> {
-    /// `derived` is the derivative, or of the series form what the filter gives.
+    /// `derived` is the derivative, or in the series form the output of the filter.
     #[inline(always)]
     fn of(gains: &PidGains<T>, in_proportion: T, derived: T, error: T) -> Self {
         let integral_gain = gains.integral();
@@ -786,7 +779,7 @@ fn prepare<T: Real, M: Memory<T>>(
     }
 }
 
-/// The x of x + T D^ν x = `signal`, and the operator with it.
+/// Solves x + T D^ν x = `signal`; returns x and the pending operator.
 #[inline(always)]
 fn relaxed<T: Real, M: Memory<T>>(
     operator: &mut FractionalOperator<T, M>,

@@ -1,4 +1,4 @@
-//! The law of a fractional PID controller: what many loops may share, apart from their states.
+//! The law of a fractional PID controller: the part that many controllers can share, without their states.
 
 use nalgebra::Complex;
 
@@ -9,7 +9,7 @@ use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 use crate::weights::BdfOrder;
 
-/// Gains of a [`PidLaw`], and with them its form.
+/// Gains of a [`PidLaw`]; the variant is its form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PidGains<T> {
     /// u = K_p (b r − y) + K_i I^λ (r − y) + K_d D^μ (c r − y)_f
@@ -29,13 +29,13 @@ pub enum PidGains<T> {
         integral_rate: T,
         /// T_d, in units of time^μ; 0 for no derivative.
         derivative_time: T,
-        /// N, the largest gain of the derivative's factor.
+        /// N, the largest gain of the derivative factor.
         filter_ratio: T,
     },
 }
 
 impl<T: Real> PidGains<T> {
-    /// K_i, the gain of I^λ in the whole.
+    /// K_i, the gain of I^λ when the form is multiplied out.
     #[inline(always)]
     pub(crate) fn integral(&self) -> T {
         match *self {
@@ -78,7 +78,10 @@ impl<T: Real> PidGains<T> {
                 let allowed = "at least 0 and finite";
                 ParameterError::check(time >= 0.0 && time.is_finite(), "derivative time", time, allowed)?;
                 let allowed = "positive and finite";
-                ParameterError::check(ratio > 0.0 && ratio.is_finite(), "filter ratio", ratio, allowed)
+                ParameterError::check(ratio > 0.0 && ratio.is_finite(), "filter ratio", ratio, allowed)?;
+                let finite = (derivative_time / filter_ratio).is_finite();
+                let allowed = "finite also when divided by the filter ratio";
+                ParameterError::check(finite, "derivative time", time, allowed)
             }
         }
     }
@@ -87,7 +90,7 @@ impl<T: Real> PidGains<T> {
 /// Filter of the derivative in the parallel form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DerivativeFilter {
-    /// Nothing.
+    /// No filter.
     None,
     /// 1/(1 + T s), by backward differences.
     FirstOrder {
@@ -106,49 +109,49 @@ pub enum DerivativeFilter {
 /// Signal that the derivative of the parallel form acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DerivativeOf {
-    /// c r − y, whose values before the first tick count as zero, as those of the integral do.
+    /// c r − y, which counts as zero before the first tick, as the samples of the integral do.
     Values,
-    /// c r − y less its first value (Caputo): a loop that starts at rest, whatever y is there.
+    /// c r − y minus its first value (Caputo), for a loop that starts at rest at any y.
     ValuesFromRest,
-    /// −ẏ of a sensor of rates: K_d D^{μ−1} of it. The setpoint weight c is 0.
+    /// −ẏ from a rate sensor, of which K_d D^{μ−1} is taken. The setpoint weight c is 0.
     MeasuredRate,
 }
 
 /// Method that keeps the integral from growing while the output is at a limit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AntiWindup {
-    /// Nothing.
+    /// No anti-windup.
     None,
-    /// Back-calculation: what the limits took from the output goes into the samples of the integral,
+    /// Back-calculation: the part of the output that the limits cut off enters the samples of the integral,
     ///
     /// ```text
     /// v = K_i e + (u − u*)/τ^λ ,        u* the output before limits ,
     /// ```
     ///
-    /// so that its memory winds back too. u* depends on v by the leading weight of I^λ; the equation is
-    /// solved and not put off to the next tick.
+    /// so that its memory winds back too. u* depends on v through the leading weight of I^λ; the equation is
+    /// solved within the tick.
     BackCalculation {
         /// τ, the tracking time.
         time: f64,
     },
-    /// Conditional integration: a sample counts as far as it does not push u* further beyond a limit.
+    /// Conditional integration: a sample counts only as far as it does not push u* further beyond a limit.
     Conditional,
 }
 
-/// What a change of gains must not move, on the tick that comes after it. The integral takes up the
-/// difference; without an integral (K_i = 0 before and after) nothing does.
+/// Value that stays the same on the tick after a change of gains. The integral absorbs the difference;
+/// without an integral (K_i = 0 before and after) nothing does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bumpless {
-    /// The whole output: it is that of the gains before.
+    /// The whole output.
     Whole,
-    /// The output but for its proportional term, which is that of the new gain. The series form knows the
-    /// whole only.
+    /// The output without its proportional term, which changes with its gain. Not available in the series
+    /// form.
     ExceptProportional,
     /// Nothing: the output changes with the gains. (The integral, kept in units of the output, does not.)
     Nothing,
 }
 
-/// All that a controller is told, as plain data; [`PidLaw::new`] checks it.
+/// Settings of a controller as plain data; [`PidLaw::new`] checks them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PidSettings<T> {
     /// Gains and form.
@@ -165,19 +168,19 @@ pub struct PidSettings<T> {
     pub derivative_of: DerivativeOf,
     /// Filter of the derivative.
     pub derivative_filter: DerivativeFilter,
-    /// The least output and the largest; infinite for none.
+    /// Smallest and largest output; infinite for no limit.
     pub limits: [T; 2],
-    /// How far the output moves in a unit of time at most; infinite for any. Before the first tick it is 0,
-    /// or where [`manual`](crate::FractionalPid::manual) has put it.
+    /// Largest change of the output per unit of time; infinite for no limit. Before the first tick the output
+    /// is 0, or as set by [`manual`](crate::FractionalPid::manual).
     pub rate_limit: T,
     /// Anti-windup for the limits of output and rate.
     pub anti_windup: AntiWindup,
-    /// Value that a change of gains keeps.
+    /// Value that stays the same when gains change.
     pub bumpless: Bumpless,
 }
 
 impl<T: Real> PidSettings<T> {
-    /// Orders 1, setpoint weights b = 1 and c = 0, no filter, no limits, nothing against windup.
+    /// Orders 1, setpoint weights b = 1 and c = 0, no filter, no limits, no anti-windup.
     pub fn new(gains: PidGains<T>, sample: f64) -> Self {
         Self {
             gains,
@@ -195,25 +198,25 @@ impl<T: Real> PidSettings<T> {
     }
 }
 
-/// The law of a fractional PID controller, checked, with the constants that its ticks take:
+/// The law of a fractional PID controller, checked, with the constants that its ticks need:
 ///
 /// ```text
 /// u* = K_p (b r − y) + K_i I^λ (r − y) + K_d D^μ (c r − y)_f + u_ff ,        u = u* within limits ,
 /// ```
 ///
 /// or its series form ([`PidGains::Series`]). One law serves any number of
-/// [`FractionalPid`](crate::FractionalPid)s, which hold it or borrow it. Operators are those of backward
-/// differences, s ≈ (1 − z)/h: the tick k itself knows its sample e_k, with the leading weights h^λ and
-/// h^{−μ}.
+/// [`FractionalPid`](crate::FractionalPid)s, which own it or borrow it. Operators are those of backward
+/// differences, s ≈ (1 − z)/h: the output of tick k depends on its own sample e_k, with the leading weights
+/// h^λ and h^{−μ}.
 ///
 /// Source: \[Podlubny99\] for PI^λD^μ; \[PV11\] for the series form; \[AstromHagglund06\] for weights, limits
 /// and transfer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PidLaw<T> {
     settings: PidSettings<T>,
-    /// τ^{−λ}, or 0.
+    /// τ^{−λ}, or 0 without back-calculation.
     pub(crate) tracking: T,
-    /// T of the filter, in its own units.
+    /// T of the filter: for order 1 a time, for order ν in units of time^ν.
     pub(crate) filter_time: T,
     /// h/(T + h) of the filter of order 1.
     pub(crate) filter_share: T,
@@ -221,15 +224,15 @@ pub struct PidLaw<T> {
     pub(crate) step: T,
     /// λ ≥ 1: the integral is the sum of I^{λ−1}.
     pub(crate) accumulates: bool,
-    /// How far the output moves in a tick; infinite for any.
+    /// Largest change of the output in a tick; infinite for no limit.
     pub(crate) stride: T,
 }
 
 impl<T: Real> PidLaw<T> {
-    /// Checks settings.
+    /// Checks the settings.
     ///
     /// # Errors
-    /// [`ParameterError`] if a number is not what its place allows, or the settings contradict each other.
+    /// [`ParameterError`] if a number is out of its range, or the settings contradict each other.
     pub fn new(settings: PidSettings<T>) -> Result<Self, ParameterError> {
         let check = ParameterError::check;
         settings.gains.check()?;
@@ -240,6 +243,9 @@ impl<T: Real> PidLaw<T> {
         }
         if let Some(sample) = settings.sample {
             check_step_size(sample)?;
+            let step = T::of(sample);
+            let allowed = "one that the precision holds with all digits";
+            check(step >= T::SMALLEST_NORMAL && step.is_finite(), "step size", sample, allowed)?;
         }
         for weight in settings.setpoint_weights {
             check(weight.is_finite(), "setpoint weight", weight.to_f64(), "a finite number")?;
@@ -250,6 +256,9 @@ impl<T: Real> PidLaw<T> {
         check(!unreachable, "limits", lower.to_f64(), "not one and the same infinity")?;
         let rate = settings.rate_limit;
         check(rate > T::zero(), "rate limit", rate.to_f64(), "positive, or infinite for none")?;
+        let stride = settings.sample.map(|sample| rate * T::of(sample));
+        let moves = stride.is_none_or(|stride| stride > T::zero());
+        check(moves, "rate limit", rate.to_f64(), "large enough for a change in a sample time")?;
         let tracking = match settings.anti_windup {
             AntiWindup::BackCalculation { time } => {
                 let tracking = T::of(libm::pow(time, -settings.integral_order));
@@ -291,11 +300,11 @@ impl<T: Real> PidLaw<T> {
             filter_share: settings.sample.map_or(T::zero(), share),
             step: T::of(settings.sample.unwrap_or(f64::NAN)),
             accumulates: settings.integral_order >= 1.0,
-            stride: settings.sample.map_or(T::of(f64::NAN), |sample| rate * T::of(sample)),
+            stride: stride.unwrap_or(T::of(f64::NAN)),
         })
     }
 
-    /// Settings it was made of.
+    /// The settings that the law was built from.
     pub fn settings(&self) -> &PidSettings<T> {
         &self.settings
     }
@@ -347,7 +356,7 @@ impl<T: Real> PidLaw<T> {
         }
     }
 
-    /// How the operator of the derivative starts.
+    /// Part of the signal that the derivative's operator subtracts.
     pub(crate) fn start(&self) -> Start<T> {
         match self.settings.derivative_of {
             DerivativeOf::ValuesFromRest => Start::Caputo,
@@ -355,7 +364,7 @@ impl<T: Real> PidLaw<T> {
         }
     }
 
-    /// Whether a loop with this law may take over the other one on the way: with the same operators.
+    /// Checks that a controller can change from the law `other` to this one: they need the same operators.
     pub(crate) fn follows(&self, other: &Self) -> Result<(), ParameterError> {
         let (new, old) = (&self.settings, &other.settings);
         let same = new.integral_order == old.integral_order
@@ -375,11 +384,11 @@ impl<T: Real> PidLaw<T> {
         }
     }
 
-    /// How the discrete law answers to r = e^{iωt} and to y = e^{iωt} without limits, u = C_r r − C_y y, at ω
-    /// in radians per unit of time: what its weights are, all of them, and not s itself. Both are C(iω) to
-    /// first order in ωh. `None` for ticks at any times, and outside 0 < ω ≤ π/h.
+    /// Frequency response of the discrete law without limits to r = e^{iωt} and y = e^{iωt}, u = C_r r − C_y
+    /// y, at ω in radians per unit of time. It includes the discretisation: both are C(iω) to first order in
+    /// ωh. `None` for ticks at any times, and outside 0 < ω ≤ π/h.
     ///
-    /// A derivative of a measured rate takes that rate as iω y.
+    /// For a derivative of a measured rate that rate is iω y.
     pub fn response(&self, omega: f64) -> Option<PidResponse> {
         let settings = &self.settings;
         let sample = settings.sample?;
@@ -436,7 +445,7 @@ fn quotient(a: Complex<f64>, b: Complex<f64>) -> Complex<f64> {
     Complex::new(product.re / size, product.im / size)
 }
 
-/// Answers of a discrete law at one frequency: u = C_r r − C_y y.
+/// Frequency responses of a discrete law at one frequency: u = C_r r − C_y y.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PidResponse {
     /// C_r.

@@ -1,4 +1,4 @@
-//! The controller against a law that remembers everything and computes it anew at every tick.
+//! The controller against a law that keeps all samples and is evaluated anew at every tick.
 
 use std::vec;
 use std::vec::Vec;
@@ -14,7 +14,7 @@ use crate::weights::{BdfOrder, ConvolutionWeights};
 
 const ORDER: BdfOrder = BdfOrder::GRUNWALD_LETNIKOV;
 
-/// Coefficients of (1 − z)^power, by their own recursion.
+/// Coefficients of (1 − z)^power, by a recursion.
 fn binomials(power: f64, count: usize) -> Vec<f64> {
     let next = |last: &mut f64, n: usize| {
         *last *= if n == 0 { 1.0 } else { 1.0 - (power + 1.0) / n as f64 };
@@ -23,14 +23,15 @@ fn binomials(power: f64, count: usize) -> Vec<f64> {
     (0..count).scan(1.0, next).collect()
 }
 
-/// The law in double precision, from all samples at every tick; the loops through limits by bisection.
+/// The law in double precision, from all samples at every tick; equations with limits are solved by
+/// bisection.
 struct Reference {
     settings: PidSettings<f64>,
     step: f64,
-    /// Samples of the integral, and what transfers have added to it.
+    /// Samples of the integral, and the sum of all transfers.
     samples: Vec<f64>,
     offset: f64,
-    /// Samples of the derivative, of the filter, and of the filter of order 1.
+    /// Samples of the derivative and of the fractional filter, and the output of the filter of order 1.
     signals: Vec<f64>,
     behind: Vec<f64>,
     filtered: f64,
@@ -59,7 +60,7 @@ impl Reference {
         }
     }
 
-    /// s^power of a sequence at its last sample, and what the last sample adds per unit.
+    /// s^power of a sequence at its last sample, and the derivative by that sample.
     fn operator(&self, power: f64, samples: &[f64]) -> (f64, f64) {
         let scale = self.step.powf(-power);
         let weights = binomials(power, samples.len());
@@ -67,7 +68,7 @@ impl Reference {
         (scale * sum, scale)
     }
 
-    /// The x with x + time s^power x = signal, behind those before.
+    /// The x with x + time s^power x = signal, after the previous ones.
     fn relax(&self, power: f64, time: f64, signal: f64) -> f64 {
         let mut all = self.behind.clone();
         all.push(0.0);
@@ -113,7 +114,7 @@ impl Reference {
                 }
             }
         };
-        // What the output is beside the integral, and the sample of the integral.
+        // The output without the integral, and the sample of the integral.
         let terms = |gains: PidGains<f64>| match gains {
             PidGains::Parallel { proportional, integral, derivative } => {
                 (proportional * (b * r - y), derivative * derived, integral, integral * (r - y))
@@ -237,7 +238,7 @@ fn table(exponent: f64) -> Vec<f64> {
     }
 }
 
-/// Laws of every kind.
+/// Laws of every form, filter, limit and order.
 fn laws() -> Vec<PidSettings<f64>> {
     let parallel = |p, i, d| PidGains::Parallel { proportional: p, integral: i, derivative: d };
     let of = |gains, lambda, mu| PidSettings {
@@ -372,7 +373,7 @@ fn calls_of_every_kind_give_the_outputs_of_the_law() {
             let feed_forward = if tick % 50 > 25 { 0.3 } else { 0.0 };
             let inputs = PidInputs { setpoint: r, measured: y, rate: random(), feed_forward, actuator };
             if tick % 5 == 0 {
-                // Refused calls, and a controller that goes on elsewhere.
+                // Refused calls, and a restored controller that continues.
                 let before = bytes_of(&pid);
                 for wrong in [
                     PidInputs { measured: f64::NAN, ..inputs },
@@ -441,7 +442,7 @@ fn the_output_leaves_its_limit_when_the_law_with_its_whole_memory_does() {
         };
         let memory = law.integral_kernel().unwrap().full_memory(&weights).unwrap();
         let mut pid = RingPi::<f32, TICKS>::without_derivative(law, memory).unwrap();
-        // The law with all of its samples.
+        // The law evaluated with all of its samples.
         let weights = binomials(-lambda, TICKS + 1);
         let scale = settings.sample.unwrap().powf(lambda);
         let (mut samples, mut left, mut expected_left) = (Vec::<f64>::new(), None, None);
@@ -503,7 +504,7 @@ fn transfers_have_no_bump() {
         let (before, after) = (old.tick(1.0, 0.4).unwrap(), new.tick(1.0, 0.4).unwrap());
         assert!((after - before - gap).abs() < 1e-13, "{bumpless:?}: {before} {after}");
     }
-    // Without an integral the law says where the output goes.
+    // Without an integral the output follows from the law.
     let gains = PidGains::Parallel { proportional: 2.0, integral: 0.0, derivative: 0.0 };
     let law = PidLaw::new(PidSettings::new(gains, 0.01)).unwrap();
     let mut proportional =
@@ -557,7 +558,7 @@ fn a_million_calls_in_any_order_leave_a_sound_controller() {
             17 => f32::MIN_POSITIVE,
             _ => (10.0 * a) as f32,
         };
-        // A refused call must leave this.
+        // A refused call must leave this state.
         let before = if (13..18).contains(&(call % 97)) { state(&pid) } else { Vec::new() };
         let refused = match ((b + 1.0) * 16.0) as u32 {
             0 => pid.manual(number).is_err(),
@@ -662,8 +663,7 @@ fn the_response_is_that_of_the_weights() {
             continue;
         }
         let law = PidLaw::new(settings).unwrap();
-        // A decaying signal r_k = e^{−k/50} cos ωhk: generating function of the output against that of r at a
-        // point inside the circle would need C there; the impulse response at a complex z does it.
+        // The frequency response as the Fourier sum of the responses to impulses in r and in y.
         let tables = tables(&settings);
         let (mut of_r, mut of_y) = (on(settings, &tables), on(settings, &tables));
         let omega = 40.0;
@@ -686,7 +686,7 @@ fn the_response_is_that_of_the_weights() {
         }
         for (found, expected) in sums.iter().zip([response.setpoint, response.measured]) {
             let gap = (found[0] - expected.re).hypot(found[1] - expected.im) / expected.re.hypot(expected.im);
-            // What Caputo's type leaves out of an impulse at the first tick is its derivative.
+            // Caputo's type subtracts the first sample, here the impulse: its response is not compared.
             let rest = settings.derivative_of == DerivativeOf::ValuesFromRest;
             assert!(gap < 2e-3 || rest, "law {index}: {found:?} and not {expected:?}");
         }
@@ -783,4 +783,42 @@ fn settings_that_contradict_themselves_are_refused() {
     };
     let mut loops = [looped().unwrap(), looped().unwrap()];
     assert_eq!((loops[0].tick(1.0, 0.0), loops[1].tick(2.0, 0.0)), (Ok(1.01), Ok(2.02)));
+}
+
+#[test]
+fn a_slow_filter_comes_to_its_value_in_single_precision() {
+    // T = 10⁵ h: without what rounding took, the filter stands still 3·10⁻³ before the value, where its change
+    // is less than half a unit in the last place.
+    let settings = PidSettings {
+        derivative_of: DerivativeOf::MeasuredRate,
+        derivative_filter: DerivativeFilter::FirstOrder { time: 1.0 },
+        ..PidSettings::new(PidGains::Parallel { proportional: 0.0f32, integral: 0.0, derivative: 1.0 }, 1e-5)
+    };
+    let law = PidLaw::new(settings).unwrap();
+    let mut pid = FractionalPid::<f32, _, _>::new(law, Memoryless::new(), Memoryless::new()).unwrap();
+    let inputs = PidInputs { rate: 1.0, ..PidInputs::new(0.0, 0.0) };
+    for _ in 0..2_000_000 {
+        pid.tick_with(&inputs).unwrap();
+    }
+    // 1 − e^{−20}
+    assert!((pid.output() + 1.0).abs() < 2e-7, "{}", pid.output());
+}
+
+#[test]
+fn settings_that_leave_single_precision_are_refused_by_their_name() {
+    let plain =
+        PidSettings::new(PidGains::Parallel { proportional: 1.0f32, integral: 0.0, derivative: 0.0 }, 1e-3);
+    let series = |derivative_time, filter_ratio| PidGains::Series {
+        proportional: 1.0f32,
+        integral_rate: 0.0,
+        derivative_time,
+        filter_ratio,
+    };
+    let refused = |settings| PidLaw::<f32>::new(settings).unwrap_err().parameter;
+    assert_eq!(refused(PidSettings { sample: Some(1e-40), ..plain }), "step size");
+    assert_eq!(refused(PidSettings { sample: Some(1e39), ..plain }), "step size");
+    assert_eq!(refused(PidSettings { rate_limit: 1e-44, ..plain }), "rate limit");
+    assert_eq!(refused(PidSettings { gains: series(1e30, 1e-30), ..plain }), "derivative time");
+    assert!(PidLaw::new(PidSettings { gains: series(1e30, 1e-3), ..plain }).is_ok());
+    assert!(PidLaw::new(PidSettings { rate_limit: 1e-30, ..plain }).is_ok());
 }

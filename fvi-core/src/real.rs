@@ -36,6 +36,14 @@ pub trait Real: RealField + Copy + Default {
     fn power(self, exponent: Self) -> Self;
 }
 
+/// a + b rounded, and its exact rounding error. \[Knuth2\]
+#[inline(always)]
+pub(crate) fn sum_and_rest<T: Real>(a: T, b: T) -> (T, T) {
+    let sum = a + b;
+    let second = sum - a;
+    (sum, (a - (sum - second)) + (b - second))
+}
+
 macro_rules! real {
     ($scalar:ident, $word:ident, $power:path) => {
         impl Real for $scalar {

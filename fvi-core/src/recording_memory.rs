@@ -1,10 +1,10 @@
-//! A memory for tests: it shows what it is told.
+//! A memory for tests that records its samples.
 
 use std::vec::Vec;
 
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 
-/// A memory whose terms and leading weights are given numbers, whatever its samples are.
+/// A memory whose terms and leading weights are given numbers that do not depend on its samples.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct RecordingMemory {
     pub(crate) stages: usize,
@@ -14,7 +14,7 @@ pub(crate) struct RecordingMemory {
     pub(crate) acts_on: ActsOn,
     /// One number for each channel and kernel.
     pub(crate) terms: Vec<f64>,
-    /// How many samples it takes.
+    /// Number of samples that it accepts.
     pub(crate) capacity: usize,
     pub(crate) samples: Vec<Vec<f64>>,
 }

@@ -1,12 +1,12 @@
-//! What the memories for steps of any length ask of a Runge–Kutta method, for any product of rate and step.
+//! Resolvents of a Runge–Kutta method, for the memories for steps of any length.
 
 use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 
-/// Rates that are treated together.
+/// Number of rates processed at a time.
 pub(crate) const LANES: usize = 4;
 
-/// One number for each of them.
+/// One number for each of these rates.
 pub(crate) type Lanes<T> = [T; LANES];
 
 /// (I + xA)⁻¹ 1 and e_Rᵀ (I + xA)⁻¹ of a stiffly accurate method, as rational functions of x.
@@ -87,8 +87,8 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
         decrement
     }
 
-    /// What relaxations c_j/(s + λ_j) of the derivative of order `derivatives` are worth within a step of
-    /// length h, Σ_j c_j (I + hλ_jA)⁻¹ (hA)^{1−d}, for the `matrix` A and its inverse.
+    /// Leading weight of the relaxations c_j/(s + λ_j) after d = `derivatives` derivatives, for a step of
+    /// length h: Σ_j c_j (I + hλ_jA)⁻¹ (hA)^{1−d}, for the `matrix` A and its inverse.
     ///
     /// With σ_k = Σ_j c_j x_j^k/p(x_j), x_j = hλ_j, the sum is Σ_k σ_k B_k, a polynomial in A.
     #[cold]
@@ -109,7 +109,7 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
                 power *= high;
                 determinant = determinant * low + p * power;
             }
-            // high^k low^{R−k}, of which one factor is 1.
+            // high^k low^{R−k}; one of high and low is 1.
             let mut part = c * low / determinant;
             if x <= one {
                 for sum in &mut sums {
@@ -141,12 +141,12 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
         }
     }
 
-    /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows; by the same operations for every
-    /// x of the block, so that they are those of vectors.
+    /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows. All x of the block take the same
+    /// operations, which the compiler vectorises.
     #[inline(always)]
     pub(crate) fn at(&self, x: Lanes<T>) -> At<T, R> {
         let (zero, one) = (T::zero(), T::one());
-        // Polynomials as forms of two variables.
+        // Polynomials are evaluated as homogeneous forms of two variables.
         let high = x.map(|x| if x <= one { x } else { one });
         let low = x.map(|x| if x <= one { one } else { one / x });
         let mut column = [[zero; LANES]; R];
@@ -171,7 +171,7 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
         for numbers in column.iter_mut().chain(&mut row) {
             numbers.iter_mut().zip(&factor).for_each(|(number, &factor)| *number *= factor);
         }
-        // 1 − R(−x) = x bᵀ (I + xA)⁻¹ 1 where it is small, and the last of 1 − (I + xA)⁻¹ 1 elsewhere.
+        // 1 − R(−x) = x bᵀ (I + xA)⁻¹ 1 for small x, and the last component of 1 − (I + xA)⁻¹ 1 otherwise.
         let mut decrement = [zero; LANES];
         for (numbers, &b) in column.iter().zip(&self.weights) {
             decrement.iter_mut().zip(numbers).for_each(|(sum, &number)| *sum += b * number);
@@ -223,13 +223,13 @@ mod tests {
                 assert!((decrement / x - 1.0).abs() < 2.0 * x, "{decrement:e}");
             }
         }
-        // A block of which each x is treated as it asks for.
+        // Each x of a block is evaluated in its own range.
         let at = resolvent.at([f64::INFINITY, 1e-9, 0.3, 40.0]);
         assert!(at.column.iter().all(|numbers| all_finite(numbers)) && at.decrement[0] == 1.0);
         assert_eq!(at.decrement[1..], [1e-9, 0.3, 40.0].map(|x| resolvent.at([x; LANES]).decrement[2]));
     }
 
-    /// Σ_j c_j (I + hλ_jA)⁻¹ (hA)^{1−d} solved for by columns, from resolvents of one rate.
+    /// Σ_j c_j (I + hλ_jA)⁻¹ (hA)^{1−d}, solved column by column, from resolvents of one rate.
     fn assert_leading<const R: usize>(method: &RungeKutta<R>) {
         let resolvent = Resolvent::<f64, R>::new(method);
         let (matrix, inverse) = (*method.matrix(), method.inverse().unwrap());
@@ -238,7 +238,7 @@ mod tests {
             let worth = |derivatives| {
                 resolvent.leading([&matrix, &inverse], derivatives, length, relaxations.into_iter())
             };
-            // Each by itself: (I + xA) L = c I.
+            // Each relaxation by itself: (I + xA) L = c I.
             for (rate, c) in relaxations {
                 let one = resolvent.leading([&matrix, &inverse], 1, length, [(rate, c)].into_iter());
                 let scaled = product(&matrix, &one);

@@ -167,7 +167,7 @@ mod tests {
         assert_conditions(&RungeKutta::<2>::lobatto_iiic().unwrap(), 2, 1);
         assert_conditions(&RungeKutta::<3>::lobatto_iiic().unwrap(), 4, 2);
         assert_conditions(&RungeKutta::<4>::lobatto_iiic().unwrap(), 6, 3);
-        // The first column is what tells Lobatto IIIC from its relatives.
+        // The constant first column distinguishes Lobatto IIIC from its relatives.
         let method = RungeKutta::<4>::lobatto_iiic().unwrap();
         assert!(method.matrix().iter().all(|row| row[0] == method.quadrature().weights()[0]));
     }

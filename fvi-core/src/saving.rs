@@ -1,14 +1,14 @@
-//! State as bytes: how memories, dampings and integrators survive a restart, without allocation.
+//! State as bytes, with which memories, dampings and integrators survive a restart, without allocation.
 
 use core::fmt;
 
 use crate::real::Real;
 
-/// Writes states one after another to bytes of the caller.
+/// Writes states one after another to a slice of bytes of the caller.
 ///
 /// Integers take eight bytes, numbers four (`f32`) or eight (`f64`), all with the least significant byte
-/// first: what a microcontroller saves, a host restores, and the other way round. Nothing guards against bits
-/// that change while the bytes are stored; where that can happen the caller keeps a checksum beside them.
+/// first: a host can restore what a microcontroller saved, and the other way round. Corruption of the stored
+/// bytes is not detected; where it can happen the caller keeps a checksum beside them.
 ///
 /// ```
 /// # use fvi_core::{FixedDirect, Memory, StateReader, StateWriter};
@@ -42,7 +42,7 @@ pub struct StateReader<'a> {
     rest: &'a [u8],
 }
 
-/// Header of a saved state: names and values that the object it is restored to must share.
+/// Header of a saved state: names and values that must agree with those of the object that restores it.
 pub type Shape<const E: usize> = [(&'static str, u64); E];
 
 /// Bytes of a header with E entries in its shape: a tag, the size of a number, the entries.
@@ -50,26 +50,26 @@ pub const fn header_bytes(entries: usize) -> usize {
     5 + 8 * entries
 }
 
-/// Why a state was not saved or not restored. An object that refuses to be restored is as it was before.
+/// Reason why a state was not saved or not restored. An object that refuses to be restored is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]
 pub enum StateError {
-    /// The bytes to write to are too few.
+    /// The slice to write to is too short.
     NoRoom {
-        /// Bytes that were given.
+        /// Its length in bytes.
         room: usize,
     },
-    /// The bytes end too early: the state was cut off.
+    /// The bytes end too early: the state is truncated.
     Truncated {
-        /// Bytes that the next part needs at least.
+        /// Smallest number of bytes that the next part needs.
         needed: usize,
-        /// Bytes that were left.
+        /// Number of bytes left.
         left: usize,
     },
-    /// Bytes are left over behind the state.
+    /// Bytes are left after the state.
     Surplus {
-        /// How many.
+        /// Their number.
         bytes: usize,
     },
     /// The state belongs to an object of another kind, or these bytes are no state.
@@ -83,23 +83,23 @@ pub enum StateError {
     Mismatch {
         /// Name of the value that differs.
         what: &'static str,
-        /// As the object has it.
+        /// Value of the object.
         expected: u64,
-        /// As the state has it.
+        /// Value in the state.
         found: u64,
     },
-    /// A count is larger than the object has room for.
+    /// A count is larger than the object allows.
     TooLarge {
         /// Name of what is counted.
         what: &'static str,
-        /// The largest count that is possible.
+        /// The largest count allowed.
         limit: u64,
         /// The count in the state.
         found: u64,
     },
     /// A number of the state is infinite or not a number: these bytes have changed since they were saved.
     NotFinite,
-    /// The object does not offer to save its state.
+    /// The object cannot save its state.
     Unsupported,
 }
 
@@ -146,7 +146,7 @@ impl<'a> StateWriter<'a> {
     /// Writes bytes as they are.
     ///
     /// # Errors
-    /// [`StateError::NoRoom`]; then none of them is written.
+    /// [`StateError::NoRoom`]; then nothing is written.
     pub fn bytes(&mut self, bytes: &[u8]) -> Result<(), StateError> {
         if self.rest.len() < bytes.len() {
             return Err(StateError::NoRoom { room: self.room });
@@ -176,7 +176,7 @@ impl<'a> StateWriter<'a> {
     ) -> Result<(), StateError> {
         numbers.into_iter().try_for_each(|number| {
             let bits = number.bits();
-            // Known to the compiler: one store for each number.
+            // `BYTES` is known to the compiler: one store for each number.
             if T::BYTES == 4 { self.word((bits as u32).to_le_bytes()) } else { self.word(bits.to_le_bytes()) }
         })
     }
@@ -193,7 +193,7 @@ impl<'a> StateWriter<'a> {
         Ok(())
     }
 
-    /// Writes what a state begins with: the tag of its kind, the size of a number `T`, and its shape.
+    /// Writes the header of a state: the tag of its kind, the size of a number `T`, and its shape.
     ///
     /// # Errors
     /// [`StateError::NoRoom`].
@@ -257,7 +257,7 @@ impl<'a> StateReader<'a> {
         Ok(*word)
     }
 
-    /// The next integer, which counts something of which there can be `limit` at most.
+    /// The next integer, a count of at most `limit`.
     ///
     /// # Errors
     /// [`StateError::Truncated`], or [`StateError::TooLarge`] with the name of what is counted.
@@ -279,7 +279,7 @@ impl<'a> StateReader<'a> {
         Some(T::of_bits(bits)).filter(|number| number.is_finite()).ok_or(StateError::NotFinite)
     }
 
-    /// The next numbers, to the given places.
+    /// Reads the next numbers to the given places.
     ///
     /// # Errors
     /// [`StateError::Truncated`], or [`StateError::NotFinite`].
@@ -293,7 +293,7 @@ impl<'a> StateReader<'a> {
         })
     }
 
-    /// Skips numbers, after a look that there are as many and that they are finite.
+    /// Skips numbers after checking that they are complete and finite.
     ///
     /// # Errors
     /// [`StateError::Truncated`], or [`StateError::NotFinite`].
@@ -330,15 +330,14 @@ fn same(what: &'static str, expected: u64, found: u64) -> Result<(), StateError>
     if expected == found { Ok(()) } else { Err(StateError::Mismatch { what, expected, found }) }
 }
 
-/// A number that tells kernels apart: other weights, another fingerprint (FNV-1a over the bits of the
-/// numbers).
+/// Hash of the bits of the numbers (FNV-1a over words), by which kernels with different weights are
+/// distinguished.
 pub fn fingerprint<'n, T: Real>(numbers: impl IntoIterator<Item = &'n T>) -> u64 {
     const BASIS: u64 = 0xcbf2_9ce4_8422_2325;
     const PRIME: u64 = 0x0100_0000_01b3;
     let mix = |hash: u64, number: &T| {
         let mixed = (hash ^ number.bits()).wrapping_mul(PRIME);
-        // The low bits of most weights are those that differ, the high bits of a product those that are
-        // mixed.
+        // Most weights differ in the low bits of their words, and a product mixes into its high bits.
         mixed ^ (mixed >> 32)
     };
     numbers.into_iter().fold(BASIS, mix)
@@ -408,7 +407,7 @@ mod tests {
     #[test]
     fn fingerprints_stay_what_they_are_in_states_that_were_saved() {
         assert_eq!(fingerprint::<f64>(&[]), 0xcbf2_9ce4_8422_2325);
-        // FNV-1a over whole words, the high half of each product folded onto the low one.
+        // FNV-1a over whole words, with the high half of each product folded onto the low one.
         let by_hand = |numbers: &[u64]| {
             numbers.iter().fold(0xcbf2_9ce4_8422_2325u64, |hash, bits| {
                 let product = (u128::from(hash ^ bits) * 0x0100_0000_01b3 % (1 << 64)) as u64;

@@ -1,4 +1,4 @@
-//! What a one-step scheme is: from (q_k, p_k) and the memory's values to (q_{k+1}, p_{k+1}).
+//! The trait of one-step schemes: from (q_k, p_k) and the damping to (q_{k+1}, p_{k+1}).
 
 use core::fmt;
 
@@ -10,14 +10,14 @@ use crate::real::Real;
 use crate::space::{Space, vectors, vectors_mut};
 use crate::system::Mechanics;
 
-/// The step that is to be made.
+/// Times, size and input of the step to be made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step<'a, T> {
     /// Time t_k at its beginning.
     pub time: T,
     /// Time t_{k+1} at its end.
     pub end: T,
-    /// Its size h.
+    /// Step size h.
     pub size: T,
     /// Input u_k: a force held over the step, added to F(t, q). Missing numbers are zero.
     pub input: &'a [T],
@@ -32,7 +32,7 @@ pub struct State<V> {
     pub position: V,
     /// Momentum p_k.
     pub momentum: V,
-    /// What is too small to show in them.
+    /// Rounding errors of position and momentum.
     pub rounding: Rounding<V>,
 }
 
@@ -40,8 +40,8 @@ pub struct State<V> {
 /// p + `momentum`.
 ///
 /// Each step adds them to its changes of q and p, so that in many small steps no digit of a change is lost
-/// (compensated summation, \[Kahan65\]). They stay below half a unit in the last place of what they belong
-/// to.
+/// (compensated summation, \[Kahan65\]). They stay below half a unit in the last place of position and
+/// momentum.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rounding<V> {
     /// Part of the position.
@@ -71,9 +71,8 @@ impl<T> Sampling<'_, T> {
 
 /// A one-step scheme.
 ///
-/// A scheme has no state of its own. Its [`Storage`](Scheme::Storage) keeps what is worth keeping between
-/// steps: the factors of a linear system's equations, and scratch space where the stack is not the place for
-/// it.
+/// A scheme has no state of its own. Its [`Storage`](Scheme::Storage) holds what is reused between steps: the
+/// factors of a linear system's equations, and scratch space that does not belong on the stack.
 pub trait Scheme<T: Real, X: Space<T>> {
     /// Storage between steps.
     type Storage;
@@ -84,23 +83,23 @@ pub trait Scheme<T: Real, X: Space<T>> {
     /// Samples that the memory stores of each step.
     fn sampling(&self) -> Sampling<'_, T>;
 
-    /// The part of the storage that belongs to the state: q_k − X_{k−1,i}, how far the nodes of the last
-    /// sample lie behind the position, one node after another, where the memory stores nodes; and whatever
-    /// else the bits of the next step depend on.
+    /// The part of the storage that belongs to the state: the offsets q_k − X_{k−1,i} of the position from
+    /// the nodes of the last sample, one node after another, if the memory stores nodes; and everything else
+    /// that the bits of the next step depend on.
     fn carried(storage: &Self::Storage) -> &[T] {
         let _ = storage;
         &[]
     }
 
-    /// [`carried`](Scheme::carried), to be written.
+    /// [`carried`](Scheme::carried), mutable.
     fn carried_mut(storage: &mut Self::Storage) -> &mut [T] {
         let _ = storage;
         &mut []
     }
 
-    /// One step: asks the damping for what it knows, solves for the new state, stores the new sample with the
-    /// damping and then moves position and momentum on ([`conclude`] does the last two). Returns the
-    /// iterations of Newton's method, 0 for explicit formulas.
+    /// One step: takes the known part of the damping, solves for the new state, stores the new sample in the
+    /// damping and then advances position and momentum ([`conclude`] does the last two). Returns the number
+    /// of iterations of Newton's method, 0 for explicit formulas.
     ///
     /// # Errors
     /// If the nonlinear equations have no solution that Newton's method finds, the result is not finite, or
@@ -127,8 +126,8 @@ pub struct Outcome<'a, T> {
 }
 
 /// The last part of every step: checks that the new position and momentum are finite, stores the sample and
-/// only then moves on, with `behind`, which says how far the nodes of the last sample lie behind the
-/// position. `scratch` has room for the sample and one vector more.
+/// only then advances the state; updates `behind`, the offsets of the position from the nodes of the last
+/// sample. `scratch` has room for the sample and one more vector.
 ///
 /// # Errors
 /// [`StepError::NotFinite`] or [`StepError::Memory`]; nothing has changed.
@@ -158,7 +157,7 @@ pub fn conclude<T: Real, X: Space<T>, D: Damping<T, X>>(
     Ok(())
 }
 
-/// Adds `change` to `number` + `rest`, and leaves in `rest` what does not fit.
+/// Adds `change` to `number` + `rest`, and leaves the rounding error in `rest`.
 #[inline(always)]
 fn add_compensated<T: Real>(numbers: &mut [T], rests: &mut [T], changes: &[T]) {
     combine_pair((numbers, rests), changes, |number, rest, change| {
@@ -168,7 +167,7 @@ fn add_compensated<T: Real>(numbers: &mut [T], rests: &mut [T], changes: &[T]) {
     });
 }
 
-/// Why a step failed. State and memory are as before the step.
+/// Reason why a step failed. State and memory are as before the step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[non_exhaustive]

@@ -1,4 +1,4 @@
-//! Where the coordinates of a system live: how vectors and matrices are stored.
+//! Storage of vectors and matrices of coordinates.
 
 use crate::error::MatrixError;
 use crate::linear::combine;
@@ -6,12 +6,12 @@ use crate::real::Real;
 
 /// Storage for N coordinates.
 ///
-/// Schemes, damping and the integrator are written once, over slices of N numbers; a space says what holds
-/// them. [`Fixed`](crate::Fixed) keeps everything in place and needs no allocator. A host brings a space
+/// Schemes, damping and the integrator are written once, over slices of N numbers; a space defines the
+/// storage. [`Fixed`](crate::Fixed) stores everything in place and needs no allocator. A host adds a space
 /// whose N is known at run time only.
 pub trait Space<T: Real>: Clone {
-    /// Whether the compiler knows N. Steps are written out for it then; otherwise they are made of calls,
-    /// which cost little beside loops over any number of coordinates and are compiled once.
+    /// Whether N is known at compile time. Steps are then inlined for it; otherwise they consist of calls,
+    /// which cost little beside loops over many coordinates and are compiled once.
     const KNOWN_SIZE: bool;
 
     /// N numbers.
@@ -37,7 +37,7 @@ pub trait Block<T: Real> {
     /// out += factor · (B x).
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]);
 
-    /// out ← `start` + factor · (B x) − `by` · `force`: what an equation of momenta leaves.
+    /// out ← `start` + factor · (B x) − `by` · `force`: the residual of a momentum equation.
     #[inline(always)]
     fn balance(&self, (start, (by, force)): (&[T], (T, &[T])), (factor, x): (T, &[T]), out: &mut [T]) {
         combine(out, start, |_, start| start);
@@ -45,8 +45,8 @@ pub trait Block<T: Real> {
         combine(out, force, |out, force| out - force * by);
     }
 
-    /// Adds factor · B to the N×N part of a dense matrix that begins at the given row and column. The matrix
-    /// lies row by row, `width` numbers each.
+    /// Adds factor · B to the N×N block of a dense matrix that begins at the given row and column. The matrix
+    /// is stored row by row, `width` numbers each.
     fn add_to(&self, factor: T, target: &mut [T], width: usize, row: usize, column: usize);
 
     /// Checks that the matrix is finite, symmetric and positive semidefinite to rounding.
@@ -56,16 +56,16 @@ pub trait Block<T: Real> {
     fn check_positive_semidefinite(&self) -> Result<(), MatrixError>;
 }
 
-/// What `act` does, as a call: compiled once, however often it is written.
+/// Result of `act` through a call that is not inlined, so that it is compiled once.
 #[inline(never)]
 pub(crate) fn called<R>(act: impl FnOnce() -> R) -> R {
     act()
 }
 
-/// The vectors of `width` numbers in a slice, one after another; what is left over is left out.
+/// The vectors of `width` numbers in a slice, one after another; an incomplete last one is left out.
 ///
-/// `chunks_exact` divides lengths. Where the width is not known before run time, divisions cost a small step
-/// more than its arithmetic.
+/// `chunks_exact` divides lengths. Where the width is known at run time only, the divisions of a small step
+/// cost more than its arithmetic.
 #[inline(always)]
 pub(crate) fn vectors<T>(mut rest: &[T], width: usize) -> impl Iterator<Item = &[T]> {
     core::iter::from_fn(move || {
@@ -77,8 +77,8 @@ pub(crate) fn vectors<T>(mut rest: &[T], width: usize) -> impl Iterator<Item = &
 
 /// The first `count` numbers of a work array.
 ///
-/// Work arrays are as long as the shapes of scheme, system and memory say. The unit tests find one that is
-/// shorter; elsewhere it counts as empty, since no step panics.
+/// The shapes of scheme, system and memory determine the length of work arrays. Unit tests detect one that is
+/// too short; in production it counts as empty, since no step may panic.
 #[inline(always)]
 pub(crate) fn part<T>(numbers: &[T], count: usize) -> &[T] {
     #[cfg(test)]

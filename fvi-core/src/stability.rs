@@ -11,7 +11,7 @@ use crate::space::Block;
 use crate::system::Mass;
 use crate::weights::BdfOrder;
 
-/// A damping term as the stability check sees it.
+/// A damping term as input of the stability check.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExplicitDamping<T, const N: usize> {
     /// Coefficients ρ.
@@ -34,19 +34,20 @@ pub enum Stability {
     },
 }
 
-/// Checks the step size of a scheme with explicit damping against the fastest motion that the grid can carry.
+/// Checks the step size of a scheme with explicit damping against the fastest motion that the grid can
+/// represent.
 ///
-/// The fractional force is explicit. For a potential with the constant Hessian K the motion q_k = (−1)^k v is
-/// where growth sets in first. Its discrete action per step, with the inner nodes at rest against it, is L_d
-/// on the nodes v, x_1, …, x_{S−1}, −v, and the motion does not grow as long as the quadratic form
+/// The fractional force is explicit. For a potential with the constant Hessian K growth sets in first at the
+/// motion q_k = (−1)^k v. Its discrete action per step, with the inner nodes in equilibrium, is L_d on the
+/// nodes v, x_1, …, x_{S−1}, −v, and the motion does not grow as long as the quadratic form
 ///
 /// ```text
 /// 2 L_d(v, x_1, …, x_{S−1}, −v) − h Σ_m (γ_p(−1)/h)^{β_m} vᵀ ρ_m v
 ///     is positive definite in (v, x_1, …, x_{S−1}).
 /// ```
 ///
-/// For degree 1 this is (4/h²) M − (1−2κ)² K − Σ_m ρ_m (γ_p(−1)/h)^{β_m}. For higher degrees it also asks
-/// that no free oscillation turns by half a revolution or more in a step: beyond that the grid takes it for
+/// For degree 1 this is (4/h²) M − (1−2κ)² K − Σ_m ρ_m (γ_p(−1)/h)^{β_m}. For higher degrees it also requires
+/// that no free oscillation turns by half a revolution or more in a step: beyond that the grid aliases it to
 /// its mirror image, whose damping has the wrong sign.
 ///
 /// For a symmetric positive semidefinite K that is enough. A motion e^{−ikθ} v, 0 < θ < π, between growth and
@@ -58,7 +59,8 @@ pub enum Stability {
 /// (`fvi_host::stability`) counts them.
 ///
 /// `stiffness` is ∂²U/∂q² − ∂F/∂q at the initial point, of which the symmetric part is taken; for nonlinear
-/// problems the check is local. The midpoint rule takes no account of K: it is stable for every spring.
+/// problems the check is local. The limit of the midpoint rule does not depend on K: it is stable for every
+/// spring.
 ///
 /// # Errors
 /// If the step size is not positive and finite, or a damping order is above those limits.
@@ -115,7 +117,7 @@ pub fn check_stability<T: Real, const N: usize, const S: usize, const Q: usize>(
     Ok(Stability::Unstable { largest_stable_step: low })
 }
 
-/// Up to here β |arg γ_p(e^{iθ})| < π at every θ.
+/// Largest β with β |arg γ_p(e^{iθ})| < π at every θ.
 const fn largest_damping_order(order: BdfOrder) -> f64 {
     match order.get() {
         1 | 2 => 2.0,

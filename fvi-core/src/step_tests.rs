@@ -1,5 +1,5 @@
 //! Steps against the equations that they solve, written out plainly with the sums of their memories: two
-//! coordinates, any numbers of a scheme.
+//! coordinates, schemes of any degree and quadrature.
 
 use heapless::Deque;
 use nalgebra::{SMatrix, SVector, matrix, vector};
@@ -26,7 +26,7 @@ use crate::workspace::{CachedFactor, Workspace};
 type V = SVector<f64, 2>;
 type M = SMatrix<f64, 2, 2>;
 
-/// Errors of rounding.
+/// Tolerance for rounding errors.
 const EXACT: f64 = 1e-12;
 
 const H: f64 = 0.2;
@@ -63,8 +63,8 @@ impl Potential<f64, 2> for Springs {
     }
 }
 
-/// A force that no quadrature of few points takes exactly, and that may depend on the position or give its
-/// exact moments.
+/// A force that no quadrature of few points integrates exactly, and that may depend on the position or supply
+/// its exact moments.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Load {
     OfTime,
@@ -114,7 +114,7 @@ fn plant(factor: f64, quartic: f64, force: Load) -> Plant {
     System { mass, potential: Springs { factor, quartic }, force }
 }
 
-/// The numbers of a discrete Lagrangian.
+/// Coefficients of a discrete Lagrangian.
 #[derive(Clone, Debug)]
 struct Numbers {
     weights: Vec<f64>,
@@ -137,7 +137,7 @@ impl Numbers {
         }
     }
 
-    /// Straight lines with one node and any numbers there.
+    /// Straight lines with one node and any coefficients.
     fn one_node([weight, node, shape, test, kinetic]: [f64; 5]) -> Self {
         Self {
             weights: [weight].into(),
@@ -149,7 +149,7 @@ impl Numbers {
         }
     }
 
-    /// Every node twice, with half the weight.
+    /// Every node repeated, with half the weight.
     fn doubled(&self) -> Self {
         let twice = |numbers: &[f64]| [numbers, numbers].concat();
         Self {
@@ -181,8 +181,8 @@ impl Numbers {
     }
 }
 
-/// Equations whose solver makes an error of 10⁻⁸ and has no factors to take again; and which factor the mass
-/// has in them.
+/// Equations whose solver makes an error of 10⁻⁸ and does not keep factors, and the coefficient of the mass
+/// expected in them.
 struct Inexact<const S: usize>(StepMatrix<f64, 2, S>, f64);
 
 impl<const S: usize> Equations<f64, Coefficients<f64, 2>> for Inexact<S> {
@@ -217,15 +217,15 @@ impl<const S: usize> Equations<f64, Coefficients<f64, 2>> for Inexact<S> {
     }
 }
 
-/// The step on any numbers, damped at its nodes or at the main nodes, with an inexact solver; `guess` from
-/// what pulled at the node of the last step.
+/// A scheme of any coefficients, damped at its nodes or at the main nodes, with an inexact solver. With
+/// `guess` it starts from the restoring force of the last step.
 struct Any<const S: usize> {
     numbers: Numbers,
     at_nodes: bool,
     guess: bool,
 }
 
-/// What [`Any`] keeps: factors, how far the last nodes lie behind, the last restoring force.
+/// Storage of [`Any`]: factors, offsets from the last nodes, the last restoring force.
 struct Room<const S: usize> {
     kept: CachedFactor<Factors<f64, 2, S>, f64>,
     behind: Vec<f64>,
@@ -285,7 +285,7 @@ impl<const S: usize> Scheme<f64, Fixed<2>> for Any<S> {
     }
 }
 
-/// A damping: ρ, what is left out of the motion, and the weights of a kernel, plane by plane.
+/// A damping: ρ, type of derivative, and the weights of a kernel, plane by plane.
 #[derive(Clone, Copy)]
 struct Term {
     rho: M,
@@ -407,7 +407,7 @@ fn next(
     let stages = |e: &[V]| -> Vec<V> {
         (0..points).map(|i| (1..=degree).fold(q, |sum, nu| sum + e[nu - 1] * shape(i, nu))).collect()
     };
-    // What the nodes miss of the work of the force against the shape ν.
+    // The part of the work of the force against shape ν that the nodes miss.
     let mut missed = std::vec![V::zeros(); degree + 1];
     if !numbers.drifts() && plant.force.moments(time, H, &numbers.control_points, &mut missed) {
         for (nu, missed) in missed.iter_mut().enumerate() {
@@ -456,7 +456,7 @@ fn next(
     (position, momentum)
 }
 
-/// Makes steps by an integrator and by `next`, and compares them to the given error.
+/// Makes steps by an integrator and by `next`, and compares them within the given tolerance.
 fn assert_steps<S: Scheme<f64, Fixed<2>>>(
     case: &str,
     scheme: S,
@@ -486,7 +486,7 @@ fn assert_steps<S: Scheme<f64, Fixed<2>>>(
         integrator.step(&INPUT).unwrap();
         let state = integrator.state();
         if k == 0 {
-            // Positions are those after the second correction, whatever the solver loses.
+            // Positions are those after the second correction, which makes up for the inexact solver.
             assert!((state.position - q).amax() < EXACT, "{case}: {}", state.position - q);
         }
         let error = (state.position - q).amax().max((state.momentum - p).amax());
@@ -494,7 +494,7 @@ fn assert_steps<S: Scheme<f64, Fixed<2>>>(
     }
 }
 
-/// Linear and not, forced in every way, with none, one and two dampings.
+/// Linear and nonlinear systems, with every kind of force, with no, one and two dampings.
 fn for_every_plant(test: impl Fn(&Plant, usize)) {
     for quartic in [0.0, 0.5] {
         for force in [Load::OfTime, Load::WithMoments, Load::OfPosition] {
@@ -505,7 +505,7 @@ fn for_every_plant(test: impl Fn(&Plant, usize)) {
     }
 }
 
-/// The steps of any numbers, at main nodes and at nodes, with plain weights and with matrices.
+/// Steps of the given coefficients, damped at main nodes and at nodes, with plain and with matrix weights.
 fn assert_any_steps<const S: usize>(case: &str, numbers: &Numbers) {
     for_every_plant(|plant, dampings| {
         for guess in [false, true] {
@@ -646,7 +646,7 @@ fn collocation_solves_its_equations() {
     });
 }
 
-/// −g·q, as a potential that does not say that its derivative is the same everywhere.
+/// −g·q, as a potential that is not declared quadratic.
 struct Slope(V);
 
 impl Potential<f64, 2> for Slope {
@@ -663,7 +663,7 @@ impl Potential<f64, 2> for Slope {
     }
 }
 
-/// Corrections of each of three steps down a slope, the second of which is given its length.
+/// Number of corrections in each of three steps down a slope; the length of the second is given.
 fn corrections<const S: usize>(scheme: Any<S>, slope: V, momentum: V) -> [u32; 3] {
     let system = System { mass: Mass::new(MASS).unwrap(), potential: Slope(slope), force: NoForce };
     let mut none = damping(&[], 1, 1);
@@ -696,7 +696,7 @@ fn a_step_begins_with_the_best_guess_there_is() {
         let gauss = Galerkin::<f64, 2, 2>::new(&Quadrature::gauss().unwrap()).unwrap();
         Any::<2> { numbers: Numbers::of(gauss.view()), at_nodes, guess: false }
     };
-    // A mass without forces goes on as it did: the first correction is rounding.
+    // A free mass continues its motion: the first correction is of rounding size.
     for at_nodes in [false, true] {
         assert_eq!(corrections(parabolas(at_nodes), V::zeros(), MOMENTUM), [1, 1, 1]);
         let numbers = Numbers::of(Galerkin::<f64, 1, 1>::low_order(0.5).unwrap().view());
@@ -705,14 +705,14 @@ fn a_step_begins_with_the_best_guess_there_is() {
             [1, 1, 1]
         );
     }
-    // Down a slope the restoring force of the last step says where the mass will be.
+    // Down a slope the restoring force of the last step predicts the position.
     let slope = vector![0.5, 0.25];
     for at_nodes in [false, true] {
         assert_eq!(corrections(any(at_nodes, false), slope, MOMENTUM), [2, 2, 2]);
         assert_eq!(corrections(any(at_nodes, true), slope, MOMENTUM), [2, 1, 1]);
     }
-    // Not where it would turn the mass round: p = −0.375 g is −0.125 g after a step, just as large as h ℓ₀ g;
-    // p = −0.3125 g is less after the first step, and more after the second.
+    // Not where it would reverse the mass: p = −0.375 g is −0.125 g after a step, just as large as h ℓ₀ g; p
+    // = −0.3125 g is less after the first step, and more after the second.
     let steep = vector![64.0, 32.0];
     assert_eq!(corrections(midpoint(true), steep, -0.375 * steep), [2, 1, 1]);
     assert_eq!(corrections(midpoint(true), steep, -0.3125 * steep), [2, 2, 1]);

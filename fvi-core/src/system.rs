@@ -137,7 +137,7 @@ impl<T: Real, const N: usize> Potential<T, N> for Quadratic<T, N> {
     }
 }
 
-/// From where in the step a node looks at its instant.
+/// Side from which a node sees its instant.
 ///
 /// A force may jump at a grid point. A node at an end of the step sees the limit from inside the step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,12 +150,12 @@ pub enum Approach {
     FromRight,
 }
 
-/// A point of time as a node of the scheme sees it.
+/// A point of time as seen by a node of the scheme.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instant<T> {
     /// Time t.
     pub time: T,
-    /// The side of a jump that counts.
+    /// Side from which the limit is taken at a jump.
     pub approach: Approach,
 }
 
@@ -176,10 +176,10 @@ impl<T: Real> Instant<T> {
 
 /// External force F(t, q), or F(t, q, v) where it depends on the velocity.
 ///
-/// A force of the velocity says so by [`depends_on_velocity`](Force::depends_on_velocity) and gives
-/// [`value_in_motion`](Force::value_in_motion) with its derivatives. Schemes take it at their quadrature
-/// nodes with the velocity of their polynomial there, collocation with that of its stages, and keep their
-/// orders.
+/// A force that depends on the velocity returns true from [`depends_on_velocity`](Force::depends_on_velocity)
+/// and implements [`value_in_motion`](Force::value_in_motion) with its derivatives. Schemes evaluate it at
+/// their quadrature nodes with the velocity of their polynomial there, collocation with that of its stages,
+/// and keep their orders.
 ///
 /// ```
 /// # use fvi_core::*;
@@ -227,11 +227,11 @@ impl<T: Real> Instant<T> {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub trait Force<T: Real, const N: usize> {
-    /// F(t, q); of a force that depends on the velocity F(t, q, 0).
+    /// F(t, q); for a force that depends on the velocity F(t, q, 0).
     fn value(&self, instant: Instant<T>, position: &SVector<T, N>) -> SVector<T, N>;
 
-    /// ∂F/∂q, entry (i, j) = ∂F_i/∂q_j. Zero unless given; a force that does depend on q without it slows
-    /// Newton's method.
+    /// ∂F/∂q, entry (i, j) = ∂F_i/∂q_j. Zero by default; if F depends on q, Newton's method then converges
+    /// slowly.
     fn jacobian(&self, _instant: Instant<T>, _position: &SVector<T, N>) -> SMatrix<T, N, N> {
         zero_matrix()
     }
@@ -241,7 +241,7 @@ pub trait Force<T: Real, const N: usize> {
         true
     }
 
-    /// Whether F depends on the velocity: then schemes ask for it, and for its derivatives, in motion.
+    /// Whether F depends on the velocity: then schemes call the `_in_motion` methods and `velocity_jacobian`.
     fn depends_on_velocity(&self) -> bool {
         false
     }
@@ -266,7 +266,8 @@ pub trait Force<T: Real, const N: usize> {
         self.jacobian(instant, position)
     }
 
-    /// ∂F/∂v at (t, q, v), entry (i, j) = ∂F_i/∂v_j. Zero unless given, which slows Newton's method.
+    /// ∂F/∂v at (t, q, v), entry (i, j) = ∂F_i/∂v_j. Zero by default, with which Newton's method converges
+    /// slowly.
     fn velocity_jacobian(
         &self,
         _instant: Instant<T>,
@@ -277,11 +278,11 @@ pub trait Force<T: Real, const N: usize> {
     }
 
     /// Writes the moments ∫₀¹ ℓ_ν(τ) F(`start` + τ·`length`) dτ, ν = 0…S, of a force that depends on time
-    /// alone, and returns whether it did: otherwise the scheme takes F at its nodes.
+    /// alone, and returns true; or returns false, and the scheme evaluates F at its nodes.
     ///
-    /// ℓ_0, …, ℓ_S are the polynomials of degree S that are one at their own of the points 0, d_1, …, d_S and
-    /// zero at the others; `points` holds d_1, …, d_S = 1. Where F is rough, at jumps or near a root like √t,
-    /// exact moments keep the order that nodes lose.
+    /// ℓ_0, …, ℓ_S are the Lagrange polynomials of degree S on the points 0, d_1, …, d_S; `points` holds d_1,
+    /// …, d_S = 1. Where F is rough, at jumps or near a root like √t, exact moments keep the order that nodes
+    /// lose.
     fn moments(&self, start: T, length: T, points: &[T], moments: &mut [SVector<T, N>]) -> bool {
         let _ = (start, length, points, moments);
         false
@@ -338,7 +339,7 @@ pub struct System<T, const N: usize, P, F = NoForce> {
     pub force: F,
 }
 
-/// How a step takes the work of forces: by a quadrature, against the polynomials ℓ_0 … ℓ_S on the points 0,
+/// Quadrature by which a step computes the work of forces against the polynomials ℓ_0 … ℓ_S on the points 0,
 /// d_1, …, d_S.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NodalRule<'a, T> {
@@ -358,13 +359,13 @@ pub struct NodalRule<'a, T> {
     pub tests: &'a [T],
 }
 
-/// Moments of the highest degree there is, 6.
+/// Number of moments of the largest degree, 6.
 pub(crate) const MAX_MOMENTS: usize = 7;
 
-/// A mechanical system as schemes see it, in the space X.
+/// Interface of schemes to a mechanical system in the space X.
 ///
-/// [`System`] answers for the fixed space. Methods take `&mut self` so that a host can keep scratch space
-/// with its models.
+/// [`System`] implements it for the fixed space. Methods take `&mut self` so that a host can keep scratch
+/// space with its models.
 pub trait Mechanics<T: Real, X: Space<T>> {
     /// Mass matrix M.
     fn mass(&self) -> &X::Block;
@@ -372,13 +373,13 @@ pub trait Mechanics<T: Real, X: Space<T>> {
     /// v = M⁻¹ p.
     fn velocity(&self, momentum: &[T], velocity: &mut [T]);
 
-    /// A guess of the velocity from which a step begins: M⁻¹ p where that is cheap, as it is unless said
-    /// otherwise.
+    /// A guess of the velocity at the beginning of a step; by default M⁻¹ p, which a system may replace by
+    /// something cheaper.
     fn drift(&self, momentum: &[T], velocity: &mut [T]) {
         self.velocity(momentum, velocity);
     }
 
-    /// ∇U(q) − F(t, q): what the momentum loses per time, damping and input apart.
+    /// ∇U(q) − F(t, q): the rate of loss of momentum without damping and input.
     fn restoring_force(&mut self, instant: Instant<T>, position: &X::Vector, restoring: &mut [T]);
 
     /// [`restoring_force`](Mechanics::restoring_force) together with its derivative ∂²U/∂q² − ∂F/∂q.
@@ -423,8 +424,9 @@ pub trait Mechanics<T: Real, X: Space<T>> {
         self.linearise(instant, position, restoring, stiffness);
     }
 
-    /// Writes −∂F/∂v at the place that [`linearise_in_motion`](Mechanics::linearise_in_motion) was asked for
-    /// last, which is told again; `resistance` is the matrix that it wrote to.
+    /// Writes −∂F/∂v at the arguments of the last call of
+    /// [`linearise_in_motion`](Mechanics::linearise_in_motion), which are passed again; `resistance` is the
+    /// matrix that that call wrote to.
     #[inline(always)]
     fn resistance(
         &mut self,
@@ -435,26 +437,23 @@ pub trait Mechanics<T: Real, X: Space<T>> {
     ) {
     }
 
-    /// Whether [`moment_correction`](Mechanics::moment_correction) need be asked at all.
+    /// Whether [`moment_correction`](Mechanics::moment_correction) has to be called at all.
     #[inline(always)]
     fn is_rough(&self) -> bool {
         true
     }
 
-    /// Writes by how much the exact moments of the part of F that depends on time alone exceed those that the
-    /// quadrature takes,
+    /// Writes the exact moments of the part of F that depends on time alone minus those of the quadrature,
     ///
     /// ```text
     /// ∫₀¹ ℓ_ν(τ) F(t_k + τh) dτ − Σ_i b_i ℓ_ν(c_i) F(t_k + c_i h) ,     ν = 0…S ,
     /// ```
     ///
-    /// (S + 1)·N numbers, and returns whether it did: for a force that its nodes describe well there is
-    /// nothing to do.
+    /// (S + 1)·N numbers, and returns true; or returns false if the quadrature is accurate enough.
     ///
-    /// Collocation asks with a rule without shapes and tests: it wants what is to be added to F at each of
-    /// its R nodes, R·N numbers, so that Σ_i b_i π(c_i) F_i is ∫₀¹ π(τ) F(t_k + τh) dτ for polynomials π of
-    /// degree R − 1: then Σ_i b_i F_i is the impulse, and with two stages and more the position has what it
-    /// makes of it too.
+    /// Collocation calls it with a rule without shapes and tests. It needs a correction of F at each of its R
+    /// nodes, R·N numbers, so that Σ_i b_i π(c_i) F_i is ∫₀¹ π(τ) F(t_k + τh) dτ for polynomials π of degree
+    /// R − 1: Σ_i b_i F_i is then the impulse, and with two or more stages the displacement is exact too.
     fn moment_correction(&mut self, rule: &NodalRule<'_, T>, moment_correction: &mut [T]) -> bool {
         let _ = (rule, moment_correction);
         false
@@ -562,7 +561,7 @@ impl<T: Real, const N: usize, P: Potential<T, N>, F: Force<T, N>> Mechanics<T, F
 
     #[inline(always)]
     fn moment_correction(&mut self, rule: &NodalRule<'_, T>, moment_correction: &mut [T]) -> bool {
-        // Collocation takes forces at its nodes.
+        // Collocation evaluates forces at its nodes.
         if rule.shapes.is_empty() {
             return false;
         }
@@ -648,7 +647,7 @@ mod tests {
         assert!((system.energy(&vector![3.0, 2.0], &momentum) - (1.25 + 19.0)).abs() < 1e-14);
     }
 
-    /// A spring and a force that follows the position.
+    /// A spring and a force that depends on the position.
     struct Follower;
 
     impl Force<f64, 2> for Follower {
@@ -689,7 +688,7 @@ mod tests {
         );
     }
 
-    /// A free mass, and nothing that need not be said.
+    /// A free mass that relies on all defaults.
     struct Free(Coefficients<f64, 1>);
 
     impl Mechanics<f64, Fixed<1>> for Free {

@@ -9,7 +9,7 @@ use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, he
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"tile";
 
-/// Samples of a block, and outputs that a block is summed for at a time.
+/// Number of samples in a block, and of outputs for which a block is summed at a time.
 const TILE: usize = 8;
 
 /// A direct memory r_k = Σ_{n=1}^{k} w_n x_{k−n} that sums its far history for eight outputs at a time.
@@ -63,8 +63,8 @@ impl<T: Real, const B: usize> Channel<T, B> {
         self.blocks.as_flattened_mut().iter_mut().chain(&mut self.present).chain(&mut self.next)
     }
 
-    /// Adds to the next tile's sums what `count` blocks contribute, the first of which has the index `first`
-    /// and the distance `distance` from that tile.
+    /// Adds the contribution of `count` blocks to the sums of the next tile; the first block has the index
+    /// `first` and the distance `distance` from that tile.
     #[inline]
     fn add_far(&mut self, weights: &[T], first: usize, distance: usize, count: usize) {
         let (behind_cut, before_cut) = self.blocks.split_at((first % B.max(1)).min(B));
@@ -82,8 +82,8 @@ impl<T: Real, const B: usize> Channel<T, B> {
     }
 }
 
-/// Adds blocks, the first of which has the given distance from the tile and each further one a distance less
-/// by one.
+/// Adds blocks; the first has the given distance from the tile, and the distance decreases by one from each
+/// to the next.
 #[inline]
 fn add_blocks<T: Real>(sums: &mut [T; TILE], weights: &[T], blocks: &[[T; TILE]], distance: usize) {
     let (table, rest) = weights.as_chunks::<TILE>();
@@ -153,12 +153,12 @@ impl<'w, T: Real, const C: usize, const B: usize> Tiled<'w, T, C, B> {
         Ok(Self { weights, scale, leading, channels, overflow, acts_on: ActsOn::Values, len: 0 })
     }
 
-    /// The same memory, its weights being for such samples.
+    /// The same memory, with weights for samples of the given kind.
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
         Self { acts_on, ..self }
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<4> {
         let refuses = u64::from(self.overflow == Overflow::Refuse);
         let kernel = fingerprint(self.weights) ^ self.scale.bits();
@@ -170,7 +170,7 @@ impl<'w, T: Real, const C: usize, const B: usize> Tiled<'w, T, C, B> {
         ]
     }
 
-    /// Reads how many samples a state has seen.
+    /// Reads the number of samples in a saved state.
     fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
         from.header::<T, 4>(TAG, &self.shape())?;
         from.count_up_to("samples", if self.overflow == Overflow::Refuse { TILE * B } else { usize::MAX })
@@ -216,7 +216,7 @@ impl<T: Real, const C: usize, const B: usize> Memory<T> for Tiled<'_, T, C, B> {
         for (term, channel) in term.iter_mut().zip(&self.channels) {
             let block = |index: usize| channel.blocks.get(index % B.max(1)).map_or(&[][..], |block| block);
             let far = channel.present.get(place).copied().unwrap_or(T::zero());
-            // The block before the first holds zeros: `clear` and `new` saw to it.
+            // The block before the first contains zeros, by `clear` and `new`.
             let full = near_sum(before, block(tile + B - 1));
             let filling = near_sum(present, block(tile).get(..place).unwrap_or(&[]));
             *term = (far + full + filling) * self.scale;
@@ -301,7 +301,7 @@ mod tests {
 
     #[test]
     fn full_memory_is_the_direct_sum_until_it_refuses() {
-        // A table as long as the memory, shorter, and longer: the end of the table falls everywhere in a
+        // A table as long as the memory, shorter, and longer, so that its end falls on every place in a
         // window.
         for reach in [1, 2, 7, 8, 9, 30, 31, 32, 33, 63, 64, 200] {
             let weights = noise(reach);
@@ -321,7 +321,8 @@ mod tests {
 
     #[test]
     fn tables_that_end_among_many_blocks_lose_nothing() {
-        // With forty blocks several are added with every push, some of them on either side of the end.
+        // With forty blocks several are added with every push, some of them on either side of the table's
+        // end.
         for reach in [70, 100, 155] {
             let weights = noise(reach);
             let tiled = Tiled::<f64, 2, 40>::new(&weights, 1.0, Overflow::Refuse).unwrap();
@@ -375,7 +376,7 @@ mod tests {
             bytes
         };
         let weights = noise(100);
-        // Scales of few bits and of many: neither kernel nor scale may hide what the other says.
+        // The fingerprint must distinguish kernels and scales of few bits and of many.
         for scale in [1.0, 0.0, f64::from_bits(1), f64::MAX] {
             let mut own = Tiled::<f64, 2, 8>::new(&weights, scale, Overflow::Refuse).unwrap();
             own.push(&[1.0, 2.0]).unwrap();

@@ -11,36 +11,37 @@ use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, he
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"rate";
 
-/// What a step may differ from the lengths of a table by, relative to them: rounding of grids.
+/// Relative amount by which a step may be shorter than the table's shortest, or end after its horizon:
+/// rounding of grids.
 const SLACK: f64 = 1e-6;
 
-/// The power s^{−μ}, 0 < μ < 1, as a sum of relaxations that no step size enters.
+/// The power s^{−μ}, 0 < μ < 1, as a sum of relaxations that does not depend on the step size.
 ///
 /// ```text
 /// s^{−μ} = (sin πμ / π) ∫₀^∞ λ^{−μ} (s + λ)^{−1} dλ  ≈  Σ_j c_j (s + λ_j)^{−1} ,      μ = ⌈β⌉ − β
 /// ```
 ///
-/// It serves D^β on every grid whose steps are no shorter than `shortest` and which reaches no further than
-/// `horizon`, both in units of time. For whole β there are no rates. This is plain data, so that it can lie
-/// in flash; `C` is anything that holds numbers. Source: \[LFS16\].
+/// It serves D^β on every grid with steps of at least `shortest` and an end of at most `horizon`, both in
+/// units of time. For integer β there are no rates. This is plain data, so that it can lie in flash; `C` is
+/// any container of numbers. Source: \[LFS16\].
 ///
 /// A table without `leading` is that of any kernel K(s) = s^d Σ_j c_j (s + λ_j)^{−1}, d = ⌈`exponent`⌉, such
-/// as a Prony series: in the step at hand, too, it is worth what its relaxations are.
+/// as a Prony series, whose leading weight follows from the relaxations too.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RateTable<C> {
     /// β, the order of the derivative: above −1 and below 2; integrals have negative orders. Without
-    /// `leading` it counts by ⌈β⌉ alone.
+    /// `leading` only ⌈β⌉ matters.
     pub exponent: f64,
-    /// (A^{−β})_{ab}, R×R numbers row by row, for the matrix A of the method; or none, for a kernel that is
-    /// its relaxations.
+    /// (A^{−β})_{ab}, R×R numbers row by row, for the matrix A of the method; or empty, for a kernel that is
+    /// the sum of its relaxations.
     pub leading: C,
-    /// λ_j ≥ 0, a multiple of four of them. The last may be filled up with zeros.
+    /// λ_j ≥ 0, padded with zeros to a multiple of four.
     pub rates: C,
-    /// c_j, as many; zero where the rates are filled up.
+    /// c_j, one for each λ_j; zero for the padding.
     pub coefficients: C,
-    /// The shortest step.
+    /// The shortest step, in units of time.
     pub shortest: f64,
-    /// The longest time.
+    /// The longest time from the start, in units of time.
     pub horizon: f64,
 }
 
@@ -62,7 +63,7 @@ impl<C> RateTable<C> {
 }
 
 impl<T> RateTable<&[T]> {
-    /// How many numbers [`VariableStepMemory`] needs for N coordinates and R stages: (2R + 1) J for the step
+    /// Length of the state of [`VariableStepMemory`] for N coordinates and R stages: (2R + 1) J for the step
     /// at hand and R² for its leading weight, which all coordinates share, and 2J + 2 for each coordinate.
     pub const fn state_len(&self, coordinates: usize, stages: usize) -> usize {
         let shared = stages.saturating_mul(2).saturating_add(1).saturating_mul(self.rates.len());
@@ -72,10 +73,10 @@ impl<T> RateTable<&[T]> {
 }
 
 impl<T: Real> RateTable<&[T]> {
-    /// Checks the table for a method of so many stages.
+    /// Checks the table for a method of `stages` stages.
     ///
     /// # Errors
-    /// If it is not one for them, or its numbers are not finite or out of range.
+    /// If its shape does not fit the stages, or its numbers are not finite or out of range.
     pub fn check(&self, stages: usize) -> Result<(), ParameterError> {
         let count = |parameter, value: usize, accepted, allowed| {
             ParameterError::check(accepted, parameter, value as f64, allowed)
@@ -128,8 +129,8 @@ impl<T: Real> RateTable<&[T]> {
 /// The leading weight (A⁻¹/h_k)^β follows [`begin_step`](Memory::begin_step), which must come before every
 /// [`next_term`](Memory::next_term). A step as long as the one before costs (2R + 1) J multiply–adds for each
 /// coordinate; one of another length forms the (I + h λ_j A)⁻¹ anew, once for all coordinates. The state is
-/// the caller's: [`RateTable::state_len`] numbers. The z_j are summed in two parts, as Kahan does, so that
-/// the rounding errors of many steps do not gather, not even in single precision.
+/// the caller's: [`RateTable::state_len`] numbers. The z_j are sums compensated for rounding, so that the
+/// rounding errors of many steps do not accumulate, not even in single precision.
 ///
 /// Source: \[LFS13\], \[LFS16\].
 #[derive(Clone, Debug)]
@@ -146,13 +147,13 @@ pub struct VariableStepMemory<T, const R: usize, C, B> {
     state: B,
     /// Length of the step to come; zero before it is known.
     length: T,
-    /// Time of the samples so far, and what rounding took from the sum: in single precision the roundings of
-    /// many steps would pass the horizon.
+    /// Time of the samples so far, as a compensated sum: in single precision the rounding errors of many
+    /// steps would exceed the tolerance of the horizon.
     elapsed: [T; 2],
     len: usize,
 }
 
-/// ⌈β⌉, how many derivatives are taken before the fractional integral.
+/// ⌈β⌉, the number of derivatives taken before the fractional integral.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Derivatives {
     None,
@@ -240,7 +241,7 @@ where
         Some(Parts { operators: operators.as_chunks_mut().0, leading, coordinates })
     }
 
-    /// Forms the leading weight of a step from the relaxations.
+    /// Computes the leading weight of a step from the relaxations.
     #[cold]
     #[inline(never)]
     fn write_leading(&mut self, length: T) -> Result<(), MemoryError> {
@@ -262,17 +263,17 @@ where
         Ok(())
     }
 
-    /// Numbers of a coordinate.
+    /// Length of the state of a coordinate.
     fn stride(&self) -> usize {
         2 * self.table.rates.as_ref().len() + 2
     }
 
-    /// Where the coordinates begin.
+    /// Index of the state of the first coordinate.
     fn first_coordinate(&self) -> usize {
         (2 * R + 1) * self.table.rates.as_ref().len() + R * R
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         let table = self.table.borrow();
         let numbers = table.leading.iter().chain(table.rates).chain(table.coefficients);
@@ -301,12 +302,12 @@ struct Parts<'a, T> {
     operators: &'a mut [Lanes<T>],
     /// (A⁻¹/h)^β
     leading: &'a mut [T],
-    /// For each coordinate blocks of z_j and of what rounding took from them, x_{k−1} and, for two
-    /// derivatives, the last stage of (∂X)_{k−1}.
+    /// For each coordinate the blocks of z_j and of their rounding errors, x_{k−1} and, for two derivatives,
+    /// the last stage of (∂X)_{k−1}.
     coordinates: &'a mut [T],
 }
 
-/// Blocks of z_j, each with what rounding took from it.
+/// Blocks of z_j, each with its rounding errors.
 type Sums<T> = [[Lanes<T>; 2]];
 
 /// The numbers of one coordinate: the blocks of z_j, and (x, v).
@@ -339,7 +340,7 @@ where
         self.len
     }
 
-    /// Takes steps from the table's shortest on, as long as they end by its horizon.
+    /// Accepts steps of at least the table's shortest that end by its horizon.
     #[inline(always)]
     fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
         let (shortest, horizon) = (self.table.shortest * (1.0 - SLACK), self.table.horizon * (1.0 + SLACK));
@@ -348,7 +349,7 @@ where
             return Ok(());
         }
         let scale = length.power(T::of(-self.table.exponent));
-        // Whatever is not a number is not in range.
+        // A value that is not a number is not in range.
         if !in_range || !scale.is_finite() {
             return Err(MemoryError::StepLength);
         }
@@ -387,7 +388,7 @@ where
         let coordinates = parts.coordinates.chunks_exact_mut(stride);
         for (term, numbers) in term.chunks_exact_mut(R.max(1)).zip(coordinates) {
             let Some((sums, &mut [x, v])) = coordinate(numbers) else { return Ok(()) };
-            // What a sample that stays on its way brings: W₀ (1 x + h c v).
+            // Contribution of a sample that continues the motion unchanged: W₀ (1 x + h c v).
             let stay = nodes.map(|node| match derivatives {
                 Derivatives::None => T::zero(),
                 Derivatives::One => x,
@@ -487,7 +488,7 @@ where
     }
 }
 
-/// z ← R(−hλ) z + change for a block of rates, with what rounding takes from the sum carried along.
+/// z ← R(−hλ) z + change for a block of rates, as a compensated sum.
 #[inline(always)]
 fn relax<T: Real>([z, lost]: &mut [Lanes<T>; 2], decrement: &Lanes<T>, change: &Lanes<T>) {
     let before = *z;
@@ -637,7 +638,7 @@ mod tests {
         assert!(make().restore(&mut StateReader::new(&bytes[1..])).is_err());
     }
 
-    /// The definition, with an inverse for each rate: what `derivative` is to give.
+    /// The definition, with an inverse for each rate: the expected result of `derivative`.
     struct Definition<const R: usize> {
         table: RateTable<Vec<f64>>,
         method: RungeKutta<R>,
@@ -723,7 +724,7 @@ mod tests {
 
     #[test]
     fn a_hundred_thousand_roundings_do_not_gather_in_single_precision() {
-        // The half integral of a constant, but for one relaxation that hardly forgets: z_k = Σ h x.
+        // The half integral of a constant, with a single relaxation that hardly decays: z_k = Σ h x.
         let method = RungeKutta::<1>::radau_iia().unwrap();
         let (leading, coefficients) = ([0.0f32], [1.0f32, 0.0, 0.0, 0.0]);
         let table = RateTable {

@@ -29,11 +29,11 @@ pub(crate) fn weighted_sum<T: Real>(weights: &[T], newer: &[T], older: &[T]) -> 
     sum.total + reduce(sum.lanes)
 }
 
-/// The sum of the lags so far, from the oldest on.
+/// The sum of the lags so far, which are added from the oldest on.
 struct BlockedSum<T> {
-    /// Whole blocks.
+    /// Sum of the complete blocks.
     total: T,
-    /// The block being added.
+    /// Accumulators of the block being added.
     lanes: [T; LANES],
 }
 
@@ -45,7 +45,7 @@ fn reduce<T: Real>(lanes: [T; LANES]) -> T {
 }
 
 impl<T: Real> BlockedSum<T> {
-    /// Adds the products at the places `first`, `first` + 1, …, the last one first.
+    /// Adds the products of the indices `first`, `first` + 1, …, the last one first.
     #[inline]
     fn add(&mut self, weights: &[T], samples: &[T], first: usize) {
         let mut count = weights.len().min(samples.len());
@@ -79,7 +79,7 @@ impl<T: Real> BlockedSum<T> {
     }
 }
 
-/// Adds whole rows of products, the last row first. By value, so that the accumulators stay in registers.
+/// Adds whole rows of products, the last row first. Accumulators by value stay in registers.
 #[inline]
 fn add_chunks<T: Real>(mut lanes: [T; LANES], weights: &[[T; LANES]], samples: &[[T; LANES]]) -> [T; LANES] {
     for (w, x) in weights.iter().zip(samples).rev() {
@@ -142,8 +142,8 @@ mod tests {
 
     #[test]
     fn a_block_of_lags_is_summed_by_itself() {
-        // The ones at the end of the first block, lags 2047 and 2048, meet before the 2⁵³ behind it, beside
-        // which each of them alone would be lost.
+        // The ones at the end of the first block, lags 2047 and 2048, are added to each other before the 2⁵³
+        // after them, to which each alone would be lost.
         let (mut weights, samples) = (std::vec![0.0; 2050], std::vec![1.0; 2049]);
         (weights[2047], weights[2048], weights[2049]) = (1.0, 1.0, 2f64.powi(53));
         assert_eq!(weighted_sum(&weights, &samples, &[]), 2f64.powi(53) + 2.0);

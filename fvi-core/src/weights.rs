@@ -106,17 +106,17 @@ struct MonicWeights {
     coefficients: [f64; 7],
     /// 60g₀, 60g₁, … for the sums, zeros for the weights themselves.
     quotient: [f64; 7],
-    /// Last index with a weight that is not zero, for whole powers of a polynomial.
+    /// Last index of a nonzero weight, for integer powers of a polynomial.
     last: u64,
     /// ŵ_{n−1}, ŵ_{n−2}, …
     recent: [DoubleDouble; 6],
-    /// Index n of the weight to come.
+    /// Index n of the next weight.
     next: u64,
 }
 
 impl MonicWeights {
     const fn new(order: BdfOrder, exponent: f64) -> Self {
-        // The recursion would leave rounding errors behind the end of a polynomial.
+        // The recursion would leave rounding errors after the end of a polynomial.
         let last = if exponent == 0.0 {
             0
         } else if exponent == 1.0 {
@@ -226,15 +226,14 @@ impl ConvolutionWeights {
         Self { monic: MonicWeights::sums(self.monic.order, self.monic.exponent), ..self }
     }
 
-    /// Fills the slice with the weights to come.
+    /// Fills the slice with the next weights.
     pub fn fill<T: Real>(&mut self, weights: &mut [T]) {
         for weight in weights {
             *weight = T::of(self.advance());
         }
     }
 
-    /// The weight to come divided by the leading one, w_n/w₀, to about 30 digits: independent of the step
-    /// size.
+    /// The next weight divided by the leading one, w_n/w₀, to about 30 digits: independent of the step size.
     pub fn next_monic(&mut self) -> DoubleDouble {
         self.monic.advance()
     }

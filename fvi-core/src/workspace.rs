@@ -1,4 +1,4 @@
-//! The room of a step.
+//! Workspace of a step.
 
 use crate::damped_motion::Sample;
 use crate::damping::Damping;
@@ -7,29 +7,30 @@ use crate::real::Real;
 use crate::scheme::{State, Step, StepError};
 use crate::space::Space;
 
-/// Where a step puts its intermediate results, for N coordinates, S nodes, Q points and a memory of R nodes.
+/// Buffers for the intermediate results of a step, for N coordinates, S nodes, Q points and a memory of R
+/// nodes.
 #[derive(Debug)]
 pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
     /// e^1 … e^S: S·N numbers.
     pub increments: &'a mut [T],
-    /// S·N numbers.
+    /// Residual of the equations: S·N numbers.
     pub residual: &'a mut [T],
     /// X_i − q_k: Q·N numbers.
     pub stages: &'a mut [T],
-    /// Q·N numbers.
+    /// Forces at the nodes: Q·N numbers.
     pub forces: &'a mut [T],
-    /// R·N numbers.
+    /// Known part of the damping: R·N numbers.
     pub known: &'a mut [T],
     /// R·N numbers, and N more where R > 1.
     pub scratch: &'a mut [T],
     /// q_k − X_{k−1,i}, R·N numbers, kept from step to step ([`Scheme::carried`](crate::Scheme::carried));
     /// empty where the memory stores the main nodes.
     pub behind: &'a mut [T],
-    /// What pulled at the node of the last step, N numbers that are carried along too, for the guess at where
-    /// a single node will be; empty where the guess is a drift.
+    /// Restoring force at the node of the last step, N numbers that are carried along too, for the guess of a
+    /// single node; empty where the guess is a drift.
     pub restoring: &'a mut [T],
-    /// What exact moments of the force exceed the nodes by
-    /// ([`Mechanics::moment_correction`](crate::Mechanics::moment_correction)): (S + 1)·N numbers at least.
+    /// Exact moments of the force minus those of the nodes
+    /// ([`Mechanics::moment_correction`](crate::Mechanics::moment_correction)): at least (S + 1)·N numbers.
     pub moment_correction: &'a mut [T],
     /// A position.
     pub point: &'a mut X::Vector,
@@ -42,7 +43,7 @@ pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
 }
 
 impl<T: Real, X: Space<T>, E: Equations<T, X::Block>> Workspace<'_, T, X, E> {
-    /// Asks the damping for what it knows of the step, with nodes at these fractions of it.
+    /// Takes the known part of the damping for the step, with nodes at the given fractions of it.
     #[inline(always)]
     pub(crate) fn begin<D: Damping<T, X>>(
         &mut self,
@@ -63,12 +64,12 @@ impl<T: Real, X: Space<T>, E: Equations<T, X::Block>> Workspace<'_, T, X, E> {
 pub struct CachedFactor<K, T> {
     /// Factors made by [`Equations::keep`].
     pub solver: K,
-    /// The length of the steps whose equations it is for; zero where it is for none.
+    /// Length of the steps whose equations the factors are for; zero for none.
     pub length: T,
 }
 
 impl<K, T: Real> CachedFactor<K, T> {
-    /// Nothing prepared yet.
+    /// No factors prepared yet.
     pub fn nothing(solver: K) -> Self {
         Self { solver, length: T::zero() }
     }

@@ -1,7 +1,8 @@
-//! What engines are compared with: a reference of twice the precision on telling signals, what people write
-//! first, what the textbook says, and the bound of data known beforehand.
+//! Baselines for comparison with the engines: a reference in twice the precision, test signals, the plain
+//! double sum, the textbook algorithm, and convolution of data known in advance as a lower bound.
 //!
-//! What is timed against the engines is in double precision only, so that it is compiled here, as they are.
+//! Baselines that are timed against the engines are in double precision only, so that they are compiled in
+//! this crate, with the same options.
 
 mod compensated_sum;
 mod hls;

@@ -1,4 +1,4 @@
-//! The engine for throughput: blocks transformed as soon as their outputs are due.
+//! The engine for throughput: the work of a block is done when its first output is needed.
 
 use fvi_core::{
     ActsOn, Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, check_channels,
@@ -40,10 +40,10 @@ pub struct BlockFft<T: Scalar> {
     unit: Arch,
 }
 
-/// State that a run of unknown length needs to go on.
+/// Kernel and plans that a run of unknown length needs to add levels.
 struct Growth<T: Scalar> {
     source: Box<dyn Weights<T> + Send>,
-    /// For each entry of the matrices, row by row, all weights asked for so far.
+    /// All weights generated so far, one plane for each entry of the matrices, row by row.
     planes: Vec<Vec<T>>,
     plans: Plans,
 }
@@ -63,7 +63,7 @@ const RATIO: usize = 8;
 /// A level is the top if the whole run has at most this many of its blocks.
 const TOP_BLOCKS: usize = 32;
 
-/// Runs up to this length have the same levels, and so the same bits, however long they are.
+/// Runs up to this length have the same levels, and so the same bits, whatever their length.
 const SHORT_RUN: usize = FIRST_BLOCK * RATIO * TOP_BLOCKS;
 
 impl<T: Scalar> BlockFft<T> {
@@ -98,7 +98,7 @@ impl<T: Scalar> BlockFft<T> {
         })
     }
 
-    /// A memory without a length: weights and levels are added as the run grows.
+    /// A memory without a fixed length: weights and levels are added as the run grows.
     ///
     /// # Errors
     /// If `channels` is zero or no multiple of the kernel's stages.
@@ -124,19 +124,19 @@ impl<T: Scalar> BlockFft<T> {
         })
     }
 
-    /// Floating-point operations of a run of so many steps of one channel with a kernel of plain numbers: a
+    /// Floating-point operations of a run of `steps` steps of one channel with a kernel of plain numbers: a
     /// multiply–add counts two, a complex transform of length n 5 n log₂ n.
     pub fn operations(steps: usize) -> f64 {
         Cover::for_run(FIRST_BLOCK, RATIO, TOP_BLOCKS, steps.max(SHORT_RUN)).operations(steps)
     }
 
-    /// The same memory, its weights being for such samples.
+    /// The same memory, with weights for samples of the given kind.
     #[must_use]
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
         Self { acts_on, ..self }
     }
 
-    /// Makes the levels and spectra that the outputs from sample k on need and that are not there yet.
+    /// Adds the levels and spectra that are needed for outputs from sample k on and are still missing.
     fn grow(&mut self, k: usize) {
         let Some(growth) = &mut self.growth else { return };
         let stages = self.near.stages();

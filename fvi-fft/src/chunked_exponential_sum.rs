@@ -1,5 +1,5 @@
-//! The exponential-sum memory of the host: samples and terms in chunks, so that far samples cost products
-//! with small matrices.
+//! The exponential-sum memory of the host: samples and terms are processed in chunks, with the far history in
+//! products with small matrices.
 
 use fvi_core::{
     ActsOn, ExponentialTable, Memory, MemoryError, ParameterError, Shape, StateError, StateReader,
@@ -14,10 +14,10 @@ use crate::table_kernel::{Exponential, TableKernel, samples_of};
 /// The exponential-sum memory in vector code: r_k = Σ_{n=1}^{k} W_n x_{k−n} for the kernel of an
 /// [`ExponentialTable`].
 ///
-/// Samples and terms come in chunks of M = 16. Terms take the samples of their own chunk and of the d before
-/// it directly, d chunks being enough to hold the head of the table, and everything older through sums Z_j
-/// that take up a chunk at a time. While chunk c is under way, what chunk c + 1 owes to chunks up to c − d is
-/// made ready:
+/// Samples and terms are processed in chunks of M = 16. A term contains the samples of its own chunk and of
+/// the d chunks before it directly, where d chunks cover the head of the table, and everything older through
+/// sums Z_j that are updated once per chunk. During chunk c the contribution of the chunks up to c − d to
+/// chunk c + 1 is prepared:
 ///
 /// ```text
 /// Z_j ← (1 − μ_j)^M Z_j + Σ_{m<M} (1 − μ_j)^{M−1−m} v_jᵀ x_{(c−d)M+m}
@@ -36,34 +36,34 @@ use crate::table_kernel::{Exponential, TableKernel, samples_of};
 pub struct ChunkedExponentialSum<T: Scalar, const S: usize> {
     acts_on: ActsOn,
     horizon: usize,
-    /// Tells the table from others.
+    /// Hash that distinguishes tables.
     fingerprint: u64,
     len: usize,
     /// W₀, row by row.
     leading: Vec<T>,
     within: Columns<T, S>,
-    /// Weights of lags from one chunk to another behind it, the d-th first and the next one last.
+    /// Weights of lags from one chunk to a later one: first d chunks later, last the next one.
     between: Vec<Columns<T, S>>,
     blocks: Vec<Block<T, S>>,
     coordinates: Vec<Coordinate<T, S>>,
-    /// Pieces of the far work that are to be done after each sample of a chunk.
+    /// Number of pieces of the far work that are to be done by each sample of a chunk.
     due: [usize; CHUNK],
-    /// Pieces that are done in this chunk.
+    /// Number of pieces done so far in this chunk.
     done: usize,
     unit: Arch,
 }
 
-/// What each sample of a chunk adds to the terms of a chunk: at `[m][b][a]`, of stage b of sample m to stage
-/// a.
+/// Contribution of each sample of a chunk to the terms of a chunk: entry `[m][b][a]` is from stage b of
+/// sample m to stage a.
 type Columns<T, const S: usize> = [[[Row<T>; S]; S]; CHUNK];
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"chnk";
 
-/// Exponentials of a block: as many as a chunk has samples.
+/// Exponentials per block, equal to the samples per chunk.
 const LANES: usize = CHUNK;
 
-/// Sixteen exponentials. A block that is not full has zeros.
+/// Sixteen exponentials. A block that is not full is padded with zeros.
 struct Block<T, const S: usize> {
     /// 1 − μ
     factor: Row<T>,
@@ -71,7 +71,7 @@ struct Block<T, const S: usize> {
     squared: Row<T>,
     /// 1 − (1 − μ)^M, which near 0 has the digits that (1 − μ)^M lacks.
     decay: Row<T>,
-    /// v, stage by stage, with what makes up for the rounding of the factors; for plain numbers with u.
+    /// v, stage by stage, with a correction for the rounding of the factors; for plain numbers times u.
     inputs: [Row<T>; S],
     /// u (1 − μ)^{dM+1−n₀}, stage by stage; for plain numbers it is part of the input already.
     outputs: [Row<T>; S],
@@ -83,7 +83,7 @@ struct Block<T, const S: usize> {
 struct Coordinate<T, const S: usize> {
     /// Memory terms of this chunk, as far as the samples are known.
     terms: [Row<T>; S],
-    /// Contribution of the samples before this chunk to the terms of the next one.
+    /// Contribution of the samples before this chunk to the terms of the next one, as far as it is done.
     next: [Row<T>; S],
     /// Samples of this chunk.
     samples: [Row<T>; S],
@@ -96,7 +96,7 @@ struct Coordinate<T, const S: usize> {
 #[derive(Clone, Copy)]
 struct Sum<T> {
     whole: Row<T>,
-    /// What rounding took away from it: a sum that forgets slowly would gather the errors of many chunks.
+    /// Rounding error of the sum: a slowly decaying sum would accumulate the errors of many chunks.
     rest: Row<T>,
 }
 
@@ -146,25 +146,25 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         })
     }
 
-    /// The same memory, its weights being for such samples.
+    /// The same memory, with weights for samples of the given kind.
     #[must_use]
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
         Self { acts_on, ..self }
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         let channels = (self.coordinates.len() * S) as u64;
         [("channels", channels), ("stages", S as u64), ("fingerprint of the kernel", self.fingerprint)]
     }
 
-    /// Reads how many samples a state has seen.
+    /// Reads the number of samples in a saved state.
     fn count(&self, from: &mut StateReader<'_>) -> Result<usize, StateError> {
         from.header::<T, 3>(TAG, &self.shape())?;
         from.count_up_to("samples", self.horizon)
     }
 
-    /// Numbers of the state.
+    /// Length of the state.
     fn numbers(&self) -> usize {
         self.coordinates.iter().map(|coordinate| coordinate.rows() * CHUNK).sum()
     }
@@ -197,8 +197,8 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         }
     }
 
-    /// What is to be done behind the sample at `place`: the next pieces of the far work, and the beginning of
-    /// a chunk.
+    /// Work after the sample at `place`: the next pieces of the far work, and at the end the beginning of a
+    /// chunk.
     #[inline(always)]
     fn work<V: Simd>(&mut self, unit: V, place: usize) {
         let (pieces, begins) = (self.done..self.due[place], place + 1 == CHUNK);
@@ -213,15 +213,15 @@ impl<T: Scalar, const S: usize> ChunkedExponentialSum<T, S> {
         }
     }
 
-    /// The step for processors without a vector unit that is known. Out of line: it would burden the
-    /// registers of the call of the others.
+    /// The step for processors without a known vector unit. Out of line, so that it does not occupy registers
+    /// in the call for the others.
     #[inline(never)]
     fn portable_step(&mut self, sample: &[T]) {
         self.step(pulp::Scalar, sample);
     }
 }
 
-/// The call that is compiled once for every vector unit.
+/// The step as a call that is compiled once for every vector unit.
 struct Step<'a, T: Scalar, const S: usize> {
     memory: &'a mut ChunkedExponentialSum<T, S>,
     sample: &'a [T],
@@ -232,7 +232,7 @@ impl<T: Scalar, const S: usize> WithSimd for Step<'_, T, S> {
 
     #[inline(always)]
     fn with_simd<V: Simd>(self, unit: V) {
-        // Known to the compiler: there is one such step for each memory.
+        // The branch is resolved at compile time; there is one such step for each memory.
         if V::IS_SCALAR {
             self.memory.portable_step(self.sample);
         } else {
@@ -241,7 +241,7 @@ impl<T: Scalar, const S: usize> WithSimd for Step<'_, T, S> {
     }
 }
 
-/// The far work, a call of its own: its registers would burden the steps that have none to do.
+/// The far work, as a separate call, so that it does not occupy registers in steps without such work.
 struct Work<'a, T: Scalar, V, const S: usize> {
     memory: &'a mut ChunkedExponentialSum<T, S>,
     unit: V,
@@ -257,9 +257,9 @@ impl<T: Scalar, V: Simd, const S: usize> NullaryFnOnce for Work<'_, T, V, S> {
     }
 }
 
-/// By how much, relative to itself, [`Block::absorb`] with the factors of a [`Block`] in the scalar T makes
-/// the sum over a chunk of a constant too small: the same at every chunk, where errors of the additions
-/// change. Sums of changing sign make nothing pile up.
+/// Relative deficit of the sum over a chunk of a constant that [`Block::absorb`] makes with the factors of a
+/// [`Block`] rounded to the scalar T. It is the same at every chunk, unlike the errors of additions; for
+/// exponentials that change their sign nothing accumulates, and it is zero.
 fn shortfall<T: Scalar>(term: &Exponential) -> f64 {
     let (base, rest) = term.factor();
     if base <= 0.0 {
@@ -280,8 +280,8 @@ fn shortfall<T: Scalar>(term: &Exponential) -> f64 {
     -excess_of_sum / sum
 }
 
-/// What each sample of a chunk adds to the terms of the chunk `chunks` further on, for the weights of all
-/// lags.
+/// Contribution of each sample of a chunk to the terms of the chunk that is `chunks` chunks later, from the
+/// weights of all lags.
 fn columns<T: Scalar, const S: usize>(weights: &[T], chunks: usize) -> Columns<T, S> {
     let mut columns = [[[Row::zeros(); S]; S]; CHUNK];
     for (m, column) in columns.iter_mut().enumerate() {
@@ -297,7 +297,7 @@ fn columns<T: Scalar, const S: usize>(weights: &[T], chunks: usize) -> Columns<T
     columns
 }
 
-/// A number of each of up to sixteen exponentials.
+/// One number for each of up to sixteen exponentials, zero beyond.
 fn lanes<T: Scalar>(terms: &[Exponential], of: &dyn Fn(&Exponential) -> f64) -> Row<T> {
     let mut row = Row::zeros();
     row.0.iter_mut().zip(terms).for_each(|(number, term)| *number = T::of(of(term)));
@@ -305,8 +305,8 @@ fn lanes<T: Scalar>(terms: &[Exponential], of: &dyn Fn(&Exponential) -> f64) -> 
 }
 
 impl<T: Scalar, const S: usize> Block<T, S> {
-    /// The block of up to sixteen exponentials; `left` is how far the nearest lag is behind the first of the
-    /// table.
+    /// The block of up to sixteen exponentials; `left` is the nearest lag of the sums minus the first lag of
+    /// the table's exponentials.
     fn new(terms: &[Exponential], left: usize) -> Self {
         let mut block = Self {
             factor: lanes(terms, &|term| term.power(1)),
@@ -330,14 +330,14 @@ impl<T: Scalar, const S: usize> Block<T, S> {
         block
     }
 
-    /// Takes a chunk of samples into the sums.
+    /// Adds a chunk of samples to the sums.
     #[inline(always)]
     fn absorb<V: Simd>(&self, unit: V, sum: &mut Sum<T>, samples: &[Row<T>; S]) {
         let zero = T::in_lanes(unit, T::zero());
         let mut inputs = [zero; LANES];
         for (samples, scale) in samples.iter().zip(&self.inputs) {
-            // Horner's rule, for samples at even and at odd places apart: two chains that do not wait for
-            // each other.
+            // Horner's rule for samples at even and at odd places separately: two independent chains of
+            // operations.
             let [[first, second], later @ ..] = samples.0.as_chunks::<2>().0 else { return };
             let (mut even, mut odd) =
                 ([T::in_lanes(unit, *first); LANES], [T::in_lanes(unit, *second); LANES]);
@@ -347,8 +347,8 @@ impl<T: Scalar, const S: usize> Block<T, S> {
                     *even = T::plus_product(unit, squared, *even, first);
                     *odd = T::plus_product(unit, squared, *odd, second);
                 }
-                // A compiler that unrolls this loop takes one chain after the other, and finds too few
-                // registers for the samples.
+                // Otherwise the compiler unrolls this loop, processes one chain after the other, and runs out
+                // of registers for the samples.
                 core::hint::black_box(());
             }
             let parts = self.factor.parts::<V>().iter().zip(scale.parts::<V>());
@@ -365,7 +365,7 @@ impl<T: Scalar, const S: usize> Block<T, S> {
         }
     }
 
-    /// Adds what the sums are worth to the terms of the next chunk.
+    /// Adds the contribution of the sums to the terms of the next chunk.
     #[inline(always)]
     fn emit<V: Simd>(&self, unit: V, sum: &Sum<T>, next: &mut [Row<T>; S]) {
         for (outputs, next) in self.outputs.iter().zip(next) {
@@ -423,8 +423,8 @@ impl<T: Scalar, const S: usize> Coordinate<T, S> {
     }
 
     /// One piece of the far work of a chunk: first each chunk but the oldest, directly; then the blocks. A
-    /// block emits one piece after it has absorbed: what neighbouring blocks do together does not wait for
-    /// each other.
+    /// block emits one piece after it has absorbed, so that neighbouring pieces are independent of each
+    /// other.
     #[inline(always)]
     fn work<V: Simd>(&mut self, unit: V, piece: usize, blocks: &[Block<T, S>], between: &[Columns<T, S>]) {
         let direct = between.len() - 1;
@@ -444,7 +444,8 @@ impl<T: Scalar, const S: usize> Coordinate<T, S> {
         }
     }
 
-    /// Ends a chunk: its samples join the past, and what was prepared for the next chunk comes to its turn.
+    /// Ends a chunk: its samples join the past, and the terms prepared for the next chunk become the current
+    /// ones.
     #[inline(always)]
     fn begin_chunk<V: Simd>(&mut self, unit: V, between: &[Columns<T, S>]) {
         self.terms = self.next;
@@ -501,7 +502,7 @@ impl<T: Scalar, const S: usize> Memory<T> for ChunkedExponentialSum<T, S> {
         self.check(term.len())?;
         let place = self.len % CHUNK;
         if let ([term], [coordinate]) = (&mut *term, &*self.coordinates) {
-            // Without what a loop computes beforehand.
+            // One channel needs no set-up of a loop.
             *term = coordinate.terms[0].0[place];
             return Ok(());
         }
@@ -582,7 +583,7 @@ mod tests {
 
     #[test]
     fn a_unit_sample_leaves_the_weights_until_the_horizon() {
-        // One exponential, and one more that keeps its size and changes its sign.
+        // One exponential, and a second one of constant size that alternates in sign.
         let alternating: &[f64] = &[0.5, 2.0, 0.0, 0.0, 0.5, 0.25, 0.0, 0.0];
         let tables = [(halves(), 0.0), (ExponentialTable { exponentials: alternating, ..halves() }, 0.25)];
         for (table, size) in tables {
@@ -605,7 +606,7 @@ mod tests {
 
     #[test]
     fn what_has_died_away_costs_nothing() {
-        // Of rates 1/2 and 16 per step, from lag 1 on; the second is e^{−256} of itself at lag 17.
+        // Rates of ln 2 and 16 per step, from lag 1 on; the second has decayed by e^{−256} at lag 17.
         let exponentials: &[f64] = &[0.5, 1.0 - (-16.0f64).exp(), 0.0, 0.0, 0.5, 0.5, 0.0, 0.0];
         let table = ExponentialTable { exponentials, ..halves() };
         let memory = ChunkedExponentialSum::<f64, 1>::new(&table, 1).unwrap();
@@ -623,7 +624,8 @@ mod tests {
         assert_eq!(parameter(halves(), 0), Some("channels"));
     }
 
-    /// Sixteen samples of 1 with factors f and f₂ for two steps: (f + 1) Σ f₂ⁱ, i < 8.
+    /// The sum over sixteen samples of 1 with the factor f and the factor f₂ for two steps: (f + 1) Σ f₂ⁱ, i
+    /// < 8.
     fn sum_of_ones(factor: DoubleDouble, squared: DoubleDouble) -> DoubleDouble {
         let sum =
             (1..CHUNK / 2).fold(DoubleDouble::ONE, |sum, _| squared.multiply(sum).add(DoubleDouble::ONE));
@@ -641,7 +643,7 @@ mod tests {
             let found = sum_of_ones(stored(&block.factor), stored(&block.squared));
             let expected = right.add(found.scale(-1.0)).to_f64() / right.to_f64();
             let error = (shortfall::<T>(&term) - expected).abs();
-            // What is left out is of second order.
+            // The neglected terms are of second order.
             let unit = T::EPSILON.to_f64() / 2.0;
             assert!(error < 8.0 * unit * unit + 1e-29, "{decay}: {expected:e}, {error:e}");
         }
@@ -672,7 +674,7 @@ mod tests {
     fn bytes_are_those_of_the_object_and_of_every_number() {
         let table = ExponentialTable { head: &[1.0; 20][..], ..halves() };
         let memory = ChunkedExponentialSum::<f64, 1>::new(&table, 3).unwrap();
-        // Two chunks hold the head: that is how far weights reach directly, and how many chunks are kept.
+        // The head spans two chunks: the reach of the direct weights, and the number of past chunks stored.
         let (row, distance, blocks) = (8 * CHUNK, 2, 1);
         let tables = 8 + distance * CHUNK * row + blocks * (3 + 1 + 1 + 16) * row;
         let coordinate = (3 * row + 2 * size_of::<Vec<f64>>()).next_multiple_of(align_of::<Row<f64>>());

@@ -1,4 +1,4 @@
-//! Which level of blocks serves which pair of samples.
+//! Assignment of pairs of samples to levels of blocks.
 
 /// Block sizes B₀ < B₁ < … of the levels, each a multiple of the one before.
 ///
@@ -21,12 +21,13 @@
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Cover {
     blocks: Vec<usize>,
-    /// Ratio of the level above the last one; `None` if the last level is the top.
+    /// Ratio to the level above the last one; `None` if the last level is the top.
     beyond: Option<usize>,
 }
 
 impl Cover {
-    /// Levels from `first` up by the given ratios; the last is the top and serves all its distances.
+    /// Levels from block size `first` up by the given ratios; the last is the top and serves all its
+    /// distances.
     pub(crate) fn bounded(first: usize, ratios: &[usize]) -> Self {
         let mut blocks = vec![first];
         for ratio in ratios {
@@ -47,7 +48,7 @@ impl Cover {
         Self::bounded(first, &ratios)
     }
 
-    /// Only the level `first`, with a level `ratio` times as large to come: for runs of unknown length.
+    /// The level `first` alone, with a ratio to a later one above: for runs of unknown length.
     pub(crate) fn growing(first: usize, ratio: usize) -> Self {
         Self { blocks: vec![first], beyond: Some(ratio) }
     }
@@ -57,7 +58,7 @@ impl Cover {
         self.blocks[level]
     }
 
-    /// Number of samples before k in the near part of the outputs of its chunk.
+    /// Number of samples before k that are in the near part for the outputs of k's chunk.
     pub(crate) fn near(&self, k: usize) -> usize {
         let block = self.blocks[0];
         k - (k / block).saturating_sub(1) * block
@@ -76,7 +77,7 @@ impl Cover {
         }
     }
 
-    /// The input blocks that output block `m` takes from this level.
+    /// The input blocks from which this level contributes to output block `m`.
     pub(crate) fn inputs(&self, level: usize, m: usize) -> core::ops::Range<usize> {
         let first = match self.ratio(level) {
             Some(ratio) => ((m / ratio).saturating_sub(1)) * ratio,
@@ -94,15 +95,15 @@ impl Cover {
         }
     }
 
-    /// Number of lags that the blocks of a run reach over. The last ones may lie beyond the run: they meet no
-    /// sample, but the spectra in which they are would have other last bits without them.
+    /// Number of lags covered by the blocks of a run. The last ones may lie beyond the run and meet no
+    /// sample, but without them the spectra that contain them would have different last bits.
     pub(crate) fn lags(&self, length: usize) -> usize {
         let ends = (0..self.levels()).map(|level| (self.reach(level, length), self.block(level)));
         let ends = ends.take_while(|&(reach, _)| reach >= 2).map(|(reach, block)| (reach + 1) * block);
         ends.fold(length.max(2 * self.block(0)), usize::max)
     }
 
-    /// Floating-point operations of a run of so many steps of one channel with a kernel of plain numbers.
+    /// Floating-point operations of a run of `steps` steps of one channel with a kernel of plain numbers.
     ///
     /// A multiply–add counts two, a complex one eight, a transform of a block of B samples 5 B log₂ B: each
     /// block is transformed once, and each output block once back.
@@ -139,7 +140,7 @@ mod tests {
         // One output block of 64, with one block two before it.
         let near = near + (128..192).map(|k| 2 * (k - 64)).sum::<usize>();
         assert_eq!(cover.operations(192), (near + 2 * 5 * 64 * 6 + 8 * 64) as f64);
-        // Of those of 512 the third is the first to have one.
+        // Of the blocks of 512 the third is the first with a block two before it.
         let without = Cover::bounded(64, &[]).operations(1024);
         assert_eq!(cover.operations(1024), without);
         assert!(
@@ -148,20 +149,20 @@ mod tests {
         );
     }
 
-    /// Who serves the pair (k, j): the near part, or a level.
+    /// The part that serves the pair (k, j): the near part, or a level.
     #[derive(Clone, Copy, Debug, PartialEq)]
     enum Server {
         Near,
         Level(usize),
     }
 
-    /// What the definition says: the coarsest level at which the blocks of k and j are two or more apart.
+    /// By the definition: the coarsest level at which the blocks of k and j are two or more apart.
     fn server(cover: &Cover, k: usize, j: usize) -> Server {
         let apart = |&level: &usize| k / cover.block(level) - j / cover.block(level) >= 2;
         (0..cover.levels()).rev().find(apart).map_or(Server::Near, Server::Level)
     }
 
-    /// Everyone who serves each earlier sample j of the output k.
+    /// All parts that serve each earlier sample j of the output k.
     fn servers(cover: &Cover, k: usize) -> Vec<Vec<Server>> {
         let mut servers = vec![Vec::new(); k];
         for servers in &mut servers[k - cover.near(k)..] {

@@ -14,8 +14,8 @@ use crate::wide_exponential_sum::WideExponentialSum;
 /// A memory engine chosen at run time.
 pub type Engine<T> = Box<dyn Memory<T> + Send>;
 
-/// The engines of this crate for a scalar, each behind an object: made so, none of them is compiled again in
-/// the crate that runs it.
+/// Constructors of the engines of this crate for a scalar, as trait objects, so that crates which use them do
+/// not compile them again.
 pub trait Engines: Scalar {
     /// [`BlockFft::planned`]
     ///
@@ -76,7 +76,7 @@ pub trait Engines: Scalar {
     ) -> Result<Engine<Self>, ParameterError>;
 }
 
-/// A kernel behind a reference.
+/// A kernel by mutable reference.
 struct Borrowed<'a, T>(&'a mut dyn Weights<T>);
 
 impl<T> Weights<T> for Borrowed<'_, T> {

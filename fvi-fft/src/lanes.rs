@@ -1,25 +1,25 @@
-//! Vectors of numbers, for loops that are compiled once for each vector unit and chosen at run time.
+//! Vectors of numbers, for loops that are compiled once for each vector unit, which is chosen at run time.
 
 use pulp::bytemuck::Pod;
 use pulp::{Interleave, Simd};
 use rustfft::num_complex::Complex;
 
-/// Vector arithmetic of a scalar on the unit `S`; `S` is a value that proves that the machine has the unit.
+/// Vector arithmetic of a scalar on the unit `S`, whose values prove that the machine has the unit.
 ///
 /// A multiply–add is rounded once where that is one instruction, twice elsewhere.
 pub trait Lanes: Pod {
-    /// As many numbers as the unit takes at a time.
+    /// A vector of real numbers of the unit.
     type Reals<S: Simd>: Pod + Interleave;
-    /// As many complex numbers as the unit takes at a time.
+    /// A vector of complex numbers of the unit.
     type Complexes<S: Simd>: Pod;
 
     /// The slice in whole vectors; an incomplete last one is left out.
     fn reals<S: Simd>(numbers: &[Self]) -> &[Self::Reals<S>];
-    /// The slice in whole vectors, to be written.
+    /// The slice in whole vectors, mutable.
     fn reals_mut<S: Simd>(numbers: &mut [Self]) -> &mut [Self::Reals<S>];
     /// The slice in whole vectors.
     fn complexes<S: Simd>(numbers: &[Complex<Self>]) -> &[Self::Complexes<S>];
-    /// The slice in whole vectors, to be written.
+    /// The slice in whole vectors, mutable.
     fn complexes_mut<S: Simd>(numbers: &mut [Complex<Self>]) -> &mut [Self::Complexes<S>];
 
     /// The number in every lane.
@@ -62,8 +62,8 @@ pub trait Lanes: Pod {
     /// i·a
     fn times_i<S: Simd>(unit: S, a: Self::Complexes<S>) -> Self::Complexes<S>;
 
-    /// Real and imaginary parts of interleaved numbers, in an order that [`interleave`](Lanes::interleave)
-    /// undoes.
+    /// Real and imaginary parts of interleaved numbers, in an order that is undone by
+    /// [`interleave`](Lanes::interleave).
     fn separate<S: Simd>(unit: S, numbers: [Self::Reals<S>; 2]) -> [Self::Reals<S>; 2];
     /// The inverse of [`separate`](Lanes::separate).
     fn interleave<S: Simd>(unit: S, parts: [Self::Reals<S>; 2]) -> [Self::Reals<S>; 2];

@@ -1,4 +1,4 @@
-//! One level of blocks: cached spectra of the kernel, spectra of the signal, and the job that makes one
+//! One level of blocks: cached spectra of the kernel, spectra of the signal, and the job that computes one
 //! output block.
 
 use core::ops::Range;
@@ -12,10 +12,10 @@ use crate::row::{CHUNK, Row};
 use crate::scalar::Scalar;
 use crate::transform::{PACKET, Packet, Transform};
 
-/// Packets of a spectrum that one task of products works on.
+/// Packets of a spectrum per task of products.
 const TILE: usize = 8;
 
-/// Products that are added at a time.
+/// Number of products added at a time.
 const GROUP: usize = 4;
 
 /// Blocks of B samples and everything needed to convolve them at block distances 2, 3, ….
@@ -24,14 +24,15 @@ pub(crate) struct Level<T: Scalar> {
     stages: usize,
     channels: usize,
     transform: Transform<T>,
-    /// Spectra of the weights, for each distance from 2 the S×S entries row by row; they hold the factor 1/B.
+    /// Spectra of the weights, for each distance from 2 the S×S entries row by row; they include the factor
+    /// 1/B.
     kernel: Vec<Packet<T>>,
     /// Spectra of the last input blocks, all channels of one block after the other.
     signal: Vec<Packet<T>>,
     slots: usize,
-    /// Sum of products in the making.
+    /// Sum of products of the current job.
     sum: Vec<Packet<T>>,
-    /// Polynomial in the making.
+    /// Polynomial of the current job.
     polynomial: Vec<Complex<T>>,
     /// The last output blocks, one channel after the other in each.
     output: Vec<T>,
@@ -51,7 +52,7 @@ pub(crate) struct LevelShape {
     pub(crate) channels: usize,
     /// Largest block distance.
     pub(crate) reach: usize,
-    /// Output blocks kept: the one being read, and with 2 also the one in the making.
+    /// Output blocks kept: 1 for the block being read, 2 to compute the next one meanwhile.
     pub(crate) outputs: usize,
 }
 
@@ -77,10 +78,10 @@ impl<T: Scalar> Level<T> {
         }
     }
 
-    /// The levels of a run of at most `capacity` samples, with all their spectra; `scratch` grows to what
-    /// they need.
+    /// The levels of a run of at most `capacity` samples, with all their spectra; `scratch` grows to the
+    /// length they need.
     ///
-    /// `shape` tells what all levels share; its block and reach are those of no level.
+    /// `shape` has the values shared by all levels; its block and reach are ignored.
     pub(crate) fn for_run(
         cover: &Cover,
         capacity: usize,
@@ -118,12 +119,13 @@ impl<T: Scalar> Level<T> {
         self.transform.scratch()
     }
 
-    /// Block distance whose spectra are still missing.
+    /// Smallest block distance whose spectra are still missing.
     pub(crate) fn missing_distance(&self) -> usize {
         2 + self.kernel.len() / (self.stages * self.stages * self.transform.packets())
     }
 
-    /// Makes the spectra of the first missing distance d from the weights of lags ((d−1)B, (d+1)B); weights
+    /// Computes the spectra of the first missing distance d from the weights of lags ((d−1)B, (d+1)B);
+    /// weights
     /// beyond the end of a plane count as zero.
     pub(crate) fn add_distance(&mut self, planes: &[Vec<T>], scratch: &mut [Complex<f64>]) {
         let (block, packets) = (self.block, self.transform.packets());
@@ -145,7 +147,7 @@ impl<T: Scalar> Level<T> {
         }
     }
 
-    /// Number of tasks of the job that makes an output block from the given input blocks.
+    /// Number of tasks of the job that computes an output block from the given input blocks.
     pub(crate) fn tasks(&self, inputs: &Range<usize>) -> usize {
         self.channels * (self.transform.pieces() + self.tasks_per_channel(inputs))
     }
@@ -190,7 +192,7 @@ impl<T: Scalar> Level<T> {
         }
     }
 
-    /// Runs one task of the job that makes output block `inputs.end + 1`, whose newest input block is
+    /// Runs one task of the job that computes output block `inputs.end + 1`, whose newest input block is
     /// `inputs.end − 1`. The tasks of a job are to be run in order.
     pub(crate) fn run(
         &mut self,
@@ -227,8 +229,8 @@ impl<T: Scalar> Level<T> {
         }
     }
 
-    /// Adds M of the products X_{m′,s′}·W_{m−m′,s,s′} that an output needs, from the given one on; they are
-    /// counted with s′ running fastest.
+    /// Adds M of the products X_{m′,s′}·W_{m−m′,s,s′} of an output, from the given one on; s′ is the fastest
+    /// index.
     fn add_products<const M: usize>(
         &mut self,
         inputs: &Range<usize>,
@@ -240,7 +242,7 @@ impl<T: Scalar> Level<T> {
         let tile = tile * TILE..packets.min((tile + 1) * TILE);
         let in_tile = |spectrum: usize| spectrum * packets + tile.start..spectrum * packets + tile.end;
         let (stage, group) = (channel % stages, channel - channel % stages);
-        // Input blocks with the slots of the ring that hold their spectra.
+        // Input blocks paired with the slots of the ring that contain their spectra.
         let oldest = inputs.start + first / stages;
         let slots = (oldest % self.slots..self.slots).chain(0..self.slots);
         let products = (oldest..inputs.end)
@@ -286,7 +288,7 @@ impl<T: Scalar> Level<T> {
     }
 }
 
-/// Sum of what the levels contribute to the chunk of outputs at sample `k`, the smallest parts first.
+/// Sum of the contributions of the levels to the chunk of outputs at sample `k`, the smallest parts first.
 pub(crate) fn owed<T: Scalar>(levels: &[Level<T>], channel: usize, k: usize) -> Row<T> {
     let mut row = Row::zeros();
     levels.iter().rev().for_each(|level| level.add_output(channel, k, &mut row));

@@ -36,8 +36,8 @@ pub use vectorised::Vectorised;
 pub use weights::{WeightTable, Weights};
 pub use wide_exponential_sum::{WIDE_KERNELS, WideExponentialSum};
 
-/// What the last bits of these memories depend on besides their numbers: the processor's family, and whether
-/// its vector units round multiply–adds once.
+/// Name of what the last bits of these memories depend on besides their input: the processor's family, and
+/// whether its vector units have fused multiply–adds.
 pub fn vector_units() -> &'static str {
     match (cfg!(target_arch = "x86_64"), cfg!(target_arch = "aarch64"), pulp::Arch::new()) {
         (true, _, pulp::Arch::Scalar) => "x86-64 without fused multiply–add",

@@ -1,5 +1,5 @@
-//! Every memory of this crate on kernels made by hand: terms are those of the plain sum, refusals change
-//! nothing, saved states go on with the same bits, and `bytes` counts what there is.
+//! Every memory of this crate on small kernels: terms are those of the plain sum, refused calls change
+//! nothing, restored memories continue with identical bits, and `bytes` is the size of tables and state.
 
 use fvi_core::{
     ActsOn, ExponentialTable, Memory, MemoryError, Real, StateError, StateReader, StateWriter, header_bytes,
@@ -21,7 +21,7 @@ fn arbitrary<T: Real>(stages: usize, count: usize) -> Vec<T> {
     (0..count * entries).map(number).collect()
 }
 
-/// A table of exponentials as its owner keeps it.
+/// A table of exponentials with its own storage.
 struct Exponentials {
     stages: usize,
     head: Vec<f64>,
@@ -30,7 +30,8 @@ struct Exponentials {
 }
 
 impl Exponentials {
-    /// Eighteen rates from one that never ends to one that changes its sign, behind a head of `head` weights.
+    /// Eighteen rates from one that never decays to one that alternates in sign, after a head of `head`
+    /// weights.
     fn new(stages: usize, head: usize, horizon: usize) -> Self {
         let decays =
             [1e-7, 1e-5, 4e-4, 1e-3, 0.004, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8];
@@ -69,7 +70,7 @@ impl Exponentials {
         }
     }
 
-    /// The first `count` weights as the definition of a table has them, row by row.
+    /// The first `count` weights by the definition of a table, row by row.
     fn weights<T: Real>(&self, count: usize) -> Vec<T> {
         let (stages, entries) = (self.stages, self.stages * self.stages);
         let head = self.head.len() / entries;
@@ -146,7 +147,7 @@ fn assert_plain_sum<T: Real>(
     }
 }
 
-/// Those of arbitrary kernels.
+/// The engines for arbitrary kernels.
 fn transform_engines<T: Scalar>(
     channels: usize,
     stages: usize,
@@ -213,7 +214,7 @@ fn a_transform_of_everything_gives_the_terms_again_and_again() {
     assert_eq!(OfflineFft::new(WeightTable::matrices(&weights, 2), 9).err().unwrap().parameter, "channels");
 }
 
-/// The memories for tables of one number.
+/// The memories for tables with one stage.
 fn sums_of_exponentials<T: Scalar>(table: &Exponentials, channels: usize) -> [(&'static str, Engine<T>); 3] {
     let table = &table.table();
     [
@@ -254,7 +255,7 @@ fn exponential_sums_of_matrices_give_the_plain_sum_of_their_table() {
     }
 }
 
-/// Tables with the exponentials of the first and other coefficients.
+/// Tables with the same exponentials and different coefficients.
 fn sharing() -> Vec<Exponentials> {
     let table = |factor: f64| {
         let mut table = Exponentials::new(1, 9, 1000);
@@ -267,7 +268,7 @@ fn sharing() -> Vec<Exponentials> {
     [1.0, 0.5, 1.7].map(table).into()
 }
 
-/// One of several kernels, as a memory by itself.
+/// One of the kernels of a memory, as a memory by itself.
 struct OneOf<'a, T> {
     memory: &'a mut dyn Memory<T>,
     kernel: usize,
@@ -319,7 +320,7 @@ fn kernels_that_share_their_samples_have_terms_of_their_own() {
         assert_eq!(one.leading(), &weights[..1]);
         assert_plain_sum("shared", &mut one, &weights, 300, &SHORT, 28.0);
         let mut one = OneOf { memory: &mut *coarse, kernel };
-        // Two units of single precision.
+        // Tolerance for two units of single precision.
         assert_plain_sum("shared in single precision", &mut one, &weights, 300, &SHORT[..1], 2f64.powi(30));
         assert!(
             largest_error(
@@ -387,7 +388,7 @@ fn kernels_of_no_or_five_stages_and_channels_without_a_partner_are_refused() {
     assert_eq!(ChunkedExponentialSum::<f64, 2>::new(&two.table(), 3).err().unwrap().parameter, "channels");
 }
 
-/// Facts about a memory that are known beforehand.
+/// Expected properties of a memory.
 struct Promise<'a, T> {
     name: &'static str,
     build: &'a dyn Fn() -> Engine<T>,
@@ -413,7 +414,7 @@ impl<T: Scalar> Promise<'_, T> {
         term.iter().map(|number| number.bits()).collect()
     }
 
-    /// What the trait says, in runs of 400 samples, some of them disturbed.
+    /// Asserts the contract of the trait in runs of 400 samples, some of them interrupted by refused calls.
     fn assert_kept(&self) {
         let &Self { name, channels, stages, kernels, .. } = self;
         let length = self.capacity.unwrap_or(400).min(400);
@@ -439,7 +440,7 @@ impl<T: Scalar> Promise<'_, T> {
             assert_eq!((memory.next_term(&mut term), memory.push(sample(0))), (full, full), "{name}");
             assert_eq!(memory.len(), length, "{name}");
         }
-        // Disturbed by refusals, after samples that are forgotten.
+        // Interrupted by refused calls, after samples that were cleared.
         memory.clear();
         for k in 0..length / 3 {
             memory.push(sample(length - 1 - k)).unwrap();
@@ -463,7 +464,7 @@ impl<T: Scalar> Promise<'_, T> {
         }
     }
 
-    /// That a memory goes on where it was saved, and takes nothing else for its state.
+    /// Asserts that a restored memory continues where it was saved, and refuses any other state.
     fn assert_saved(&self) {
         let &Self { name, channels, .. } = self;
         let length = self.capacity.unwrap_or(400).min(400);
@@ -657,7 +658,7 @@ fn engines_behind_objects_are_those_of_the_crate() {
     }
 }
 
-/// Numbers come from a kernel once, in order, and those that are missing are zero.
+/// Weights are requested once, in order, and missing ones are zero.
 #[test]
 fn weights_are_asked_for_once_and_in_order() {
     struct Ordered(usize);
@@ -683,7 +684,7 @@ fn weights_are_asked_for_once_and_in_order() {
     assert_eq!(weights, [0.0; 8]);
 }
 
-/// Bytes are those of the numbers, which are counted here, and little more.
+/// `bytes` is the size of the numbers, which are counted here, plus a small overhead.
 fn assert_bytes(name: &str, memory: &dyn Memory<f64>, numbers: usize, overhead: usize) {
     let (least, found) = (8 * numbers, memory.bytes());
     assert!((least..least + overhead).contains(&found), "{name}: {found} bytes for {least}");
@@ -691,7 +692,7 @@ fn assert_bytes(name: &str, memory: &dyn Memory<f64>, numbers: usize, overhead: 
 
 #[test]
 fn bytes_count_the_numbers_that_a_memory_keeps() {
-    // Leading weights, their tables d from chunk to chunk, blocks of sixteen exponentials and the state.
+    // Leading weights, tables of d chunks, blocks of sixteen exponentials and the state.
     let (rows, stages) = (|rows: usize| 16 * rows, 4);
     let exponentials = Exponentials::new(stages, 40, 400);
     let memory = ChunkedExponentialSum::<f64, 4>::new(&exponentials.table(), 3 * stages).unwrap();
@@ -703,20 +704,22 @@ fn bytes_count_the_numbers_that_a_memory_keeps() {
     assert_bytes("chunked", &memory, tables + state, 1000);
     assert_eq!(memory.state_bytes(), header_bytes(4) + 8 * state);
 
-    // A chunk of 40: groups of eight terms from m samples, a whole chunk and 17 sums, one being
-    // over at once; the sums from a chunk.
+    // A chunk of 40: coefficients for groups of eight terms from m samples of the same chunk, and from a
+    // whole chunk and 17 sums, since one of 18 exponentials decays at once; and those of the sums from a
+    // chunk.
     let exponentials = Exponentials::new(1, 40, 400);
     let memory = WideExponentialSum::<f64>::new(&exponentials.table(), 100).unwrap();
     let (chunk, sums) = (40, 17);
     let within: usize = (0..chunk).step_by(8).map(|m| 8 * m).sum();
     let tables = 1 + 8 + within + chunk * (sums + chunk) + sums.next_multiple_of(8) * chunk + sums;
     let slow = memory.channel_bytes() - 8 * (chunk + sums);
-    // Rates up to 0.003 lose less than an eighth in a chunk.
+    // Rates up to 0.003 lose less than an eighth in a chunk and have rests.
     assert_eq!(slow, 4 * 4);
     assert_bytes("wide", &memory, tables + 128 * (chunk + sums) + 128 * slow / 8, 1500);
     assert_eq!(memory.state_bytes(), header_bytes(4) + 8 * 100 * (chunk + sums + 4));
 
-    // Near part: two blocks of 64 for each entry, sixteen weights a place, one row of terms a channel.
+    // Near part: weights of two blocks of 64 for each entry, sixteen weights per place, one row of terms per
+    // channel.
     let (channels, stages, capacity) = (4, 2, 2048);
     let near = stages * stages * (1 + rows(128 + 16)) + rows(channels);
     let [block_fft, growing, paced, _] = transform_engines::<f64>(channels, stages, capacity);
@@ -749,7 +752,7 @@ fn bytes_count_the_numbers_that_a_memory_keeps() {
     for _ in 0..400 {
         textbook.push(&[0.0; 4]).unwrap();
     }
-    // Two rows of 512 complex numbers, each with room for no more than twice as many.
+    // Two rows of 512 complex numbers, each with a capacity of at most twice as many.
     assert!((2 * 512 * 16..=4 * 512 * 16).contains(&(textbook.bytes() - before)));
 }
 
@@ -805,7 +808,7 @@ fn a_closure_and_a_recursion_are_kernels() {
         assert_plain_sum("kernel", &mut **memory, &weights, 300, &SHORT[..1], 100.0);
     }
     drop(memories);
-    // As many as the run can meet, in stretches.
+    // As many weights as the run can use, in several requests.
     let mut counted = 0;
     let long = |_: usize, numbers: &mut [f64]| {
         counted += numbers.len();
@@ -818,9 +821,9 @@ fn a_closure_and_a_recursion_are_kernels() {
     assert_eq!(empty.next_term(&mut [0.0]), Err(MemoryError::Full { capacity: 0 }));
 }
 
-/// The rounding of each chunk's sum is the same at many chunks of a constant signal. Without what makes up
-/// for it the terms would be some hundred units off: of a sum that has reached its balance, because there a
-/// chunk changes it by less than its last digit, and of one that only grows.
+/// The rounding error of a chunk's sum is the same at many chunks of a constant signal. Without the
+/// correction the terms would be wrong by some hundred units: of a sum in equilibrium, because there a chunk
+/// changes it by less than its last digit, and of one that only grows.
 fn assert_slow_sums_keep_their_digits<T: Scalar>() {
     const LENGTH: usize = 40_000;
     let (never_ends, in_balance) = ((1e-20, 1.0), (1e-4, 4.0));
@@ -830,7 +833,7 @@ fn assert_slow_sums_keep_their_digits<T: Scalar>() {
     let sum = |(decay, size): (f64, f64)| -size * ((LENGTH - 1) as f64 * (-decay).ln_1p()).exp_m1() / decay;
     let sample = T::of(0.1);
     let expected = sample.to_f64() * (1.0 + sum(never_ends) + sum(in_balance));
-    // On the last of several tiles of channels, too.
+    // Also on the last of several tiles of channels.
     for (name, mut memory) in sums_of_exponentials::<T>(&table, 70).into_iter().take(2) {
         for _ in 0..LENGTH {
             memory.push(&[sample; 70]).unwrap();
@@ -839,7 +842,7 @@ fn assert_slow_sums_keep_their_digits<T: Scalar>() {
         memory.next_term(&mut term).unwrap();
         for (channel, number) in term.iter().enumerate() {
             let error = (number.to_f64() / expected - 1.0).abs() / (T::EPSILON.to_f64() / 2.0);
-            // What exponential sums are allowed on signals that keep their size.
+            // The tolerance of exponential sums for signals of constant size.
             assert!(error < 28.0, "{name}, channel {channel}: {error} u");
         }
     }
@@ -853,7 +856,7 @@ fn slow_sums_keep_their_digits_over_thousands_of_chunks() {
 
 #[test]
 fn threads_that_share_a_step_change_no_bit() {
-    // So many channels that two threads share all that a step does.
+    // Enough channels that two threads share all work of a step.
     const CHANNELS: usize = 40_000;
     let tables = sharing();
     let views: Vec<_> = [0, 1, 2, 1].map(|index| tables[index].table()).into();
@@ -902,8 +905,8 @@ fn a_slow_exponential_however_small_is_what_lasts() {
 
 #[test]
 fn operations_are_counted_as_blocks_are_cut() {
-    // Lags below 128 one by one, 2k and 2(k − 64) …; output blocks 2 and 3 of 64 with one and two before
-    // them.
+    // Lags below 128 one by one, 2k and 2(k − 64) …; output blocks 2 and 3 of 64 with one and two input
+    // blocks.
     let near: usize = (0..128).map(|k| 2 * k).sum::<usize>() + 2 * (64..128).map(|k| 2 * k).sum::<usize>();
     let blocks = 2 * (2 * 5 * 64 * 6) + 3 * 8 * 64;
     let count = (near + blocks) as f64;

@@ -14,10 +14,10 @@ pub(crate) struct Near<T> {
     /// W₀, row by row.
     leading: Vec<T>,
     /// For each entry of the matrices, row by row, and each lag n below the limit the weights of lags n … n +
-    /// 15, so that they lie on whole cache lines wherever they begin.
+    /// 15, stored separately so that each row begins on a cache line.
     planes: Vec<Vec<Row<T>>>,
-    /// For each entry and each place in a chunk, what a sample there adds to the terms of its chunk: nothing
-    /// up to its place.
+    /// For each entry and each place in a chunk, the weights with which a sample there enters the terms of
+    /// its chunk: zero up to its place.
     within: Vec<[Row<T>; CHUNK]>,
     /// Memory terms of the current chunk, one row per channel.
     terms: Vec<Row<T>>,
@@ -57,7 +57,7 @@ impl<T: Scalar> Near<T> {
         }
     }
 
-    /// Adds the sample x_k to the terms behind it in its chunk.
+    /// Adds the sample x_k to the later terms of its chunk.
     #[inline]
     pub(crate) fn push(&mut self, k: usize, sample: &[T]) {
         let place = k % CHUNK;
@@ -75,9 +75,9 @@ impl<T: Scalar> Near<T> {
         }
     }
 
-    /// Begins the chunk that follows all of `signal`. Each channel's terms start with `far(channel)`, the
-    /// part of the older samples; the latest `count` samples are added to it directly. `count` is even, and
-    /// small enough that the lags of a whole chunk remain below the limit.
+    /// Begins the chunk after all of `signal`. Each channel's terms start with `far(channel)`, the
+    /// contribution of the older samples; the latest `count` samples are added to it directly. `count` is
+    /// even, and small enough that the lags of a whole chunk remain below the limit.
     pub(crate) fn begin(&mut self, count: usize, signal: &[Vec<T>], mut far: impl FnMut(usize) -> Row<T>) {
         let stages = self.stages;
         for (channel, row) in self.terms.iter_mut().enumerate() {
@@ -111,13 +111,13 @@ fn rows<T: Scalar>(weights: &[T]) -> Vec<Row<T>> {
     (0..weights.len()).map(|first| Row(core::array::from_fn(|l| weight(first + l)))).collect()
 }
 
-/// For each place in a chunk the weights of the samples behind it, up to the end of the chunk.
+/// For each place in a chunk the weights for the later terms, up to the end of the chunk.
 fn within<T: Scalar>(weights: &[T]) -> [Row<T>; CHUNK] {
     let weight = |place: usize, i: usize| if i > place { weights.get(i - place).copied() } else { None };
     core::array::from_fn(|place| Row(core::array::from_fn(|i| weight(place, i).unwrap_or(T::zero()))))
 }
 
-/// terms += x weights for a sample at `place` in their chunk: not worth the call of another vector unit.
+/// terms += x weights for a sample at `place` in their chunk: too short for a call of another vector unit.
 #[inline(always)]
 fn add_within<T: Scalar>(terms: &mut Row<T>, weights: &Row<T>, x: T, place: usize) {
     const HALF: usize = CHUNK / 2;

@@ -1,4 +1,4 @@
-//! Plans of transforms, kept by their length, and the one place where the planner is compiled.
+//! Plans of transforms, cached by length; the planner is compiled in this module only.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ pub(crate) struct Plan {
     pub(crate) inverse: Arc<dyn Fft<f64>>,
 }
 
-/// The plans made so far: who asks for the same length shares their tables.
+/// The plans made so far, shared by all users of the same length.
 pub(crate) struct Plans(Vec<Plan>);
 
 impl Plans {

@@ -16,7 +16,7 @@ use crate::row::CHUNK;
 use crate::scalar::Scalar;
 use crate::weights::{Weights, check_shape, take_planes};
 
-/// When the tasks of a block are run.
+/// Schedule of the tasks of a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pacing {
     /// All at once, as soon as the block's input is complete.
@@ -31,18 +31,18 @@ pub enum Pacing {
 /// The result is exact to rounding for any kernel, as that of [`BlockFft`](crate::BlockFft). After
 /// construction there is no allocation, no lock and no thread.
 ///
-/// **Schedule.** The job that makes output block m of a level needs the input blocks up to m − 2, so it is
-/// released when block m − 2 is complete, at sample (m − 1)B, and due when its output begins, at mB: a window
-/// of exactly B steps, one job at a time in each level. A job is a list of tasks of bounded cost (64 to 128
+/// **Schedule.** The job for output block m of a level needs the input blocks up to m − 2, so it is released
+/// when block m − 2 is complete, at sample (m − 1)B, and due when its output begins, at mB: a window of
+/// exactly B steps, one job at a time in each level. A job is a list of tasks of bounded cost (64 to 128
 /// points). Each step spends the *work budget* Σ_ℓ C_ℓ/B_ℓ + 5 %, C_ℓ the largest cost of a job of level ℓ,
-/// on the finest level that has work; deadlines nest, so this is the earliest one first. The work of a step
-/// is at most the near part, the budget and one task.
+/// on the finest level that has work; deadlines nest, so this is the earliest deadline first. The work of a
+/// step is at most the near part, the budget and one task.
 ///
 /// A job that is not done when it is due would be an *overrun*: it is then finished at once, so that the
 /// result stays exact, and counted by [`overruns`](RealTime::overruns).
 ///
-/// Outputs lie in buffers of their own level until they are read, so [`Pacing`] does not change a bit of the
-/// result.
+/// Outputs are stored in buffers of their level until they are read, so [`Pacing`] does not change the bits
+/// of the result.
 ///
 /// Source: \[Gardner95\], \[Garcia02\], \[Battenberg11\].
 pub struct RealTime<T: Scalar> {
@@ -53,14 +53,14 @@ pub struct RealTime<T: Scalar> {
     pacing: Pacing,
     cover: Cover,
     levels: Vec<Level<T>>,
-    /// The job that each level works on.
+    /// Current job of each level.
     jobs: Vec<Option<Job>>,
     near: Near<T>,
     /// All samples, one row per channel.
     signal: Vec<Vec<T>>,
     scratch: Vec<Complex<f64>>,
     budget: Work,
-    /// Work that may still be spent; negative after a task that cost more than was left.
+    /// Work that may still be done; negative after a task that cost more than the remaining budget.
     credit: Work,
     overruns: usize,
 }
@@ -68,7 +68,7 @@ pub struct RealTime<T: Scalar> {
 /// Cost of a task, about one complex multiply–add.
 type Work = i64;
 
-/// One output block in the making.
+/// Job of one output block.
 #[derive(Clone, Debug)]
 struct Job {
     inputs: Range<usize>,
@@ -91,7 +91,7 @@ const RATIO: usize = 4;
 /// A level is the top if the whole run has at most this many of its blocks.
 const TOP_BLOCKS: usize = 16;
 
-/// The budget is this part larger than what the jobs need, in percent.
+/// Excess of the budget over the cost of the jobs, in percent.
 const RESERVE: Work = 5;
 
 impl<T: Scalar> RealTime<T> {
@@ -136,13 +136,13 @@ impl<T: Scalar> RealTime<T> {
         })
     }
 
-    /// Floating-point operations of a run of so many steps of one channel with a kernel of plain numbers: a
+    /// Floating-point operations of a run of `steps` steps of one channel with a kernel of plain numbers: a
     /// multiply–add counts two, a complex transform of length n 5 n log₂ n.
     pub fn operations(steps: usize) -> f64 {
         Cover::for_run(FIRST_BLOCK, RATIO, TOP_BLOCKS, steps).operations(steps)
     }
 
-    /// The same memory, its weights being for such samples.
+    /// The same memory, with weights for samples of the given kind.
     #[must_use]
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
         Self { acts_on, ..self }
@@ -154,7 +154,7 @@ impl<T: Scalar> RealTime<T> {
         self.overruns
     }
 
-    /// Finishes what is due at sample k and releases what it makes possible.
+    /// Finishes the jobs that are due at sample k and releases those whose input is complete.
     fn turn_blocks(&mut self, k: usize) {
         for index in 0..self.levels.len() {
             let block = self.levels[index].block();
@@ -190,7 +190,7 @@ impl<T: Scalar> RealTime<T> {
 
     /// Spends the work of one step.
     fn work(&mut self) {
-        // What an idle step leaves over is not kept: work in one step stays bounded.
+        // Unused budget of an idle step is dropped: the work of one step stays bounded.
         self.credit = self.credit.min(0) + self.budget;
         let mut index = 0;
         while index < self.levels.len() && (self.credit > 0 || self.pacing == Pacing::Eager) {
@@ -369,19 +369,19 @@ mod tests {
     #[test]
     fn the_budget_is_a_twentieth_above_the_largest_jobs() {
         let budget = |length| RealTime::planned(weight, 1, length, Pacing::Paced).unwrap().budget;
-        // Up to 16 blocks of 64: the last takes from 14, a product of 64 numbers each; two transforms of one
-        // leaf, six operations for each of its 64 numbers.
+        // Up to 16 blocks of 64: the last output needs products with 14 blocks, of 64 numbers each, and two
+        // transforms of one leaf, with six operations for each of its 64 numbers.
         let job = 14 * 64 + 2 * 6 * 64;
         assert_eq!(budget(1000), job * 105 / 100 / 64 + 1);
-        // Of 4000 samples blocks of 64 take from 6, and those of 256 from 14; these have 64 butterflies of
-        // eight operations each above four leaves.
+        // For 4000 samples an output of the blocks of 64 needs 6 products, and one of the blocks of 256 needs
+        // 14; the latter have 64 butterflies of eight operations each above four leaves.
         let finest = 6 * 64 + 2 * 6 * 64;
         let coarsest = 14 * 256 + 2 * (8 * 64 + 4 * 6 * 64);
         assert_eq!(budget(4000), (finest * 105 / 100 / 64 + 1) + (coarsest * 105 / 100 / 256 + 1));
     }
 
-    /// The budget is no larger than it must be for the worst lengths. At others, such as 1000 and 16 384,
-    /// nine tenths of it do.
+    /// For the worst lengths no smaller budget suffices. For others, such as 1000 and 16 384, nine tenths of
+    /// it do.
     #[test]
     fn at_some_lengths_nine_tenths_of_the_budget_are_too_little() {
         for length in [4000, 65_536] {

@@ -1,12 +1,12 @@
 //! The saved state of the transform engines: their samples, which are pushed again one after another.
 //!
-//! What the engines keep besides follows from the samples, bit by bit, and takes several times their room.
+//! The rest of an engine's state follows from the samples, bit by bit, and is several times as large.
 
 use fvi_core::{Memory, Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
 
 use crate::scalar::Scalar;
 
-/// The tag is that of the engine: neither restores what the other saved, as their bits differ.
+/// The header contains the engine's tag: no engine restores the state of another, as their bits differ.
 pub(crate) fn state_bytes<T: Scalar>(memory: &impl Memory<T>) -> usize {
     header_bytes(4) + memory.len() * memory.channels() * T::BYTES
 }
@@ -21,13 +21,13 @@ pub(crate) fn save<T: Scalar>(
     to.header::<T, 3>(tag, &shape(memory))?;
     to.count(memory.len() as u64)?;
     match signal {
-        // As the channel lies there.
+        // One channel is stored contiguously.
         [row] => to.numbers(row.iter().take(memory.len())),
         rows => (0..memory.len()).try_for_each(|k| to.numbers(rows.iter().filter_map(|row| row.get(k)))),
     }
 }
 
-/// Reads past a state.
+/// Reads past a saved state and checks it.
 pub(crate) fn check<T: Scalar>(
     memory: &impl Memory<T>,
     tag: [u8; 4],
@@ -38,7 +38,7 @@ pub(crate) fn check<T: Scalar>(
     from.skip::<T>(count.saturating_mul(memory.channels()))
 }
 
-/// Pushes the samples of a state to the memory, cleared before.
+/// Clears the memory and pushes the samples of a saved state.
 pub(crate) fn restore<T: Scalar>(
     memory: &mut impl Memory<T>,
     tag: [u8; 4],

@@ -1,13 +1,13 @@
-//! Rows of sixteen numbers, in which outputs are prepared.
+//! Rows of sixteen numbers, the unit in which outputs are prepared.
 
 use pulp::Simd;
 
 use crate::scalar::Scalar;
 
-/// Outputs that are prepared together.
+/// Number of outputs that are prepared together.
 pub(crate) const CHUNK: usize = 16;
 
-/// Sixteen numbers on whole cache lines: whole vectors of every unit.
+/// Sixteen numbers on whole cache lines, a whole number of vectors of every unit.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub(crate) struct Row<T>(pub(crate) [T; CHUNK]);
@@ -23,7 +23,7 @@ impl<T: Scalar> Row<T> {
         T::reals::<V>(&self.0)
     }
 
-    /// The row in vectors, to be written.
+    /// The row in vectors, mutable.
     #[inline(always)]
     pub(crate) fn parts_mut<V: Simd>(&mut self) -> &mut [T::Reals<V>] {
         T::reals_mut::<V>(&mut self.0)
@@ -48,9 +48,9 @@ impl<T: Scalar> Row<T> {
     }
 }
 
-/// row += Σ_i x_i rows_i, an even number of them.
+/// row += Σ_i x_i rows_i, for an even number of rows.
 ///
-/// Two accumulators a lane: the sums do not wait for each other, and round less than one would.
+/// Two accumulators per lane: the sums are independent, and their rounding error is smaller than that of one.
 #[inline(always)]
 pub(crate) fn add_product<'a, T: Scalar, V: Simd>(
     unit: V,

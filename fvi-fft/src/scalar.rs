@@ -1,4 +1,4 @@
-//! What the engines ask of a number.
+//! The scalar of the engines.
 
 use fvi_core::Real;
 use rustfft::num_complex::Complex;
@@ -8,13 +8,13 @@ use crate::lanes::Lanes;
 
 /// Scalar of the engines: `f32` or `f64`.
 ///
-/// Transforms are computed in double precision for both: the library that makes them is the larger part of
-/// what is compiled here, and rounding within a transform then costs single precision no digits.
+/// Transforms are computed in double precision for both: the library of transforms is the larger part of what
+/// is compiled here, and rounding within a transform then costs single precision no digits.
 pub trait Scalar: Real + FftNum + Lanes {
     /// Complex numbers of scratch that [`transform`](Self::transform) needs.
     fn transform_scratch(plan: &dyn Fft<f64>) -> usize;
 
-    /// Transforms `numbers`, as many as the plan is long, in place.
+    /// Transforms `numbers`, of the length of the plan, in place.
     fn transform(plan: &dyn Fft<f64>, numbers: &mut [Complex<Self>], scratch: &mut [Complex<f64>]);
 }
 

@@ -1,4 +1,4 @@
-//! The kernel of a table of exponentials, at any lag.
+//! The kernel of a table of exponentials, evaluated at any lag.
 
 use fvi_core::{ExponentialTable, ExponentialTerm};
 
@@ -16,14 +16,14 @@ pub(crate) struct Exponential {
     pub(crate) input: Vec<f64>,
 }
 
-/// An exponential is left out where it is below this part of the weight.
+/// Ratio to the weight below which an exponential may be dropped.
 const NEGLIGIBLE: f64 = 1e-18;
 
-/// What is left of an exponential from which on it may be left out: one that has faded so much at a lag
-/// decays faster there than weights do, which are like a power of the lag above the minus third.
+/// Largest decay factor of an exponential that may be dropped: one that has decayed so far at a lag decays
+/// faster from there on than the weights, which fall at most like the third power of the lag.
 const FADED: f64 = 1e-3;
 
-/// How many samples a memory takes for a table of this horizon.
+/// Number of samples that a memory accepts for a table of this horizon.
 pub(crate) fn samples_of(horizon: u64) -> usize {
     usize::try_from(horizon).unwrap_or(usize::MAX)
 }
@@ -58,12 +58,12 @@ impl<'a> TableKernel<'a> {
         weights
     }
 
-    /// Leaves out what has died away at lag n and beyond.
+    /// Drops the exponentials that are negligible at lag n and beyond.
     pub(crate) fn keep_what_lasts(&mut self, n: usize) {
         keep_what_lasts(core::slice::from_mut(self), n);
     }
 
-    /// For each exponential, whether it has not died away at lag n.
+    /// For each exponential, whether it is not negligible at lag n and beyond.
     fn lasting(&self, n: usize) -> Vec<bool> {
         let largest = |size: f64, entry: f64| size.max(entry.abs());
         let weight = self.weights(n).into_iter().fold(0.0, largest);
@@ -76,7 +76,8 @@ impl<'a> TableKernel<'a> {
     }
 }
 
-/// Leaves out of kernels with the same exponentials what has died away in all of them at lag n and beyond.
+/// Drops from kernels with the same exponentials those that are negligible in all of them at lag n and
+/// beyond.
 pub(crate) fn keep_what_lasts(kernels: &mut [TableKernel<'_>], n: usize) {
     let lasting: Vec<Vec<bool>> = kernels.iter().map(|kernel| kernel.lasting(n)).collect();
     for kernel in kernels {
@@ -98,13 +99,13 @@ impl Exponential {
         self.output.iter().flat_map(|output| self.input.iter().map(move |input| output * input))
     }
 
-    /// 1 − μ, rounded, and what rounding takes away.
+    /// 1 − μ, rounded, and its rounding error.
     pub(crate) fn factor(&self) -> (f64, f64) {
         let base = 1.0 - self.decay;
         (base, (1.0 - base) - self.decay)
     }
 
-    /// (1 − μ)ⁿ, accurate relative to itself.
+    /// (1 − μ)ⁿ, with full relative accuracy.
     pub(crate) fn power(&self, n: usize) -> f64 {
         let (base, rest) = self.factor();
         let power = libm::pow(base, n as f64);
@@ -126,7 +127,7 @@ mod tests {
 
     use fvi_core::DoubleDouble;
 
-    /// Which exponentials of a kernel with the head `head` last until lag 34.
+    /// Whether each exponential of a kernel with the head `head` is not negligible at lag 34.
     fn lasting<const S: usize>(head: &[f64], terms: &[(f64, [f64; S], [f64; S])]) -> Vec<bool> {
         let term = |&(decay, output, input): &(f64, [f64; S], [f64; S])| {
             Exponential::new(ExponentialTerm { decay, output, input })
@@ -136,18 +137,18 @@ mod tests {
 
     #[test]
     fn what_has_faded_and_adds_no_digit_is_left_out() {
-        // Behind a head of two the lag 34 is 32 steps away: a half has become 2⁻³², a tenth 10⁻³².
+        // After a head of two, lag 34 is 32 steps away: a factor of a half has become 2⁻³², a tenth 10⁻³².
         let plain = |decay: f64, size: f64| (decay, [size], [1.0]);
         let terms = [plain(0.5, 1.0), plain(0.5, 2e-18), plain(0.5, 0.5e-18), plain(0.9, 1.0)];
         assert_eq!(lasting(&[1.0; 2], &terms), [true, true, false, false]);
-        // The smaller one decays more slowly and is what is left in the end.
+        // The smaller one decays more slowly and dominates in the end.
         assert_eq!(lasting(&[1.0; 2], &[plain(0.5, 1.0), plain(1e-6, 1e-30)]), [true, true]);
     }
 
     #[test]
     fn an_exponential_of_matrices_is_as_large_as_its_largest_entry() {
         let half = |output, input| (0.5, output, input);
-        // The weight's largest entry is that of row 1 and column 0; products, and not factors, are compared.
+        // The largest entry of the weight is in row 1, column 0; products, not factors, are compared.
         let terms = [
             half([0.0, 1.0], [1.0, 0.0]),
             half([2e-9, 0.0], [1e-9, 0.0]),

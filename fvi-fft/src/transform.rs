@@ -1,4 +1,4 @@
-//! Transform of one block: half as long as the real data it multiplies, and cut into pieces of bounded cost.
+//! Transform of one block: half as long as the real data, and divided into pieces of bounded cost.
 
 use core::f64::consts::TAU;
 
@@ -11,9 +11,9 @@ use crate::scalar::Scalar;
 /// Complex numbers of a packet.
 pub(crate) const PACKET: usize = 16;
 
-/// Sixteen complex numbers, real and imaginary parts apart, on whole cache lines.
+/// Sixteen complex numbers, real and imaginary parts separate, on whole cache lines.
 ///
-/// Within a packet the numbers lie in an order that depends on the vector unit; products do not mind.
+/// The order of the numbers within a packet depends on the vector unit; products are independent of it.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub(crate) struct Packet<T> {
@@ -31,13 +31,13 @@ impl<T: Scalar> Packet<T> {
 ///
 /// 2B real numbers modulo X^{2B} + 1 are the B complex numbers z_j = x_j + i x_{j+B} modulo X^B − i, since
 /// X^{2B} + 1 = (X^B − i)(X^B + i). The transform evaluates z at the B roots of X^B = i, and products of
-/// values are products of polynomials; one complex transform of length B does what a real one of length 2B
-/// does, without its closing pass.
+/// values are products of polynomials; one complex transform of length B replaces a real one of length 2B,
+/// without the final pass of that.
 ///
 /// Evaluation goes down the tree X^M − c → X^{M/4} − g iᵏ, k = 0…3, g = c^{1/4}, with one set of constants
 /// for a whole node, so that each pass runs along contiguous memory. Nodes of the size of a *leaf* are
-/// twisted to X^L − 1 and given to a fast Fourier transform. Values come in the order of the leaves: products
-/// do not mind.
+/// twisted to X^L − 1 and transformed by a fast Fourier transform. Values are in the order of the leaves, of
+/// which products are independent.
 ///
 /// Every pass and leaf is divided into [`pieces`](Self::pieces), each touching at most 4·[`PIECE`] numbers or
 /// one leaf.
@@ -59,8 +59,8 @@ impl<T: Scalar> Transform<T> {
     pub(crate) fn new(block: usize, leaf: usize, plans: &mut Plans, unit: Arch) -> Self {
         let mut size = block;
         let mut passes = Vec::new();
-        // The constants of a node are powers of e^{2πi a/(4B)}: a node of size M has c = e^{2πi·aM/(4B)}, the
-        // root a = 1.
+        // The constants of a node are powers of e^{2πi a/(4B)}: a node of size M has c = e^{2πi·aM/(4B)}; the
+        // root has a = 1.
         let mut nodes = vec![1usize];
         while size > leaf {
             let quarter = size / 4;
@@ -110,7 +110,7 @@ impl<T: Scalar> Transform<T> {
         self.forward_cost(self.pieces() - 1 - piece)
     }
 
-    /// What piece `piece` of a forward transform is, and of an inverse one counted from the end.
+    /// Kind and range of piece `piece` of a forward transform, or of an inverse one counted from the end.
     fn locate(&self, piece: usize) -> PieceKind {
         let per_pass = self.pieces_of_pass();
         let (mut pass, mut within) = (0, piece);
@@ -239,7 +239,7 @@ enum PieceKind {
 fn root_of_unity<T: Scalar>(numerator: usize, denominator: usize) -> Complex<T> {
     let position = numerator % denominator;
     let quarter = denominator / 4;
-    // Angles up to π/4 only, mirrored into place.
+    // Only angles up to π/4 are evaluated; the others follow by symmetry.
     let within = position % quarter;
     let angle = |count: usize| TAU * count as f64 / denominator as f64;
     let (cosine, sine) = if 2 * within <= quarter {
@@ -476,7 +476,8 @@ mod tests {
 
     #[test]
     fn pieces_cost_their_butterflies_and_leaves_forth_and_back() {
-        // 1024 → 256 → 64: 2 passes of 256 butterflies in pieces of 64, four products each, twice; 16 leaves.
+        // 1024 → 256 → 64: 2 passes of 256 butterflies in pieces of 64, each with four products for two
+        // transforms; 16 leaves.
         let transform = Transform::<f64>::new(1024, 128, &mut Plans::new(), Arch::new());
         assert_eq!(transform.pieces(), 2 * 4 + 16);
         // A twist for each number, three constants for the root and for each of its four nodes.

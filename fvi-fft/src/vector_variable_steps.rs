@@ -17,14 +17,15 @@ use crate::scalar::Scalar;
 /// z_j      ← z_j − (1 − R(−h_k λ_j)) z_j + e_Rᵀ (I + h_k λ_j A)⁻¹ h_k A Y_k
 /// ```
 ///
-/// Terms agree with the core's to rounding; not to the last bit, because sixteen rates lie side by side and a
-/// multiply–add is rounded once on machines where that is one instruction. Bits depend on neither the width
+/// Terms agree with the core's to rounding; not to the last bit, because sixteen rates are processed side by
+/// side and a multiply–add is rounded once on machines where that is one instruction. Bits depend on neither
+/// the width
 /// of vectors nor the number of channels.
 ///
-/// Where steps keep their length, the sums are visited once a step: as a sample is taken into them, the term
-/// of the next is formed. What the (I + hλ_jA)⁻¹ are worth is kept for the last few lengths, so that steps
-/// that are halved and doubled cost as much as equal ones. For a new length they are rational functions with
-/// one division; positive terms only are added in what the sums lose.
+/// For steps of constant length the sums are read once per step: while a sample is added to them, the term of
+/// the next is computed. The (I + hλ_jA)⁻¹ are cached for the last few lengths, so that steps that are halved
+/// and doubled cost as much as equal ones. For a new length they are rational functions with one division;
+/// the decrements of the sums are computed from positive terms only.
 ///
 /// Source: \[LFS13\], \[LFS16\].
 #[derive(Clone, Debug)]
@@ -35,28 +36,28 @@ pub struct VectorVariableSteps<T: Scalar, const R: usize> {
     /// −β
     scaling: T,
     derivatives: usize,
-    /// Tells the table from others.
+    /// Hash that distinguishes tables.
     fingerprint: u64,
-    /// (A^{−β}), row by row; `None` where it is what the relaxations are worth.
+    /// (A^{−β}), row by row; `None` if the leading weight follows from the relaxations.
     leading: Option<[[T; R]; R]>,
     matrix: [[T; R]; R],
     inverse: [[T; R]; R],
     nodes: [T; R],
     resolvent: Resolvent<T, R>,
     relaxations: Vec<Relaxations<T>>,
-    /// Those of the step at hand first.
+    /// Cached operators by length, those of the current step first.
     steps: Vec<Step<T, R>>,
     /// z_j, sixteen at a time, coordinate after coordinate.
     sums: Vec<Sum<T>>,
     /// x_{k−1} and, for two derivatives, the last stage of (∂X)_{k−1}, of every coordinate. The first stays
     /// zero where samples are rises.
     last: Vec<[T; 2]>,
-    /// The term of the step to come for every coordinate, if that is as long as the step before.
+    /// The term of the next step for every coordinate, valid if that step is as long as the previous one.
     terms: Vec<[T; R]>,
     terms_are_known: bool,
-    /// Whether the step at hand is as long as the one before.
+    /// Whether the current step is as long as the previous one.
     steady: bool,
-    /// Time of the samples so far, and what rounding took from it.
+    /// Time of the samples so far, and its rounding error.
     elapsed: [T; 2],
     len: usize,
     unit: Arch,
@@ -65,10 +66,12 @@ pub struct VectorVariableSteps<T: Scalar, const R: usize> {
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"vrat";
 
-/// Lengths of steps that are kept: a pair of halves with the whole, before and after a change of length.
+/// Lengths of steps that are cached: for a pair of half steps and the whole step, before and after a change
+/// of length.
 const KEPT: usize = 4;
 
-/// What a step may differ from the lengths of a table by, relative to them: rounding of grids.
+/// Relative amount by which a step may be shorter than the table's shortest, or end after its horizon:
+/// rounding of grids.
 const SLACK: f64 = 1e-6;
 
 /// Sixteen rates.
@@ -91,7 +94,7 @@ struct Step<T, const R: usize> {
     blocks: Vec<Operators<T, R>>,
 }
 
-/// The same of sixteen of them.
+/// Values for sixteen relaxations.
 #[derive(Clone, Copy, Debug)]
 struct Operators<T, const R: usize> {
     /// c (I + hλA)⁻¹ 1, stage by stage.
@@ -102,14 +105,14 @@ struct Operators<T, const R: usize> {
     decrement: Row<T>,
 }
 
-/// Sixteen z_j, and what rounding took from them.
+/// Sixteen z_j, and their rounding errors.
 #[derive(Clone, Copy, Debug)]
 struct Sum<T> {
     whole: Row<T>,
     rest: Row<T>,
 }
 
-/// Sums over rates for each stage, in as many vectors as a row has; those beyond stay zero.
+/// Sums over rates for each stage, in as many vectors as a row has; unused ones stay zero.
 type Totals<T, V, const R: usize> = [[<T as crate::lanes::Lanes>::Reals<V>; CHUNK]; R];
 
 impl<T: Scalar> Relaxations<T> {
@@ -121,7 +124,7 @@ impl<T: Scalar> Relaxations<T> {
         };
         let (rates, mut times) = (row(rates), Row::zeros());
         for (time, &rate) in times.0.iter_mut().zip(&rates.0) {
-            // Of a rate of 0 any number that is large enough for the smaller of it and 1 to be 1.
+            // For a rate of 0 a number so large that its minimum with 1 is 1 in every step.
             *time = match rate > T::SMALLEST_NORMAL {
                 true => T::one() / rate,
                 false => T::max_value().unwrap_or(T::one()),
@@ -136,10 +139,10 @@ impl<T: Scalar, const R: usize> Operators<T, R> {
         Self { outputs: [Row::zeros(); R], inputs: [Row::zeros(); R], decrement: Row::zeros() }
     }
 
-    /// Those of a length and its reciprocal.
+    /// Computes the operators for a length and its reciprocal.
     ///
-    /// Polynomials are forms of x = hλ and 1, up to x = 1, and of 1 and 1/x beyond, so that nothing
-    /// overflows.
+    /// Polynomials are evaluated as homogeneous forms of (x, 1), x = hλ, up to x = 1, and of (1, 1/x) beyond,
+    /// so that nothing overflows.
     #[inline(always)]
     fn set<V: Simd>(
         &mut self,
@@ -178,7 +181,7 @@ impl<T: Scalar, const R: usize> Operators<T, R> {
         }
     }
 
-    /// Lets the sums relax, and takes h A Y into them.
+    /// Lets the sums decay, and adds h A Y.
     #[inline(always)]
     fn absorb<V: Simd>(&self, unit: V, sum: &mut Sum<T>, sample: &[T::Reals<V>; R]) {
         let sums = sum.whole.parts_mut::<V>().iter_mut().zip(sum.rest.parts_mut::<V>());
@@ -194,7 +197,7 @@ impl<T: Scalar, const R: usize> Operators<T, R> {
         }
     }
 
-    /// Adds what the sums are worth.
+    /// Adds the contribution of the sums.
     #[inline(always)]
     fn emit<V: Simd>(&self, unit: V, sum: &Sum<T>, totals: &mut Totals<T, V, R>) {
         for (totals, outputs) in totals.iter_mut().zip(&self.outputs) {
@@ -207,8 +210,8 @@ impl<T: Scalar, const R: usize> Operators<T, R> {
 }
 
 impl<T: Scalar, const R: usize> Step<T, R> {
-    /// The memory term: what the sums are worth, and less what a sample that stays on its way brings,
-    /// W₀ (1 x + h c v).
+    /// The memory term: the contribution of the sums minus that of a sample that continues the motion
+    /// unchanged, W₀ (1 x + h c v).
     #[inline(always)]
     fn term<V: Simd>(&self, unit: V, totals: &Totals<T, V, R>, stay: [T; R]) -> [T; R] {
         let mut term = [T::zero(); R];
@@ -233,7 +236,7 @@ fn form<T: Scalar, V: Simd, const R: usize>(
     sum
 }
 
-/// Halves are added to each other until one number is left: the same sums for vectors of any width.
+/// Adds halves to each other until one number is left: the same order of additions for vectors of any width.
 #[inline(always)]
 fn sum_of_lanes<T: Scalar, V: Simd>(unit: V, mut totals: [T::Reals<V>; CHUNK]) -> T {
     let mut row = Row::zeros();
@@ -321,9 +324,9 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
         })
     }
 
-    /// The same memory told rises X_k − 1 x_{k−1} in place of values, where it is one of a derivative: they
-    /// are what it would make of the values, which lose u|x| of them to rounding. Increments it does not
-    /// take, nor integrals rises: it is as it was then.
+    /// The same memory for rises X_k − 1 x_{k−1} in place of values, if it is one of a derivative: it forms
+    /// the rises of values itself, with a rounding error of u|x|. It does not accept increments, nor rises
+    /// for an integral, and is unchanged then.
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
         match acts_on {
             ActsOn::Rises if self.derivatives > 0 => Self { acts_on, ..self },
@@ -331,7 +334,7 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
         }
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         [
             ("coordinates", self.last.len() as u64),
@@ -346,7 +349,7 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
         Ok((len, [from.number()?, from.number()?]))
     }
 
-    /// The time after a step of the given length, in two parts.
+    /// The time after a step of the given length, as a compensated sum.
     fn elapsed_after(&self, length: T) -> [T; 2] {
         let [before, lost] = self.elapsed;
         let whole = length + lost;
@@ -354,7 +357,7 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
         [after, whole - (after - before)]
     }
 
-    /// The step at hand, if its length is known.
+    /// The operators of the current step, if its length is known.
     fn step(&self) -> Result<&Step<T, R>, MemoryError> {
         self.steps.first().filter(|step| step.length > T::zero()).ok_or(MemoryError::StepLength)
     }
@@ -371,7 +374,7 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
         self.resolvent.leading([&self.matrix, &self.inverse], self.derivatives, length, relaxations)
     }
 
-    /// A sample that stays on its way.
+    /// A sample that continues the motion unchanged.
     #[inline(always)]
     fn stay(derivatives: usize, length: T, nodes: &[T; R], [x, v]: [T; 2]) -> [T; R] {
         let mut stay = [T::zero(); R];
@@ -385,7 +388,7 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
         stay
     }
 
-    /// Forms the terms of the step at hand.
+    /// Computes the terms of the current step.
     #[inline(always)]
     fn form_terms<V: Simd>(&mut self, unit: V) {
         let (step, blocks) = (&self.steps[0], self.relaxations.len());
@@ -399,7 +402,7 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
         self.terms_are_known = true;
     }
 
-    /// Takes a sample, and forms the terms of the next one if the steps keep their length.
+    /// Adds a sample, and computes the terms of the next one if the length of the steps is constant.
     #[inline(always)]
     fn take<V: Simd>(&mut self, unit: V, sample: &[T]) {
         let (step, blocks, steady) = (&self.steps[0], self.relaxations.len(), self.steady);
@@ -451,7 +454,7 @@ impl<T: Scalar, const R: usize> VectorVariableSteps<T, R> {
     }
 }
 
-/// Forms the operators of the step at hand: a call that is compiled once for every vector unit.
+/// Computes the operators of the current step: a call that is compiled once for every vector unit.
 struct SetOperators<'a, T: Scalar, const R: usize>(&'a mut VectorVariableSteps<T, R>);
 
 impl<T: Scalar, const R: usize> WithSimd for SetOperators<'_, T, R> {
@@ -469,7 +472,7 @@ impl<T: Scalar, const R: usize> WithSimd for SetOperators<'_, T, R> {
     }
 }
 
-/// The same for the terms.
+/// Computes the terms, likewise.
 struct FormTerms<'a, T: Scalar, const R: usize>(&'a mut VectorVariableSteps<T, R>);
 
 impl<T: Scalar, const R: usize> WithSimd for FormTerms<'_, T, R> {
@@ -481,7 +484,7 @@ impl<T: Scalar, const R: usize> WithSimd for FormTerms<'_, T, R> {
     }
 }
 
-/// And for a sample.
+/// Adds a sample, likewise.
 struct Take<'a, T: Scalar, const R: usize>(&'a mut VectorVariableSteps<T, R>, &'a [T]);
 
 impl<T: Scalar, const R: usize> WithSimd for Take<'_, T, R> {
@@ -514,7 +517,7 @@ impl<T: Scalar, const R: usize> Memory<T> for VectorVariableSteps<T, R> {
         self.len
     }
 
-    /// Takes steps from the table's shortest on, as long as they end by its horizon.
+    /// Accepts steps of at least the table's shortest that end by its horizon.
     fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
         let (shortest, horizon) = (self.shortest * (1.0 - SLACK), self.horizon * (1.0 + SLACK));
         let in_range = length.to_f64() >= shortest && self.elapsed_after(length)[0].to_f64() <= horizon;
@@ -522,7 +525,7 @@ impl<T: Scalar, const R: usize> Memory<T> for VectorVariableSteps<T, R> {
             self.steady = true;
             return Ok(());
         }
-        // Whatever is not a number is not in range.
+        // A value that is not a number is not in range.
         if !in_range {
             return Err(MemoryError::StepLength);
         }
@@ -532,7 +535,7 @@ impl<T: Scalar, const R: usize> Memory<T> for VectorVariableSteps<T, R> {
             if !leading.as_flattened().iter().all(|number| number.is_finite()) {
                 return Err(MemoryError::StepLength);
             }
-            // In the place of the one that has not been needed for longest.
+            // Replaces the operators that have not been used for longest.
             if let Some(step) = self.steps.last_mut() {
                 (step.length, step.leading) = (length, leading);
             }
@@ -559,7 +562,7 @@ impl<T: Scalar, const R: usize> Memory<T> for VectorVariableSteps<T, R> {
         check_channels(self.channels(), sample.len())?;
         let length = self.step()?.length;
         self.unit.dispatch(Take(self, sample));
-        // Without another length the next step has this one.
+        // Unless another length is announced the next step has this one.
         self.steady = true;
         self.elapsed = self.elapsed_after(length);
         self.len += 1;
@@ -569,7 +572,7 @@ impl<T: Scalar, const R: usize> Memory<T> for VectorVariableSteps<T, R> {
     fn clear(&mut self) {
         self.sums.fill(Sum { whole: Row::zeros(), rest: Row::zeros() });
         self.last.fill([T::zero(); 2]);
-        // No step is at hand until one is announced.
+        // There is no current step until one is announced.
         self.steps.iter_mut().for_each(|step| step.length = T::zero());
         (self.steady, self.terms_are_known) = (false, false);
         (self.elapsed, self.len) = ([T::zero(); 2], 0);
@@ -780,7 +783,7 @@ mod tests {
         let table = rate_table::<f64>(1.5, 2);
         let build = |coordinates| VectorVariableSteps::new(&method, &table.borrow(), coordinates).unwrap();
         let mut memory = build(3);
-        // Two numbers of time; two parts of 20 rates, filled up to 32, and two numbers for each coordinate.
+        // Two numbers for the time; two parts of 20 rates, padded to 32, and two numbers for each coordinate.
         assert_eq!(memory.state_bytes(), header_bytes(4) + 8 * (2 + 3 * (2 * 32 + 2)));
         for (k, length) in LENGTHS.into_iter().enumerate() {
             let mut bytes = vec![0; memory.state_bytes()];
@@ -839,7 +842,7 @@ mod tests {
 
     #[test]
     fn a_hundred_thousand_roundings_do_not_gather_in_single_precision() {
-        // A relaxation that forgets nothing, under the half integral: z_k = Σ h x.
+        // A relaxation that does not decay, under the half integral: z_k = Σ h x.
         let method = RungeKutta::<1>::radau_iia().unwrap();
         let table = RateTable {
             exponent: -0.5,
@@ -867,7 +870,8 @@ mod tests {
     fn bytes_are_those_of_rates_operators_and_sums() {
         let method = RungeKutta::<2>::radau_iia().unwrap();
         let memory = VectorVariableSteps::new(&method, &rate_table::<f64>(0.5, 2).borrow(), 3).unwrap();
-        // Rows of 16 numbers in 2 blocks: rates, operators of four lengths, sums; then numbers a coordinate.
+        // Rows of 16 numbers in 2 blocks: rates, operators of four lengths, sums; then numbers per
+        // coordinate.
         let rows = 2 * (3 + 4 * 5 + 2 * 3);
         let steps = 4 * size_of::<Step<f64, 2>>();
         let numbers = 16 * rows + 2 * 3 + 2 * 3;

@@ -1,4 +1,4 @@
-//! A memory whose steps run with the widest vectors of the processor at hand.
+//! A memory whose steps run with the widest vectors of the processor in use.
 
 use fvi_core::{ActsOn, Memory, MemoryError, StateError, StateReader, StateWriter};
 use pulp::{Arch, NullaryFnOnce};
@@ -14,7 +14,7 @@ pub struct Vectorised<M> {
 }
 
 impl<M> Vectorised<M> {
-    /// The same memory, dispatched.
+    /// The same memory, with dispatch to the vector unit.
     pub fn new(memory: M) -> Self {
         Self { memory, unit: Arch::new() }
     }
@@ -89,20 +89,20 @@ impl<T, M: Memory<T>> Memory<T> for Vectorised<M> {
     }
 }
 
-/// The call that is compiled once for every vector unit. A closure would not do: it is called through a shim
-/// that is not inlined, and what is not inlined is compiled for the plain target.
+/// `push` as a call that is compiled once for every vector unit. A closure would be called through a shim
+/// that is not inlined, and therefore compiled for the plain target.
 struct Push<'a, M, T> {
     memory: &'a mut M,
     sample: &'a [T],
 }
 
-/// The same for the memory term.
+/// The same for `next_term`.
 struct NextTerm<'a, M, T> {
     memory: &'a mut M,
     term: &'a mut [T],
 }
 
-/// And for the length of the step to come.
+/// The same for `begin_step`.
 struct BeginStep<'a, M, T> {
     memory: &'a mut M,
     length: T,
@@ -141,7 +141,7 @@ mod tests {
 
     use fvi_core::check_channels;
 
-    /// A memory with answers of its own to everything.
+    /// A memory with its own implementation of every method.
     struct Answers {
         samples: usize,
         length: f64,

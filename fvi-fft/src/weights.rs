@@ -1,11 +1,11 @@
-//! Where an engine takes the weights W₀, W₁, … from.
+//! Source of the weights W₀, W₁, … of an engine.
 
 use fvi_core::{ConvolutionWeights, ParameterError, Real};
 
-/// Source of the convolution weights, asked for one stretch after the other.
+/// Source of the convolution weights, which are requested in consecutive ranges.
 ///
-/// An engine asks for every weight exactly once and in order: the first call has `first` = 0, each later one
-/// starts where the one before ended. So a recursion can serve as a kernel, and a run needs no length in
+/// An engine requests every weight exactly once and in order: the first call has `first` = 0, each later one
+/// starts where the previous one ended. So a recursion can serve as a kernel, and a run needs no length in
 /// advance.
 ///
 /// Every closure `FnMut(usize, &mut [T])` is a kernel of plain numbers.
@@ -41,7 +41,7 @@ impl<'a, T> WeightTable<'a, T> {
         Self { weights, stages: 1 }
     }
 
-    /// Table of S×S matrices, row by row, W₀ first. An incomplete last matrix is filled up with zeros.
+    /// Table of S×S matrices, row by row, W₀ first. An incomplete last matrix is padded with zeros.
     pub fn matrices(weights: &'a [T], stages: usize) -> Self {
         Self { weights, stages }
     }
@@ -67,7 +67,7 @@ impl<T: Real> Weights<T> for ConvolutionWeights {
     }
 }
 
-/// Checks that the channels are whole groups of the kernel's stages and returns S.
+/// Checks that the channels are a whole number of groups of the kernel's stages and returns S.
 pub(crate) fn check_shape<T>(kernel: &impl Weights<T>, channels: usize) -> Result<usize, ParameterError> {
     let stages = kernel.stages();
     let refused =
@@ -89,7 +89,7 @@ pub(crate) fn take_planes<T: Real>(kernel: &mut impl Weights<T>, count: usize) -
     planes
 }
 
-/// Asks for the weights that the planes lack up to lag `count` − 1.
+/// Requests the weights that the planes lack up to lag `count` − 1.
 pub(crate) fn extend_planes<T: Real>(
     kernel: &mut (impl Weights<T> + ?Sized),
     planes: &mut [Vec<T>],

@@ -14,26 +14,26 @@ use crate::table_kernel::{Exponential, TableKernel, keep_what_lasts, samples_of}
 /// The exponential-sum memory for hundreds of channels and more: r_k = Σ_{n=1}^{k} w_n x_{k−n} for the plain
 /// kernel of an [`ExponentialTable`], on every channel alike.
 ///
-/// With many channels the state no longer fits into the caches, and what counts is how often it is fetched.
-/// Samples and terms come in chunks of M, M + 1 being no less than the head of the table. A chunk has one
-/// place for each of its samples, which holds what is known of the term r_k until x_k takes its place: the
-/// samples of the chunk itself are added eight at a time, and the newest when the term is asked for. Only at
-/// the end of chunk c are the sums Z_j fetched,
+/// With many channels the state does not fit into the caches, and the cost is that of reading it. Samples and
+/// terms are processed in chunks of M, where M + 1 is at least the head of the table. A chunk has one place
+/// for each of its samples, which holds the known part of the term r_k until x_k replaces it: the samples of
+/// the chunk itself are added eight at a time, and the newest when the term is requested. Only at the end of
+/// chunk c are the sums Z_j read,
 ///
 /// ```text
 /// r_{(c+1)M+i} = Σ_j u_j (1 − μ_j)^{M+1+i−n₀} Z_j + Σ_{m<M} w_{M+i−m} x_{cM+m} ,      0 ≤ i < M
 /// Z_j ← (1 − μ_j)^M Z_j + Σ_{m<M} (1 − μ_j)^{M−1−m} x_{cM+m} ,
 /// ```
 ///
-/// two products with small matrices. Thirty-two channels lie side by side, and each number of theirs is
-/// formed by the same operations whatever their place and the number of threads.
+/// two products with small matrices. Thirty-two channels are processed side by side; the operations for a
+/// number do not depend on its place nor on the number of threads.
 ///
-/// Several kernels with the same exponentials and other coefficients, of dampings of different orders on the
-/// same coordinates, share the samples and the sums: only the places of known terms are each one's own.
+/// Several kernels with the same exponentials and different coefficients, of dampings of different orders on
+/// the same coordinates, share the samples and the sums; only the places of known terms are separate.
 ///
 /// Weights are those of the table; terms agree with [`ChunkedExponentialSum`](crate::ChunkedExponentialSum)
-/// to rounding. One channel of K kernels takes K M + J numbers and four bytes for each of the slow
-/// exponentials, whose sums would gather the errors of many chunks.
+/// to rounding. One channel of K kernels takes K M + J numbers, and four bytes for each of the slow
+/// exponentials, whose sums would otherwise accumulate the errors of many chunks.
 ///
 /// `T` is the scalar of samples, terms and arithmetic, `P` that of the state between the chunks. With `f32`
 /// in place of `f64` the state is half as large, and a term has an error of some 10⁻⁷ Σ|w||x|.
@@ -42,7 +42,7 @@ use crate::table_kernel::{Exponential, TableKernel, keep_what_lasts, samples_of}
 pub struct WideExponentialSum<T: Scalar, P: Scalar = T> {
     acts_on: ActsOn,
     horizon: usize,
-    /// Tells the tables from others.
+    /// Hash that distinguishes the tables.
     fingerprint: u64,
     len: usize,
     channels: usize,
@@ -55,35 +55,35 @@ pub struct WideExponentialSum<T: Scalar, P: Scalar = T> {
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"wide";
 
-/// Most kernels of a [`WideExponentialSum`].
+/// Largest number of kernels of a [`WideExponentialSum`].
 pub const WIDE_KERNELS: usize = 4;
 
-/// Channels that lie side by side.
+/// Number of channels processed side by side.
 const LANES: usize = 32;
 
-/// Terms, and sums, that are formed together: as many accumulators as keep the arithmetic of a processor
-/// busy.
+/// Number of terms, or sums, computed together: enough accumulators to keep the arithmetic units of a
+/// processor busy.
 const GROUP: usize = 8;
 
-/// Smallest chunk: a shorter one would fetch the sums more often without making the state much smaller.
+/// Smallest chunk: a shorter one would read the sums more often without making the state much smaller.
 const SHORTEST_CHUNK: usize = 32;
 
-/// What an exponential loses in a chunk from which on its sum forgets fast enough for rounding not to gather.
+/// Smallest loss per chunk, 1 − (1 − μ)^M, at which rounding errors do not accumulate in a sum.
 const FAST: f64 = 0.125;
 
-/// About what a multiply–add takes, and a number of the state that is read or written, and one of the
-/// caller's, in picoseconds.
+/// Approximate costs in picoseconds: a multiply–add; reading or writing a number of the state; and one of the
+/// caller's.
 const MULTIPLY_ADD: usize = 25;
 const FETCH: usize = 60;
 const FETCH_OUTSIDE: usize = 150;
 
-/// Picoseconds of work that are worth a thread which is awake, and one that is woken up for it: some times
-/// what it takes to hand over work, and about what it takes to wake up.
+/// Work per thread, in picoseconds, that is worth sharing with threads that are awake, a few times the cost
+/// of handing it over; and with threads that have to be woken, about the time that takes.
 const SHARE: usize = 10_000_000;
 const WAKE: usize = 50_000_000;
 
-/// Picoseconds of work in a part: what scratch of its own is worth, and for how long threads may have to wait
-/// for each other.
+/// Bounds of the work in a part, in picoseconds: below the shortest the set-up of its scratch dominates; the
+/// longest limits how long threads may wait for each other.
 const SHORTEST_PART: usize = 5_000_000;
 const LONGEST_PART: usize = 100_000_000;
 
@@ -92,31 +92,31 @@ const LONGEST_PART: usize = 100_000_000;
 #[repr(align(64))]
 struct Lanes<N>([N; LANES]);
 
-/// The state of tiles of neighbouring channels. What a step needs of a tile lies beside what it needs of the
-/// next, so that it reads memory from one end to the other.
+/// The state of tiles of neighbouring channels. The data that a step needs of successive tiles are
+/// contiguous, so that it reads memory sequentially.
 struct State<P> {
-    /// For each eight places of a chunk, eight rows of every tile. The first kernel has the samples of this
-    /// chunk, and behind them what is known of its terms at those to come; behind all of its groups are those
-    /// of each further kernel, with its terms at all places.
+    /// One vector for each group of eight places, with eight rows for every tile. The groups of the first
+    /// kernel contain the samples of this chunk, and after them the known parts of its terms at the places to
+    /// come; then follow the groups of each further kernel, with the known parts of its terms at all places.
     groups: Vec<Vec<Lanes<P>>>,
     /// The rows of the first tile, then those of the second, and so on.
     sums: Vec<Lanes<P>>,
-    /// What rounding took away from the slow sums, the first ones of a tile: the upper half of a number.
+    /// Rounding errors of the slow sums, the first ones of a tile: the upper half of a number.
     rests: Vec<Lanes<u32>>,
 }
 
-/// The kernels, as a chunk needs them.
+/// The kernels in the form used in a chunk.
 struct Plan<T> {
     /// M.
     chunk: usize,
     /// w₀ of each kernel.
     leading: Vec<T>,
     kernels: Vec<KernelPlan<T>>,
-    /// For each eight sums, what the samples of a chunk add.
+    /// For each group of eight sums, the coefficients of the samples of a chunk.
     inward: Vec<Vec<[T; GROUP]>>,
     /// For each sum 1 − (1 − μ)^M.
     losses: Vec<T>,
-    /// How many sums, from the first on, have a rest.
+    /// Number of sums, from the first, that have a rest.
     slow: usize,
 }
 
@@ -124,14 +124,15 @@ struct Plan<T> {
 struct KernelPlan<T> {
     /// w₀ … w₇.
     near: [T; GROUP],
-    /// For each eight terms of a chunk, what the samples of the chunk before them add.
+    /// For each group of eight terms of a chunk, the coefficients of the samples of the chunk before them.
     within: Vec<Vec<[T; GROUP]>>,
-    /// For each eight terms of the next chunk, what the sums and the samples of this one add.
+    /// For each group of eight terms of the next chunk, the coefficients of the sums and of the samples of
+    /// this one.
     onward: Vec<[Vec<[T; GROUP]>; 2]>,
 }
 
 impl<T: Scalar> KernelPlan<T> {
-    /// For the weights up to lag 2M of a kernel, and its exponentials that last.
+    /// Tables from the weights up to lag 2M of a kernel and its exponentials that are not negligible.
     fn new(weights: &[T], terms: &[Exponential], head: usize) -> Self {
         let chunk = weights.len() / 2;
         let group = |of: &dyn Fn(usize) -> T| core::array::from_fn(of);
@@ -159,7 +160,7 @@ impl<T: Scalar> KernelPlan<T> {
 }
 
 impl<T: Scalar> Plan<T> {
-    /// For tables that differ in their coefficients only.
+    /// A plan for tables that differ in their coefficients only.
     fn new(tables: &[ExponentialTable<&[f64]>], chunk: usize) -> Self {
         let mut kernels: Vec<_> = tables.iter().map(TableKernel::new).collect();
         let weights = |kernel: &TableKernel<'_>| -> Vec<T> {
@@ -189,23 +190,23 @@ impl<T: Scalar> Plan<T> {
         }
     }
 
-    /// Places of a tile.
+    /// Number of places of a tile.
     fn places(&self) -> usize {
         self.kernels.len() * self.chunk
     }
 
-    /// Groups of eight places that a kernel has.
+    /// Number of groups of eight places per kernel.
     fn groups(&self) -> usize {
         self.chunk / GROUP
     }
 
-    /// About what the terms at a place of the chunk take for each channel, in picoseconds.
+    /// Approximate cost of the terms at a place of the chunk per channel, in picoseconds.
     fn cost_of_terms(&self, place: usize) -> usize {
         let (kernels, newest) = (self.kernels.len(), place % GROUP);
         MULTIPLY_ADD * kernels * newest + FETCH * newest + FETCH_OUTSIDE * 4 * kernels
     }
 
-    /// About what a sample at a place of the chunk takes for each channel, in picoseconds.
+    /// Approximate cost of a sample at a place of the chunk per channel, in picoseconds.
     fn cost_of_sample(&self, place: usize) -> usize {
         let (behind, kernels, sums) = (place + 1, self.kernels.len(), self.losses.len());
         let (products, fetched) = if behind == self.chunk {
@@ -227,7 +228,7 @@ impl<T: Scalar> Plan<T> {
     }
 }
 
-/// Numbers of a tile in the scalar of the arithmetic.
+/// Buffers for a tile in the scalar of the arithmetic.
 struct Scratch<T> {
     samples: Vec<Lanes<T>>,
     sums: Vec<Lanes<T>>,
@@ -245,12 +246,13 @@ impl<T: Scalar> Scratch<T> {
 #[inline(always)]
 fn converted<A: Scalar, B: Scalar>(row: &Lanes<A>) -> Lanes<B> {
     let mut converted = Lanes([B::zero(); LANES]);
-    // `map` of an array is a call.
+    // `map` of an array would be a call.
     converted.0.iter_mut().zip(&row.0).for_each(|(place, number)| *place = B::of(number.to_f64()));
     converted
 }
 
-/// The upper 32 bits of a number: its size and some 20 binary digits, six in single precision's all.
+/// The upper 32 bits of a number: its size and some 20 binary digits; of a number in single precision all but
+/// six of its digits.
 #[inline(always)]
 fn upper_half<T: Scalar>(number: T) -> u32 {
     (number.bits() >> (8 * T::BYTES - 32)) as u32
@@ -261,7 +263,7 @@ fn of_upper_half<T: Scalar>(half: u32) -> T {
     T::of_bits(u64::from(half) << (8 * T::BYTES - 32))
 }
 
-/// Asks for the numbers of a row, which are needed soon, without waiting for them.
+/// Prefetches the numbers of a row, which are needed soon.
 #[inline(always)]
 fn fetch_ahead<N>(row: &Lanes<N>) {
     #[cfg(target_arch = "x86_64")]
@@ -275,11 +277,11 @@ fn fetch_ahead<N>(row: &Lanes<N>) {
     let _ = row;
 }
 
-/// Coefficients of eight sums, and the rows that they multiply.
+/// Coefficients for eight sums, and the rows that they multiply.
 type Product<'a, T> = (&'a [[T; GROUP]], &'a [Lanes<T>]);
 
-/// results_i = Σ over tables of Σ_j coefficients_{ji} rows_j, for eight i. Beside each eight products one of
-/// the rows ahead is fetched: memory answers while the processor multiplies, and never all at once.
+/// results_i = Σ over tables of Σ_j coefficients_{ji} rows_j, for eight i. With every eight products one of
+/// the rows `ahead` is prefetched, so that memory is read during the arithmetic and not all at once.
 #[inline(always)]
 fn combine<T: Scalar, P, V: Simd, const N: usize>(
     unit: V,
@@ -287,7 +289,7 @@ fn combine<T: Scalar, P, V: Simd, const N: usize>(
     results: &mut [Lanes<T>; GROUP],
     ahead: &[Lanes<P>],
 ) {
-    // Two vectors of each sum where there are registers for them: a coefficient is fetched once for both.
+    // Two vectors of each sum if there are enough registers: a coefficient is then loaded once for both.
     if const { V::REGISTER_COUNT < 32 } {
         combine_vectors::<T, P, V, N, 1>(unit, products, results, ahead);
     } else {
@@ -329,19 +331,19 @@ fn combine_vectors<T: Scalar, P, V: Simd, const N: usize, const W: usize>(
     }
 }
 
-/// The rows of a tile, of which a slice has so many for each.
+/// The rows of a tile in a slice with `count` rows for each.
 #[inline(always)]
 fn rows<N>(slice: &[N], tile: usize, count: usize) -> &[N] {
     slice.get(tile * count..(tile + 1) * count).unwrap_or(&[])
 }
 
-/// The same, to be changed.
+/// The same, mutable.
 #[inline(always)]
 fn rows_mut<N>(slice: &mut [N], tile: usize, count: usize) -> &mut [N] {
     slice.get_mut(tile * count..(tile + 1) * count).unwrap_or(&mut [])
 }
 
-/// The rows of a tile, to be changed, and those of the next.
+/// The rows of a tile, mutable, and those of the next.
 #[inline(always)]
 fn rows_and_next<N>(slice: &mut [N], tile: usize, count: usize) -> (&mut [N], &[N]) {
     let rest = slice.get_mut(tile * count..).unwrap_or(&mut []);
@@ -372,7 +374,7 @@ impl<P: Scalar> State<P> {
         self.groups.first().map_or(0, |group| group.len() / GROUP)
     }
 
-    /// All of it, in parts of so many tiles.
+    /// The whole state, in parts of the given number of tiles.
     fn parts<T: Scalar>(&mut self, plan: &Plan<T>, tiles: usize) -> Vec<Part<'_, P>> {
         let count = self.tiles().div_ceil(tiles);
         let part =
@@ -382,7 +384,7 @@ impl<P: Scalar> State<P> {
             let rows = group.chunks_mut(tiles * GROUP);
             parts.iter_mut().zip(rows).for_each(|(part, rows)| part.groups.push(rows));
         }
-        // There may be none.
+        // There may be no sums.
         let sums = self.sums.chunks_mut((tiles * plan.losses.len()).max(1));
         parts.iter_mut().zip(sums).for_each(|(part, sums)| part.sums = sums);
         let rests = self.rests.chunks_mut((tiles * plan.slow).max(1));
@@ -433,7 +435,7 @@ impl<P: Scalar> Part<'_, P> {
         }
     }
 
-    /// Ends a chunk: its samples give way to the terms of the next one, and join the sums.
+    /// Ends a chunk: its samples are replaced by the terms of the next one, and added to the sums.
     #[inline(always)]
     fn turn<T: Scalar, V: Simd>(&mut self, unit: V, plan: &Plan<T>, tile: usize, scratch: &mut Scratch<T>) {
         let Scratch { samples, sums: wholes, results } = scratch;
@@ -473,10 +475,10 @@ impl<P: Scalar> Part<'_, P> {
     }
 }
 
-/// The terms of some channels, for each kernel; empty for those that there are not.
+/// The terms of some channels, for each kernel; empty for missing kernels.
 type OfKernels<'a, T> = [&'a mut [T]; WIDE_KERNELS];
 
-/// Takes the terms of so many channels, or of all that are left, from the front.
+/// Splits off the terms of the first `channels` channels, or of all that are left.
 #[inline(always)]
 fn take_first<'a, T>(rest: &mut OfKernels<'a, T>, channels: usize) -> OfKernels<'a, T> {
     let mut taken = OfKernels::default();
@@ -487,12 +489,12 @@ fn take_first<'a, T>(rest: &mut OfKernels<'a, T>, channels: usize) -> OfKernels<
     taken
 }
 
-/// The terms at a place of the chunk, what is known of them and what the newest samples add: a call that is
-/// compiled once for every vector unit.
+/// The terms at a place of the chunk, from their known parts and the newest samples: a call that is compiled
+/// once for every vector unit.
 struct Terms<'a, T: Scalar, P> {
     plan: &'a Plan<T>,
     place: usize,
-    /// Of each kernel, the group that the place is in.
+    /// For each kernel the group that contains the place.
     groups: [&'a [Lanes<P>]; WIDE_KERNELS],
     terms: OfKernels<'a, T>,
 }
@@ -525,7 +527,7 @@ impl<T: Scalar, P: Scalar> WithSimd for Terms<'_, T, P> {
     }
 }
 
-/// A sample that completes a group, and what falls due behind it: another such call.
+/// A sample that completes a group, and the work that is then due: likewise.
 struct Due<'a, T: Scalar, P> {
     plan: &'a Plan<T>,
     place: usize,
@@ -614,13 +616,14 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
         table.head.len().saturating_sub(1).max(SHORTEST_CHUNK).next_multiple_of(GROUP)
     }
 
-    /// The same memory, its weights being for such samples.
+    /// The same memory, with weights for samples of the given kind.
     #[must_use]
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
         Self { acts_on, ..self }
     }
 
-    /// The same memory, working with up to so many threads where that is worth while; the bits are the same.
+    /// The same memory, with up to the given number of threads where that is worth while; the bits are the
+    /// same.
     #[must_use]
     pub fn on_threads(self, threads: usize) -> Self {
         Self { threads: threads.max(1), ..self }
@@ -631,7 +634,7 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
         (self.plan.places() + self.plan.losses.len()) * size_of::<P>() + self.plan.slow * size_of::<u32>()
     }
 
-    /// Header of the saved state of so many channels.
+    /// Header of the saved state of `channels` channels.
     fn shape(&self, channels: usize) -> Shape<3> {
         let bytes = size_of::<P>() as u64;
         [
@@ -641,13 +644,13 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
         ]
     }
 
-    /// Reads how many samples a state of so many channels has seen.
+    /// Reads the number of samples in a saved state of `channels` channels.
     fn count(&self, channels: usize, from: &mut StateReader<'_>) -> Result<usize, StateError> {
         from.header::<T, 3>(TAG, &self.shape(channels))?;
         from.count_up_to("samples", self.horizon)
     }
 
-    /// Reads past a state of so many channels.
+    /// Reads past a saved state of `channels` channels.
     fn check_state_of(&self, channels: usize, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.count(channels, from)?;
         let (places, slow) = (self.plan.places() + self.plan.losses.len(), self.plan.slow);
@@ -665,15 +668,15 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
         if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
     }
 
-    /// Threads, and tiles in a part of the work, for so many picoseconds a channel. Fewer threads are worth
-    /// while where they have to be woken up.
+    /// Number of threads, and of tiles in a part of the work, for `cost` picoseconds a channel. Threads that
+    /// have to be woken are worth while for more work only.
     fn shares(&self, cost: usize, awake: impl Fn(usize) -> bool) -> (usize, usize) {
         let cost = cost * self.channels;
         let threads = match cost >= SHARE * self.threads && awake(self.threads) {
             true => self.threads,
             false => (cost / WAKE).clamp(1, self.threads),
         };
-        // A thread that begins late leaves parts to the others.
+        // The parts of a thread that begins late are done by the others.
         const PARTS: usize = 16;
         let parts = (PARTS * threads).min(cost / SHORTEST_PART).max(cost / LONGEST_PART);
         (threads, self.state.tiles().div_ceil(if threads > 1 { parts } else { 1 }))
@@ -821,7 +824,7 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
         let (state, sums, slow) = (&mut self.state, self.plan.losses.len(), self.plan.slow);
         for tile in 0..of.div_ceil(LANES) {
             let channels = (of - tile * LANES).min(LANES);
-            // Tile and lane that take the number of a channel.
+            // Tile and lane of a channel.
             let place = |lane: usize| {
                 let taken = (tile * LANES + lane).checked_sub(first).filter(|&channel| channel < count)?;
                 Some(((to + taken) / LANES, (to + taken) % LANES))

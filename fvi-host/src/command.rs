@@ -1,4 +1,4 @@
-//! The commands of the program, one module each, and what they share: how they end.
+//! The commands of the program, one module each, and their errors and exit codes.
 
 mod choices;
 pub mod compare_engines;
@@ -42,7 +42,7 @@ pub struct Program {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Integrate a scenario: data, pictures and a line of result
+    /// Integrate a scenario: data, pictures and a one-line result
     Run(run::RunArguments),
     /// Run one scenario with many values of some of its keys: a table, and pictures over the axes
     Sweep(sweep::SweepArguments),
@@ -68,11 +68,12 @@ enum Command {
     Controller(controller::ControllerArguments),
     /// Memory engines side by side: agreement, then time per step and memory
     CompareEngines(compare_engines::CompareEnginesArguments),
-    /// Strategies for online convolution in a race: any kernel, those of the field, programs of your own
+    /// Strategies for online convolution compared: any kernel, strategies of the literature, your own
+    /// programs
     Strategies(strategies::StrategiesArguments),
 }
 
-/// How a command that did not do all it was asked to ended.
+/// Why a command did not complete.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CommandError {
@@ -82,23 +83,23 @@ pub enum CommandError {
     /// An argument is outside its range: exit code 2.
     #[error(transparent)]
     Argument(fvi_core::ParameterError),
-    /// There is no room in memory for what was asked for: exit code 2.
+    /// The request does not fit into memory: exit code 2.
     #[error("{0}")]
     NoRoom(String),
-    /// It does not exist for what was asked for: exit code 2.
+    /// The request does not apply to this input: exit code 2.
     #[error("{0}")]
     Unsuited(String),
     /// The computation failed: exit code 1.
     #[error("{0}")]
     Failed(String),
-    /// There is nothing to go on from: exit code 2.
+    /// There is no checkpoint from which the run can continue: exit code 2.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
-    /// The runs of a sweep cannot be made in this directory, or not be joined: exit code 2.
+    /// The runs of a sweep cannot be made in this directory, or cannot be joined: exit code 2.
     #[error("{0}")]
     Sweep(String),
-    /// A file of results cannot be written: exit code 1; the directory is none, or another run is writing to
-    /// it: exit code 2.
+    /// A file of results cannot be written: exit code 1; the path is not a directory, or another run is
+    /// writing to it: exit code 2.
     #[error(transparent)]
     File(#[from] FileError),
     /// It was stopped by a signal: exit code 130.
@@ -107,13 +108,13 @@ pub enum CommandError {
 }
 
 impl Program {
-    /// Does what the command line says; the exit code is 0 when all is done, 2 on bad input, 1 when the
-    /// computation failed and 130 when it was stopped by a signal.
+    /// Executes the command line; the exit code is 0 on success, 2 on bad input, 1 when the computation
+    /// failed and 130 when it was stopped by a signal.
     pub fn run() -> ExitCode {
         match Self::try_parse() {
             Ok(program) => program.execute(),
             Err(usage) => match usage.print() {
-                // Help that was asked for and could not be given.
+                // Requested help could not be printed.
                 Err(error) if usage.exit_code() == 0 && error.kind() != ErrorKind::BrokenPipe => {
                     ExitCode::FAILURE
                 }
@@ -172,7 +173,7 @@ impl CommandError {
         } else {
             GraphicalTheme::unicode_nocolor()
         };
-        // Lines are not wrapped: a message that tools search stays in one piece.
+        // Lines are not wrapped, so that tools can search for a message.
         let handler = GraphicalReportHandler::new_themed(theme).with_width(usize::MAX).with_context_lines(1);
         let mut report = String::new();
         match handler.render_report(&mut report, error) {
@@ -182,14 +183,14 @@ impl CommandError {
     }
 }
 
-/// Says on standard error what makes a result other than it may seem.
+/// Prints warnings on standard error.
 fn warn(warnings: impl IntoIterator<Item = String>) {
     for warning in warnings {
         terminal::mention(&format!("warning: {}\n", visible(&warning)));
     }
 }
 
-/// Where the files about an input file go if nothing is said: `out/` and the file's name without its ending.
+/// Default output directory for an input file: `out/` and the file's name without its extension.
 fn default_directory(input: &Path, command: &str) -> PathBuf {
     let stem = input.file_stem().unwrap_or_default();
     // A name of dots alone, as of `...toml`, would lead out of the directory.

@@ -1,28 +1,28 @@
 //! Fractional variational integrators on the host.
 //!
-//! The modules are layers; each uses those above it in this list only, and a test reads that it does.
+//! The modules are layers; each uses only those above it in this list, which a test checks.
 //!
-//! | layer | what it knows |
+//! | layer | content |
 //! |---|---|
 //! | [`language`] | documents, expressions, errors that point at a place in a file |
 //! | [`numerics`] | tables of exponentials, weights of Runge–Kutta quadrature, starting weights |
-//! | [`scenario`] | what a scenario says, as plain data |
+//! | [`scenario`] | the content of a scenario, as plain data |
 //! | [`memory`] | the memory engines of the program |
 //! | [`model`] | systems compiled to programs and matrices, schemes of any shape |
-//! | [`simulation`] | a scenario in motion; its stability and its energy |
+//! | [`simulation`] | time integration of a scenario; its stability and energy |
 //! | [`results`] | trajectories, summaries, pictures, the files they go to |
-//! | [`lab`] | runs, orders of convergence, sweeps, comparisons, two-point problems |
+//! | [`lab`] | runs, orders of convergence, sweeps, two-point problems |
 //! | `reproduce` | the figures and tables of the papers, computed again |
 //! | `command` | the program `fvi` |
 //!
 //! The first three are those of `fvi-scenario`, the next one is that of `fvi-memory`, the next two are those
 //! of `fvi-simulation`, and two more those of `fvi-lab`.
 //!
-//! `fvi-core`, whose traits your own engines implement, is here as [`fvi_core`]: one dependency is
-//! enough.
+//! `fvi-core`, whose traits your own engines implement, is re-exported as [`fvi_core`], so that one
+//! dependency is enough.
 //!
-//! The feature `program` brings the last, with what it needs of a terminal; `pictures` brings those of runs
-//! and studies and the reproduction of the papers. Both are on by default.
+//! The feature `program` adds the last layer, with the dependencies for a terminal; `pictures` adds the
+//! pictures of runs and studies, and `reproduce`. Both are on by default.
 #![forbid(unsafe_code)]
 
 #[cfg(feature = "program")]

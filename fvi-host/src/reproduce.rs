@@ -1,8 +1,8 @@
 //! The figures and tables of the papers, computed again and set beside the printed values.
 //!
 //! An [`Exhibit`] is one figure or table: a name, where it is printed, and the function that computes its
-//! [`Findings`]. [`exhibits`] lists them all. [`write()`] turns findings into pictures, CSV files and one
-//! page that compares.
+//! [`Findings`]. [`exhibits`] lists them all. [`write()`] turns findings into pictures, CSV files and a page
+//! with comparisons.
 
 mod accuracy;
 mod any_length;
@@ -62,7 +62,7 @@ pub struct Exhibit {
     pub page: &'static str,
 }
 
-/// How findings are made.
+/// Computes the findings of an exhibit.
 type Compute = fn(&AtomicBool) -> Result<Findings, ReproduceError>;
 
 impl Exhibit {
@@ -111,7 +111,7 @@ pub enum ReproduceError {
     /// A step of a run failed.
     #[error("{reason}")]
     Run {
-        /// Which, and why.
+        /// Which step, and why.
         reason: String,
     },
     /// It was stopped.

@@ -1,7 +1,6 @@
-//! What is done with simulations: single runs, studies of convergence, comparisons, two-point problems.
+//! What is done with simulations: single runs, studies of convergence, two-point problems.
 
 pub mod checkpoint;
-pub mod compare_engines;
 pub mod converge;
 pub mod fit;
 mod output_sink;

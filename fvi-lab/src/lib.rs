@@ -1,11 +1,11 @@
-//! Simulations at work.
+//! Runs and studies of simulations, and their results.
 //!
-//! | layer | what it knows |
+//! | layer | content |
 //! |---|---|
 //! | [`results`] | trajectories, summaries, pictures, the files they go to |
-//! | [`lab`] | runs, orders of convergence, sweeps, comparisons, two-point problems |
+//! | [`lab`] | runs, orders of convergence, sweeps, two-point problems |
 //!
-//! The feature `pictures` brings those of runs and studies.
+//! The feature `pictures` adds the pictures of runs and studies.
 #![forbid(unsafe_code)]
 
 pub mod lab;

@@ -1,4 +1,4 @@
-//! What comes out: trajectories, measures of them, pictures, and the files that all of it goes to.
+//! Results: trajectories, measures of them, pictures, and the files that they are written to.
 
 pub mod files;
 pub(crate) mod growing_file;

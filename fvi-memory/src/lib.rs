@@ -1,6 +1,6 @@
 //! Memory engines on a host: one for a request.
 //!
-//! | layer | what it knows |
+//! | layer | contents |
 //! |---|---|
 //! | [`memory`] | the memory engines of the program |
 #![forbid(unsafe_code)]

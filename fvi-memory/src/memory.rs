@@ -1,4 +1,4 @@
-//! The memory engines on the host, and the one place where one is chosen.
+//! The memory engines on the host, and their choice.
 
 mod tables;
 
@@ -29,10 +29,10 @@ pub struct HostMemory<T> {
     memory: fvi_fft::Engine<T>,
     engine: Engine,
     acts_on: ActsOn,
-    // What a step asks for again and again is not asked of the engine behind its object.
+    // Copies of values that every step needs, without a virtual call of the engine.
     stages: usize,
     is_empty: bool,
-    /// W₀, where it always is the same.
+    /// W₀, if it is the same at every step.
     leading: Option<Box<[T]>>,
 }
 
@@ -52,8 +52,8 @@ impl<T> HostMemory<T> {
     }
 }
 
-/// The scalars that there are memories for: what a request leads to is generic and large, and is compiled
-/// here alone.
+/// The scalars for which memories are built. The code behind a request is generic and large, and is compiled
+/// in this crate only.
 pub trait Memories: Engines {
     /// [`MemoryRequest::build_with`]
     ///
@@ -81,21 +81,21 @@ pub struct MemoryRequest<'a> {
     pub convolution: &'a Convolution,
     /// K(s) of the damping force.
     pub transfer: &'a TransferFunction,
-    /// h; the shortest step where they differ.
+    /// h; the shortest step of a grid with different steps.
     pub step_size: f64,
-    /// The last time of a grid whose steps differ; `None` for equal steps.
+    /// The last time of a grid with different steps; `None` for equal steps.
     pub end: Option<f64>,
     /// Number of coordinates N; those of all motions where several are integrated together.
     pub coordinates: usize,
-    /// Number of motions integrated together: the engine is the one that each would have alone, so that it
-    /// has the same bits.
+    /// Number of motions integrated together. The engine is chosen as for one of them, so that its bits are
+    /// the same.
     pub motions: usize,
-    /// Number of samples that will come: one for each step, and one before the first.
+    /// Number of samples in the run: one for each step, and one before the first.
     pub samples: usize,
-    /// Whether samples are given as they are, where a solver knows them by their differences: then the memory
-    /// acts on values, and its error is that of the plain sum, whatever the samples.
+    /// Whether the samples are given values and not solved increments: then the memory acts on values, and
+    /// its error is that of the plain sum for any samples.
     pub given: bool,
-    /// The engine asked for, and its settings.
+    /// The requested engine, and its settings.
     pub history: &'a History,
 }
 
@@ -114,29 +114,29 @@ pub enum EngineError {
     /// A parameter of the kernel is outside its range.
     #[error(transparent)]
     Parameter(#[from] ParameterError),
-    /// The engine has weights for equal steps only, or the quadrature none for others.
+    /// The engine is for equal steps only, or the quadrature has no weights for other steps.
     #[error("the engine \"{}\" cannot serve this: {reason}", .engine.name())]
     Unsuited {
         /// The engine.
         engine: Engine,
-        /// Why, and what can.
+        /// The reason, and an alternative.
         reason: &'static str,
     },
     /// No table of exponentials reaches the tolerance.
     #[error(transparent)]
     Table(ExponentialKernelError),
-    /// No relaxations make up the kernel for steps of any length.
+    /// No sum of relaxations approximates the kernel for steps of any length.
     #[error(transparent)]
     Rates(RateTableError),
-    /// The run that is carried further began with a table of exponentials that ends too early.
+    /// The run to be continued began with a table of exponentials that ends too early.
     #[error(
         "the run began with a table of exponentials for {reach} samples, and its memory cannot be carried to {samples}: \
          begin anew, or with a longer `history.horizon` the next time"
     )]
     TableEnds {
-        /// Samples that the table reaches over.
+        /// Number of samples that the table covers.
         reach: usize,
-        /// Number of samples.
+        /// Number of samples of the continued run.
         samples: usize,
     },
 }
@@ -150,27 +150,29 @@ const PLAIN: usize = 256;
 /// all the steps of so short a run.
 const CROSSOVER: usize = 16_384;
 
-/// Channels up to which that holds, and numbers of a history that are few at any number of channels: with
-/// many channels a table of exponentials is soon made, and histories of all of them fill the memory.
+/// Largest number of channels to which `CROSSOVER` applies, and largest length of a history that is short for
+/// any number of channels: with many channels the cost of a table is soon made up for, and full histories of
+/// all channels fill the memory.
 const FEW: usize = 64;
 const SMALL: usize = 1 << 16;
-/// Channels from which on exponential sums lie channel by channel in vectors, and the longest chunks with
-/// which they do: beyond, as heads of high orders want them, a chunk's samples take more room than the sums.
+/// Number of channels from which exponential sums are stored with neighbouring channels side by side, and the
+/// largest chunk for which they are: in longer ones, required by the heads of high orders, the samples of a
+/// chunk take more room than the sums.
 const MANY: usize = 96;
 const LONGEST_CHUNK: usize = 64;
 
-/// Orders from which on memories act on increments. Below, nothing cancels in the plain weights, and those on
-/// increments hardly decay: there is no exponential sum for them.
+/// Smallest order for which memories act on increments. Below, nothing cancels in the plain weights, and
+/// those on increments hardly decay, so that no exponential sum approximates them.
 pub const LEAST_ON_INCREMENTS: f64 = 0.1;
 
-/// Most kernels that share a memory.
+/// Largest number of kernels that share a memory.
 pub const MOST_SHARING: usize = WIDE_KERNELS;
 
-/// The part of the tolerance that is left to the table where a state in single precision takes the rest.
+/// Fraction of the tolerance left to the table if a state in single precision takes the rest.
 const PART_OF_THE_TABLE: f64 = 0.5;
 
-/// Relative error of the past in a table for steps of any length: a few times rounding. Formulas that have
-/// lost digits themselves may take a hundred times that.
+/// Relative error of the history in a table for steps of any length: a few times rounding. For transfer
+/// functions given as formulas, whose own rounding may be larger, up to a hundred times that.
 const RATE_TOLERANCE: f64 = 1e-13;
 
 /// Numbers that the transform behind exact weights takes for each of them.
@@ -198,15 +200,15 @@ impl From<RateTableError> for EngineError {
 }
 
 impl MemoryRequest<'_> {
-    /// The memory, empty: of the engine asked for, or of the fastest that is exact to rounding.
+    /// The memory, empty, on the requested engine or on the fastest that is exact to rounding.
     ///
     /// # Errors
-    /// [`EngineError`] if the engine asked for cannot serve the kernel.
+    /// [`EngineError`] if the requested engine cannot serve the kernel.
     pub fn build<T: Memories>(&self) -> Result<HostMemory<T>, EngineError> {
         self.build_with(&Tables::default())
     }
 
-    /// As [`build`](Self::build), from tables that are there already, or will be for others.
+    /// As [`build`](Self::build), with tables that are cached in `tables`.
     ///
     /// # Errors
     /// As [`build`](Self::build).
@@ -231,10 +233,10 @@ impl MemoryRequest<'_> {
         Ok(HostMemory::new(Box::new(corrected), engine, acts_on))
     }
 
-    /// A memory of other weights for the same samples, plain ones or planes of matrices of so many
-    /// stages, such as derivatives of the kernel's with respect to a parameter: the plain sum where the
-    /// engine asked for is that, transforms elsewhere. `weights` is told whether they are to act on
-    /// increments, and how many are wanted.
+    /// A memory of other weights for the same samples, scalar weights or planes of matrices with the given
+    /// number of stages, such as derivatives of the kernel's weights with respect to a parameter: the plain
+    /// sum if that is the requested engine, transforms otherwise. The arguments of `weights` are whether they
+    /// are to act on increments, and their number.
     ///
     /// # Errors
     /// [`EngineError`], and those of `weights`.
@@ -254,8 +256,8 @@ impl MemoryRequest<'_> {
         }
     }
 
-    /// Whether the kernel may have one memory with another, as far as kernels decide: both have exponentials,
-    /// and want the same samples.
+    /// Whether the kernel may share a memory with another one, as far as this depends on the kernels: both
+    /// have exponentials, and act on the same kind of samples.
     pub fn may_share_with(&self, other: &Self) -> bool {
         let fractional = |request: &Self| {
             request.transfer.exponent().is_some_and(|exponent| exponent != 0.0 && exponent != 1.0)
@@ -263,9 +265,9 @@ impl MemoryRequest<'_> {
         fractional(self) && fractional(other) && self.acts_on() == other.acts_on()
     }
 
-    /// One memory for the kernels of these exponents, that of the request the first: the samples and one set
-    /// of exponentials for all of them. `None` where it would be another engine than sums of exponentials for
-    /// many channels, or no common table reaches the tolerance: then each has a memory of its own.
+    /// One memory for the kernels of these exponents, of which that of the request is the first: the samples
+    /// and one set of exponentials for all of them. `None` if the engine would not be sums of exponentials
+    /// for many channels, or no common table reaches the tolerance: then each needs a memory of its own.
     pub fn build_sharing<T: Engines>(&self, exponents: &[f64], tables: &Tables) -> Option<HostMemory<T>> {
         let ConvolutionFamily::Bdf { order } = self.convolution.family else { return None };
         if !self.convolution.starting.is_empty() || self.engine() != Engine::ExponentialSum {
@@ -292,12 +294,14 @@ impl MemoryRequest<'_> {
         Some(self.host(self.side_by_side(&kernels)?.ok()?, Engine::ExponentialSum))
     }
 
-    /// What the memory acts on: differences, as far as there is something to gain. Kernels that hardly grow
-    /// for large s, as the identity, integrals and materials with a glass modulus, act on values.
+    /// Kind of samples that the memory acts on: differences, where they are more accurate. Kernels that
+    /// hardly grow for large s, such as the identity, integrals and materials with a glass modulus, act on
+    /// values.
     pub fn acts_on(&self) -> ActsOn {
         match self.convolution.family {
             _ if self.given || self.transfer.growth() < LEAST_ON_INCREMENTS => ActsOn::Values,
-            // The sums of its weights end at what rounding leaves of the spring.
+            // The partial sums of its weights would converge to the stiffness of the spring only up to
+            // rounding.
             _ if self.transfer.spring() != 0.0 => ActsOn::Values,
             ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => ActsOn::Increments,
             ConvolutionFamily::RadauIia { .. } | ConvolutionFamily::LobattoIiic { .. } => ActsOn::Rises,
@@ -320,13 +324,13 @@ impl MemoryRequest<'_> {
             return self.kernel_of_transfer();
         }
         if self.any_step() {
-            // The memory is made from the same family and exponent; there is no one step to compare.
+            // The memory is built from the same family and exponent; there is no single step size to compare.
             return fvi_core::Kernel::given(exponent);
         }
         if let Some(staged) = self.convolution.family.staged() {
             return with_staged_method!(staged, method => fvi_core::Kernel::runge_kutta(&method, exponent, step_size))?;
         }
-        // Of the trapezoidal rule only the identity is left, by any rule.
+        // Only the identity is left for the trapezoidal rule, and it is the same for any rule.
         let order = match self.convolution.family {
             ConvolutionFamily::Bdf { order } => order,
             _ => 1,
@@ -364,7 +368,7 @@ impl MemoryRequest<'_> {
         self.end.is_some() || self.history.engine == Some(Engine::AnyStep)
     }
 
-    /// The memory without starting weights.
+    /// The memory before it is wrapped with starting weights.
     fn without_starting<T: Engines>(&self, tables: &Tables) -> Result<HostMemory<T>, EngineError> {
         let engine = self.engine();
         match self.memory(engine, tables) {
@@ -375,7 +379,7 @@ impl MemoryRequest<'_> {
         }
     }
 
-    /// The engine asked for, or the fastest that is exact to rounding, as far as there is a table for it.
+    /// The requested engine, or the fastest that is exact to rounding, as far as there is a table for it.
     fn engine(&self) -> Engine {
         let channels = self.channels_of_one();
         let few = channels <= FEW || self.planned().saturating_mul(channels) <= SMALL;
@@ -537,7 +541,8 @@ impl MemoryRequest<'_> {
             return self.transforms(engine, weights(self.step_size)?, 1);
         }
         let kept = self.kept();
-        // With the step size γ_p(0) the leading weight is 1: the same monic table and scale as in flash.
+        // With the step size γ_p(0) the leading weight is 1: the monic table that firmware uses, with a
+        // scale.
         let mut monic = weights(order.generating_function(0.0))?;
         let mut table = self.room(engine, kept.saturating_add(1))?;
         table.resize(kept + 1, T::zero());
@@ -557,7 +562,7 @@ impl MemoryRequest<'_> {
         // The weights in double precision and in that of the run.
         self.room::<f64>(engine, count.saturating_mul(2))?;
         let on_increments = self.acts_on() != ActsOn::Values;
-        // Of those that are given no more than meet a sample.
+        // Of given weights only those that meet a sample.
         let met = if self.transfer.table().is_some() { count.min(self.samples.max(1)) } else { count };
         let mut weights = multistep_weights(self.transfer, rule, self.step_size, on_increments, met)?;
         weights.resize(count, 0.0);
@@ -621,13 +626,13 @@ impl MemoryRequest<'_> {
             Some(end) => end,
             None => self.step_size * self.horizon()? as f64,
         };
-        // Single precision rounds more than that.
+        // Single precision rounds more coarsely than that.
         let tolerance = RATE_TOLERANCE.max(0.01 * T::EPSILON.to_f64());
         let table = tables.get(&self.key(horizon.to_bits(), tolerance), || {
             let made = |part| {
                 rate_table_of::<T, R>(method, self.transfer, self.step_size, horizon, part * tolerance)
             };
-            // Formulas may have lost a few digits themselves at times as long as the run.
+            // Formulas may have lost a few digits by rounding at times as long as the run.
             let losses: &[f64] = if self.transfer.text().is_some() { &[10.0, 100.0] } else { &[] };
             Ok(losses.iter().fold(made(1.0), |table, &loss| table.or_else(|_| made(loss)))?)
         })?;
@@ -674,7 +679,7 @@ impl MemoryRequest<'_> {
         Ok(self.host(memory, Engine::ExponentialSum))
     }
 
-    /// For a kernel of plain numbers, in the layout that suits the number of channels.
+    /// An exponential sum for a scalar kernel, in the layout that suits the number of channels.
     fn exponential_sum_of_numbers<T: Engines>(
         &self,
         table: &ExponentialTable<&[f64]>,
@@ -685,7 +690,7 @@ impl MemoryRequest<'_> {
         }
     }
 
-    /// The layout for many channels, where these are many.
+    /// The layout for many channels, if there are many.
     fn side_by_side<T: Engines>(
         &self,
         tables: &[ExponentialTable<&[f64]>],
@@ -699,7 +704,7 @@ impl MemoryRequest<'_> {
         }
     }
 
-    /// The core's own memory, a sample at a time, on a table rounded as one of firmware is.
+    /// The memory of fvi-core, a sample at a time, with a table rounded as for firmware.
     fn core_exponential_sum<T: Engines>(
         &self,
         table: ExponentialTable<Aligned<T>>,
@@ -714,7 +719,7 @@ impl MemoryRequest<'_> {
         HostMemory::new(memory, engine, self.acts_on())
     }
 
-    /// Key that tells a table of this kernel from others of its type.
+    /// Key by which tables of this kernel are distinguished from others of the same type.
     fn key(&self, reach: u64, tolerance: f64) -> Vec<u64> {
         let (family, size) = match self.convolution.family {
             ConvolutionFamily::Bdf { order } => (0, order),
@@ -727,12 +732,12 @@ impl MemoryRequest<'_> {
         numbers.into_iter().chain(self.transfer.key()).collect()
     }
 
-    /// Channels of one motion.
+    /// Number of channels of one motion.
     fn channels_of_one(&self) -> usize {
         self.coordinates / self.motions.max(1)
     }
 
-    /// Number of samples that engine and table are chosen for.
+    /// Number of samples for which engine and table are chosen.
     fn planned(&self) -> usize {
         self.history.planned.unwrap_or(self.samples)
     }
@@ -756,7 +761,7 @@ impl MemoryRequest<'_> {
         self.history.capacity.map_or(samples, |capacity| capacity.min(samples))
     }
 
-    /// Room for `count` numbers.
+    /// An empty vector with capacity for `count` numbers.
     fn room<T>(&self, engine: Engine, count: usize) -> Result<Vec<T>, EngineError> {
         let mut room = Vec::new();
         match room.try_reserve_exact(count) {
@@ -766,8 +771,8 @@ impl MemoryRequest<'_> {
     }
 }
 
-/// Lags of the table for a run of so many samples: twice as many at least, and the same for runs that are not
-/// much longer, so that a run can be carried further, with the bits of one that was as long from the start.
+/// Lags of the table for a run of `samples` samples: at least twice as many, and the same for runs that are
+/// not much longer, so that a run can be continued with the bits of one that was that long from the start.
 /// Each factor of four costs a few exponentials.
 fn reach_over(samples: usize) -> usize {
     let mut reach: usize = 1 << 20;
@@ -801,7 +806,7 @@ impl<T: Copy> Weights<T> for Planes<T> {
         let planes = self.stages * self.stages;
         let length = self.numbers.len() / planes;
         for (index, matrix) in weights.chunks_exact_mut(planes).enumerate() {
-            // The engines may ask for a few more weights than the run needs; those meet no sample.
+            // The engines may request a few more weights than the run needs; those meet no sample.
             let n = (first + index).min(length - 1);
             for (plane, place) in matrix.iter_mut().enumerate() {
                 *place = self.numbers[plane * length + n];
@@ -849,7 +854,7 @@ impl<T> Memory<T> for HostMemory<T> {
 
     #[inline]
     fn begin_step(&mut self, length: T) -> Result<(), MemoryError> {
-        // To the others it says nothing new.
+        // Other engines ignore the length.
         if self.engine == Engine::AnyStep { self.memory.begin_step(length) } else { Ok(()) }
     }
 

@@ -9,9 +9,9 @@ pub(crate) struct Term {
     pub(crate) amplitude: f64,
 }
 
-/// Rules for ∫₀^∞ λ^p e^{−λt} dλ = Γ(p+1) t^{−p−1} on 1 ≤ t ≤ `horizon`, p > −1: a Gauss–Jacobi rule on
-/// (0, 1/horizon), Gauss–Legendre rules on the intervals that follow, each `ratio` times as far as the one
-/// before, up to λ = `fastest`; `points` for each.
+/// Rules for ∫₀^∞ λ^p e^{−λt} dλ = Γ(p+1) t^{−p−1} on 1 ≤ t ≤ `horizon`, p > −1: a Gauss–Jacobi rule on (0,
+/// 1/horizon), Gauss–Legendre rules on the following intervals, whose ends grow by the factor `ratio`, up to
+/// λ = `fastest`; `points` nodes in each.
 pub(crate) fn power_rules(p: f64, horizon: f64, ratio: f64, fastest: f64, points: usize) -> Vec<Term> {
     let mut end = 1.0 / horizon;
     let scale = libm::pow(end, p + 1.0);
@@ -30,7 +30,7 @@ pub(crate) fn power_rules(p: f64, horizon: f64, ratio: f64, fastest: f64, points
     terms
 }
 
-/// Lags at which tables are compared with weights: all small ones, then some a decade.
+/// Lags at which tables are compared with weights: all small ones, then some in each decade.
 pub(crate) fn lags_to_compare(horizon: usize) -> Vec<usize> {
     let mut lags: Vec<usize> = (1..=horizon.min(32)).collect();
     let mut lag = 32.0;

@@ -2,7 +2,7 @@
 
 use fvi_core::{Memory, MemoryError, ParameterError};
 
-use crate::frame::Frame;
+use crate::frame::{Frame, framed};
 use crate::operations::Operations;
 use crate::product::sum;
 
@@ -14,7 +14,7 @@ pub struct ExponentialModes {
     decays: Vec<f64>,
     newest: Vec<f64>,
     before: Vec<f64>,
-    /// The modes of one channel after those of the other.
+    /// V_i, the modes of the first channel, then those of the next, and so on.
     states: Vec<f64>,
     last: Vec<f64>,
     operations: Operations,
@@ -40,7 +40,7 @@ pub(crate) struct Modes {
 }
 
 impl Modes {
-    /// w_n for n ≥ 1, as the recursions have it.
+    /// The weight w_n, n ≥ 1, that the recursions effectively use.
     pub(crate) fn weight(&self, n: usize) -> f64 {
         let history: f64 = self
             .modes
@@ -69,7 +69,7 @@ impl ExponentialModes {
         })
     }
 
-    /// The count of its operations.
+    /// The counter of its operations.
     pub fn operations(&self) -> Operations {
         self.operations.clone()
     }
@@ -81,17 +81,7 @@ impl ExponentialModes {
 }
 
 impl Memory<f64> for ExponentialModes {
-    fn channels(&self) -> usize {
-        self.frame.channels
-    }
-
-    fn leading(&self) -> &[f64] {
-        &self.frame.leading
-    }
-
-    fn len(&self) -> usize {
-        self.frame.len
-    }
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {

@@ -2,37 +2,41 @@
 
 use fvi_core::{BdfOrder, Memory, MemoryError, ParameterError};
 
-use crate::frame::Frame;
+use crate::frame::{Frame, framed};
 use crate::operations::Operations;
 
 /// One section (s + zero)/(s + pole), or s + zero where there is no pole.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Section {
-    /// Minus the place of its zero, at least 0.
+    /// `zero` ≥ 0; the zero of the section is at s = −`zero`.
     pub zero: f64,
-    /// Minus the place of its pole, at least 0; `None` for s + zero.
+    /// `pole` ≥ 0; the pole of the section is at s = −`pole`. `None` for s + zero.
     pub pole: Option<f64>,
 }
 
-/// gain · Π sections with s = γ_p(z)/h, the formula of the quadrature that it stands for: O(sections) a step.
+/// gain · Π sections with s = γ_p(z)/h, the backward differentiation formula of the convolution quadrature
+/// that the cascade replaces: O(sections) a step.
 ///
-/// A section answers at once, so the leading weight is the product of their direct gains, and what the
-/// samples so far leave behind passes through them with nothing put in.
+/// A section has a direct gain from its newest input, so the leading weight is the product of these gains
+/// times `gain`; the memory term is the output of the cascade for the past samples with a new sample of zero.
 #[derive(Clone, Debug)]
 pub struct FilterCascade {
     frame: Frame,
     /// γ_1/h … γ_p/h
     formula: Vec<f64>,
-    /// For each section: what it makes of its input, of what lies behind, and whether it has a pole.
+    /// For each section: factor of its newest input, factor of the past inputs and outputs, and 1 if it has a
+    /// pole, else 0.
     direct: Vec<f64>,
     behind: Vec<f64>,
     recursive: Vec<f64>,
-    /// Gain from the input to behind each section, input first.
+    /// Direct gain from the input of the cascade up to and including each section; the first entry is `gain`
+    /// alone.
     gains: Vec<f64>,
-    /// For each channel and each of the last p steps the input and the outputs of the sections, in turn.
+    /// For each channel and each of the last p steps: the input and the outputs of all sections. The steps
+    /// form a ring buffer.
     history: Vec<f64>,
     newest: usize,
-    /// The same for the step to come with nothing put in, for each channel.
+    /// Input and outputs of all sections at the next step for a sample of zero, for each channel.
     prepared: Vec<f64>,
     is_prepared: bool,
     operations: Operations,
@@ -82,7 +86,7 @@ impl FilterCascade {
         })
     }
 
-    /// The count of its operations.
+    /// The counter of its operations.
     pub fn operations(&self) -> Operations {
         self.operations.clone()
     }
@@ -92,7 +96,7 @@ impl FilterCascade {
         self.direct.len()
     }
 
-    /// Output of the sections if the next sample is zero.
+    /// Computes the outputs of the sections for a next sample of zero.
     #[inline(always)]
     fn prepare(&mut self) {
         if self.is_prepared {
@@ -103,7 +107,8 @@ impl FilterCascade {
         for channel in 0..self.frame.channels {
             let history = &self.history[channel * width * steps..][..width * steps];
             let prepared = &mut self.prepared[channel * width..][..width];
-            // Σ_{j≥1} γ_j (u_{k−j} − y_{k−j}) for every section first: these do not wait for each other.
+            // Σ_{j≥1} γ_j (u_{k−j} − y_{k−j}) for all sections first: these sums are independent of each
+            // other.
             prepared.fill(0.0);
             for (j, gamma) in self.formula.iter().enumerate() {
                 let row = &history[(self.newest + j) % steps * width..][..width];
@@ -141,17 +146,7 @@ fn formula(order: BdfOrder) -> Vec<f64> {
 }
 
 impl Memory<f64> for FilterCascade {
-    fn channels(&self) -> usize {
-        self.frame.channels
-    }
-
-    fn leading(&self) -> &[f64] {
-        &self.frame.leading
-    }
-
-    fn len(&self) -> usize {
-        self.frame.len
-    }
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {

@@ -1,8 +1,8 @@
-//! What every rival checks before it does anything.
+//! Checks common to all memories of this crate.
 
 use fvi_core::{MemoryError, ParameterError, check_channels};
 
-/// Channels, capacity and number of samples of a memory of plain numbers, and its leading weight.
+/// Channels, capacity and number of samples of a memory, and its leading weight.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
     pub(crate) channels: usize,
@@ -25,7 +25,7 @@ impl Frame {
         Ok(Self { channels, capacity, len: 0, leading: [leading] })
     }
 
-    /// Whether a term or sample of so many numbers can be served now.
+    /// Checks the number of channels, and that the capacity is not exhausted.
     #[inline(always)]
     pub(crate) fn check(&self, numbers: &[f64]) -> Result<(), MemoryError> {
         check_channels(self.channels, numbers.len())?;
@@ -33,7 +33,26 @@ impl Frame {
     }
 }
 
-/// A kernel must have its leading weight.
+/// Methods of [`Memory`](fvi_core::Memory) that only return values of the field `frame`.
+macro_rules! framed {
+    () => {
+        fn channels(&self) -> usize {
+            self.frame.channels
+        }
+
+        fn leading(&self) -> &[f64] {
+            &self.frame.leading
+        }
+
+        fn len(&self) -> usize {
+            self.frame.len
+        }
+    };
+}
+
+pub(crate) use framed;
+
+/// The leading weight w_0; an error if there are no weights.
 pub(crate) fn leading_of(weights: &[f64]) -> Result<f64, ParameterError> {
     weights.first().copied().ok_or(ParameterError {
         parameter: "number of weights",

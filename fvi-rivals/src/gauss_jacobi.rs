@@ -10,7 +10,7 @@ pub(crate) fn gauss_jacobi(count: usize, power: f64) -> Vec<(f64, f64)> {
     let mut jacobi = DMatrix::zeros(count, count);
     for k in 0..count {
         let n = k as f64;
-        // Of the Jacobi polynomials for (1 + t)^p on (−1, 1).
+        // Recurrence of the Jacobi polynomials for the weight (1 + t)^p on (−1, 1).
         jacobi[(k, k)] = if k == 0 { p / (p + 2.0) } else { p * p / ((2.0 * n + p) * (2.0 * n + p + 2.0)) };
         if k > 0 {
             let square = if k == 1 {

@@ -2,7 +2,7 @@
 
 use fvi_core::ParameterError;
 
-/// Orders that the formula is for, and steps.
+/// Checks order and step: 0 < β < 1, and h positive and finite.
 pub(crate) fn check_order(order: f64, step: f64) -> Result<(), ParameterError> {
     if !(order > 0.0 && order < 1.0) {
         let allowed = "greater than 0 and less than 1, where the L1 formula is";
@@ -15,13 +15,13 @@ pub(crate) fn check_order(order: f64, step: f64) -> Result<(), ParameterError> {
 }
 
 /// The first `count` weights of the L1 formula for D^β, 0 < β < 1, of a signal that is zero before its first
-/// sample and straight between samples:
+/// sample and linear between samples:
 ///
 /// ```text
 /// w_0 = h^{−β}/Γ(2−β) ,   w_n = w_0 ((n+1)^{1−β} − 2 n^{1−β} + (n−1)^{1−β}) .
 /// ```
 ///
-/// Second differences come from their series, so that each weight has its digits at any lag.
+/// Second differences are computed from their series, so that each weight is accurate at any lag.
 ///
 /// Source: \[OldhamSpanier74\], §8.2.
 ///
@@ -33,7 +33,7 @@ pub fn l1_weights(order: f64, step: f64, count: usize) -> Result<Vec<f64>, Param
     Ok((0..count).map(|n| leading * second_difference(1.0 - order, n)).collect())
 }
 
-/// (n+1)^p − 2 n^p + (n−1)^p, with negative numbers raised to nothing.
+/// (n+1)^p − 2 n^p + (n−1)^p, where powers of negative numbers count as 0.
 pub(crate) fn second_difference(p: f64, n: usize) -> f64 {
     match n {
         0 => 1.0,
@@ -68,7 +68,7 @@ mod tests {
                 let series = second_difference(p, n as usize);
                 assert!((plain - series).abs() < 1e-14, "{p}, {n}: {plain}, {series}");
             }
-            // Behind the leading term of the series, p(p−1)n^{p−2}, comes n^{p−4}.
+            // The leading term of the series, p(p−1)n^{p−2}, is followed by one of n^{p−4}.
             let far = second_difference(p, 1_000_000) / (p * (p - 1.0) * 1e6f64.powf(p - 2.0));
             assert!((far - 1.0).abs() < 1e-11, "{far}");
         }

@@ -1,27 +1,28 @@
 //! The field's strategies for a convolution whose samples arrive one by one, each written from its paper.
 //!
-//! They are here to be measured beside the memories of `fvi-core` and `fvi-fft`: nothing that runs a motion
-//! depends on this crate. Each is a [`Memory`](fvi_core::Memory) of plain numbers in double precision,
-//! and counts its floating-point operations ([`Operations`]). What is made by [`vectorised`] runs with
-//! the widest vectors of the processor, as the memories of `fvi-fft` do.
+//! They serve for comparison with the memories of `fvi-core` and `fvi-fft`: no simulation depends on this
+//! crate. Each is a [`Memory`](fvi_core::Memory) of scalar weights in double precision, and counts its
+//! floating-point operations ([`Operations`]). A memory wrapped by [`vectorised`] runs with the widest
+//! vectors of the processor, as the memories of `fvi-fft` do.
 //!
 //! | strategy | cost of a step | what it serves |
 //! |---|---|---|
 //! | [`PlainSum`] | O(N) | any weights; a window of them is the short-memory principle |
 //! | [`TextbookHls`] | O(log² N) | any weights |
-//! | [`UniformPartition`] | O(√N) | any weights |
-//! | [`NonUniformPartition`] | O(log² N) | any weights |
+//! | [`PartitionedSum`] | O(√N) or O(log² N) | any weights ([`uniform_partition`], [`non_uniform_partition`]) |
 //! | [`RelaxedProduct`] | O(log² N) | any weights |
 //! | [`FilterCascade`] | O(poles) | s^β, as a rational function ([`oustaloup`], [`matsuda`]) |
 //! | [`ExponentialModes`] | O(log N) | s^β by the L1 formula ([`jiang`], [`kernel_compression`]) |
 //! | [`ObliviousQuadrature`] | O(log N) | K(s) with singularities on the negative real axis, BDF of order 1 |
 #![forbid(unsafe_code)]
 
+mod claims;
 mod dyadic_exponentials;
 mod exponential_modes;
 mod filter_cascade;
 mod frame;
 mod gauss_jacobi;
+mod growth;
 mod jiang;
 mod kernel_compression;
 mod l1;
@@ -36,9 +37,11 @@ mod relaxed;
 mod short_memory;
 mod textbook_hls;
 
+pub use claims::{Claim, Relation, claims};
 pub use exponential_modes::ExponentialModes;
 pub use filter_cascade::{FilterCascade, Section};
 pub use fvi_fft::Vectorised;
+pub use growth::{Growth, fitted_exponent, growths};
 pub use jiang::jiang;
 pub use kernel_compression::kernel_compression;
 pub use l1::l1_weights;
@@ -46,13 +49,14 @@ pub use matsuda::matsuda;
 pub use oblivious::ObliviousQuadrature;
 pub use operations::Operations;
 pub use oustaloup::oustaloup;
-pub use partition::{NonUniformPartition, UniformPartition};
+pub use partition::{PartitionedSum, non_uniform_partition, uniform_partition};
 pub use plain_sum::PlainSum;
 pub use relaxed::RelaxedProduct;
 pub use short_memory::{short_memory, window_of};
 pub use textbook_hls::TextbookHls;
 
-/// A memory whose calls are compiled for every vector unit, and the one at hand taken.
+/// Wraps a memory so that its calls are compiled for every vector unit, with the best available one selected
+/// at run time.
 pub fn vectorised<M: fvi_core::Memory<f64> + Send + 'static>(
     memory: M,
 ) -> Box<dyn fvi_core::Memory<f64> + Send> {

@@ -5,21 +5,21 @@ use fvi_core::{BdfOrder, DoubleDouble, ParameterError};
 use crate::filter_cascade::{FilterCascade, Section};
 use crate::oustaloup::{band, check_tolerance, whole_sections};
 
-/// Most sections: beyond, the fraction has lost its digits.
+/// Largest number of sections; beyond, rounding destroys the continued fraction.
 const MOST_SECTIONS: usize = 16;
-/// What the band leaves on either side: the fraction is right beyond its points, too.
+/// Margin of the band, as a factor at either end; the fraction is accurate somewhat beyond its points, too.
 const ROOM: f64 = 1e-2;
 
 /// s^β as the continued fraction through its gains at points in geometric sequence \[MatsudaFujii93\]:
 /// O(sections) a step.
 ///
 /// a_0 + (s − ω_0)/(a_1 + (s − ω_1)/(a_2 + …)) takes the values ω_k^β at s = ω_k. With an odd number of
-/// points it has as many zeros as poles, all on the negative real axis, found between each other; the
-/// sections they make are discretised by the formula of the quadrature. For β > 1 one section is s itself.
+/// points it has as many zeros as poles, all on the negative real axis, which interlace; the sections that
+/// they form are discretised by the backward differentiation formula. For β > 1 one section is s itself.
 ///
-/// What was chosen: points over a band a hundred times as wide at either end as a run of `capacity` steps
-/// can tell, the fewest sections whose relative error at real s between the points is `tolerance`, at most
-/// 16. There is no bound on the error of a sum.
+/// Choices made here: points over a band that extends the frequencies of a run of `capacity` steps by a
+/// factor of 100 at either end; the smallest number of sections, not more than 16, whose relative error at
+/// real s between the points is at most `tolerance`. There is no bound on the error of a sum.
 ///
 /// # Errors
 /// If β is not between 0 and 2, or is 1; if step or tolerance is outside its range, or there is no channel or
@@ -55,19 +55,20 @@ pub fn matsuda(
 
 /// gain · Π (s + zero)/(s + pole), both ascending.
 #[derive(Clone, Debug)]
-struct Rational {
+pub(crate) struct Rational {
     gain: f64,
     zeros: Vec<f64>,
     poles: Vec<f64>,
 }
 
 impl Rational {
-    /// `None` if zeros or poles are not all there, as rounding leaves them.
-    fn through_gains(order: f64, low: f64, high: f64, count: usize) -> Option<Self> {
+    /// The function with `count` zeros and poles through s^β at 2·`count` + 1 points; `None` if, because of
+    /// rounding, not all zeros and poles are found.
+    pub(crate) fn through_gains(order: f64, low: f64, high: f64, count: usize) -> Option<Self> {
         let points = 2 * count + 1;
         let ratio = libm::pow(high / low, 1.0 / (points - 1) as f64);
-        // In units of the lowest point. The powers of ratio^β to 30 digits belong to an order that differs
-        // from β by rounding.
+        // In units of the lowest point. With the powers of the rounded number ratio^β to 30 digits, the order
+        // differs from β by rounding.
         let powers = |base: f64| {
             let next = |power: &DoubleDouble| Some(power.scale(base));
             std::iter::successors(Some(DoubleDouble::ONE), next).take(points).collect::<Vec<_>>()
@@ -75,7 +76,7 @@ impl Rational {
         let (places, mut values) = (powers(ratio), powers(libm::pow(ratio, order)));
         let minus = |a: DoubleDouble, b: DoubleDouble| a.add(b.scale(-1.0));
         let divide = |a: DoubleDouble, b: DoubleDouble| {
-            // One correction of a division by the rounded divisor.
+            // Division by the rounded divisor, with one correction.
             let quotient = a.divide(b.to_f64());
             quotient.add(minus(a, quotient.multiply(b)).divide(b.to_f64()))
         };
@@ -120,8 +121,8 @@ impl Rational {
         Some(found)
     }
 
-    /// At s > 0.
-    fn value(&self, s: f64) -> f64 {
+    /// Value of the function at s > 0.
+    pub(crate) fn value(&self, s: f64) -> f64 {
         let factors = self.zeros.iter().zip(&self.poles).map(|(zero, pole)| (s + zero) / (s + pole));
         self.gain * factors.product::<f64>()
     }

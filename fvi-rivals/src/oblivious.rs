@@ -6,11 +6,11 @@ use fvi_core::{Memory, MemoryError, ParameterError};
 use nalgebra::Complex;
 
 use crate::dyadic_exponentials::lags_to_compare;
-use crate::frame::{Frame, leading_of};
+use crate::frame::{Frame, framed, leading_of};
 use crate::operations::Operations;
 use crate::product::{product, sum};
 
-/// B: lags of one contour are B times as long as those of the one before.
+/// B: the lags of a contour are B times as long as those of the contour before.
 const BASE: usize = 8;
 /// Most points on the upper half of a contour.
 const MOST_POINTS: usize = 48;
@@ -21,14 +21,14 @@ const ANGLES: [f64; 2] = [0.65, 0.9];
 /// the logarithm of time: O(log N) a step, O(log N) numbers \[SchädleLFLubich06\].
 ///
 /// w_n = (1/2πi) ∫ K(λ/h) (1 − λ)^{−n−1} dλ over hyperbolas around the negative real axis, one for the lags
-/// B^{ℓ−1} … 2B^ℓ of each level ℓ; the lags below 2B are summed directly. The samples of a level are those
-/// between the multiples of B^ℓ and B^{ℓ−1} at a distance from now; each node of the contour keeps their sum
-/// under its decay for the two blocks of B^ℓ that are under way and for the two of B^{ℓ−1} that are not yet
-/// due, and forgets them as a whole.
+/// B^{ℓ−1} … 2B^ℓ of each level ℓ; the lags below 2B are summed directly. After k samples, level ℓ sums those
+/// with index from (⌊k/B^ℓ⌋ − 1) B^ℓ up to (⌊k/B^{ℓ−1}⌋ − 1) B^{ℓ−1}. Each node of its contour stores
+/// decaying sums for the current and the previous block of B^ℓ samples, and for the current and the previous
+/// block of B^{ℓ−1} samples, which are not due yet; so whole blocks can be discarded.
 ///
-/// What was chosen: B = 8; hyperbola, step and number of points of each level by search, the fewest points
-/// for which the weights that come out keep `tolerance` relative to those of the quadrature (half of it at
-/// the lags that are looked at).
+/// Choices made here: B = 8; hyperbola, step and number of points of each level by search, with the smallest
+/// number of points for which the resulting weights agree with those of the quadrature within the relative
+/// `tolerance` (half of it at the lags that are checked).
 #[derive(Clone, Debug)]
 pub struct ObliviousQuadrature {
     frame: Frame,
@@ -40,7 +40,7 @@ pub struct ObliviousQuadrature {
     operations: Operations,
 }
 
-/// Complex numbers with parts apart.
+/// Complex numbers with real and imaginary parts in separate arrays.
 #[derive(Clone, Debug, Default)]
 struct Parts {
     re: Vec<f64>,
@@ -82,30 +82,31 @@ impl Parts {
     }
 }
 
-/// Lags B^{ℓ−1} < n < 2B^ℓ.
+/// Level ℓ, for the lags B^{ℓ−1} < n < 2B^ℓ.
 #[derive(Clone, Debug)]
 struct Level {
     /// b = B^{ℓ−1}
     block: usize,
-    /// ρ = 1/(1 − λ), ρ^b, and the factors before ρⁿ.
+    /// For each node: ρ = 1/(1 − λ), ρ^b, and the factor of ρⁿ.
     decays: Parts,
     block_decays: Parts,
     factors: Parts,
     channels: Vec<Sums>,
 }
 
-/// Sums Σ ρ^{t−i} x_i of one channel at the nodes of a contour, up to a time t.
+/// Sums Σ ρ^{t−i} x_i of one channel at the nodes of a contour, over different blocks of samples and up to
+/// different times t.
 #[derive(Clone, Debug)]
 struct Sums {
-    /// Of the block of b samples under way, up to now.
+    /// Over the current block of b samples; t is the current time.
     gathering: Parts,
-    /// Of the one before, up to its end.
+    /// Over the previous block of b samples; t is its end.
     waiting: Parts,
-    /// Of the block of B b samples before the one under way, and of what is due of that, up to the last
-    /// multiple of b.
+    /// Over the previous block of B b samples (`old`), and over the part of the current one that is due
+    /// (`new`); t is the last multiple of b.
     old: Parts,
     new: Parts,
-    /// Both with their factors, up to now.
+    /// `old` + `new` times the factors of the nodes; t is the current time.
     due: Parts,
 }
 
@@ -138,7 +139,8 @@ impl Level {
             std::mem::swap(&mut sums.old, &mut sums.new);
             sums.new.fill_zero();
         }
-        // The block that waited belongs to the parent before until one block of this parent is there.
+        // `waiting` belongs to the previous parent block until the first block of the current parent is
+        // complete.
         let into = if known % parent <= self.block { &mut sums.old } else { &mut sums.new };
         into.add(&sums.waiting);
         std::mem::swap(&mut sums.waiting, &mut sums.gathering);
@@ -158,11 +160,12 @@ impl Level {
 }
 
 impl ObliviousQuadrature {
-    /// For the weights w_0 … of K(s) under implicit Euler at step h, against which its own are compared.
+    /// A memory for K(s) = `symbol` with implicit Euler at step h; `weights` are its quadrature weights w_0
+    /// …, with which those from the contours are compared.
     ///
     /// # Errors
-    /// If no contour keeps the tolerance, as where K has singularities off the negative real axis, or there
-    /// is no weight, channel or capacity.
+    /// If no contour reaches the tolerance, such as for K with singularities off the negative real axis, or
+    /// there is no weight, channel or capacity.
     pub fn new(
         symbol: &dyn Fn(Complex<f64>) -> Complex<f64>,
         weights: &[f64],
@@ -207,7 +210,7 @@ impl ObliviousQuadrature {
         })
     }
 
-    /// The count of its operations.
+    /// The counter of its operations.
     pub fn operations(&self) -> Operations {
         self.operations.clone()
     }
@@ -225,7 +228,7 @@ struct Node {
     factor: Complex<f64>,
 }
 
-/// The nodes for lags between two.
+/// The nodes for a range of lags.
 fn contour(
     symbol: &dyn Fn(Complex<f64>) -> Complex<f64>,
     weights: &[f64],
@@ -239,7 +242,7 @@ fn contour(
     }
     let mut lags: Vec<usize> = lags_to_compare(last).into_iter().filter(|&n| n >= first).collect();
     lags.push(first);
-    // Weights may pass through zero: what counts is the largest from here on.
+    // Weights may pass through zero: errors are relative to the largest weight from this lag on.
     let mut largest = 0.0_f64;
     let mut envelope = vec![0.0; last + 1];
     for n in (first..=last).rev() {
@@ -259,7 +262,7 @@ fn contour(
         for angle in ANGLES {
             for reach in [1.0, 2.0, 3.0, 4.5, 6.5, 9.0, 12.0, 16.0] {
                 let scale = reach / last as f64;
-                // The last point, where decay over the first lag leaves nothing.
+                // The last point, where the decay over the first lag is below rounding.
                 let fall = (libm::expm1(digits / first as f64) / scale + 1.0) / angle.sin();
                 let end = libm::acosh(fall.max(1.1));
                 for share in [0.8, 1.0] {
@@ -296,23 +299,13 @@ fn hyperbola(
 }
 
 impl Memory<f64> for ObliviousQuadrature {
-    fn channels(&self) -> usize {
-        self.frame.channels
-    }
-
-    fn leading(&self) -> &[f64] {
-        &self.frame.leading
-    }
-
-    fn len(&self) -> usize {
-        self.frame.len
-    }
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
         self.frame.check(term)?;
         let k = self.frame.len;
-        // From the multiple of B before the last one on.
+        // From the multiple of B before the last one.
         let lags = k - (k / BASE).saturating_sub(1) * BASE;
         let lags = lags.min(self.near.len());
         let weights = &self.near[self.near.len() - lags..];

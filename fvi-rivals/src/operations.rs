@@ -6,7 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Number of floating-point operations that a memory has done since it was made or cleared.
 ///
 /// A multiply–add counts two, a complex transform of length n counts 5 n log₂ n and a real one half of it,
-/// whatever the transform does inside: so counts of different authors are comparable. Copies share one count.
+/// independent of its implementation, so that counts of different methods are comparable. Clones share one
+/// counter.
 #[derive(Clone, Debug, Default)]
 pub struct Operations(Arc<AtomicU64>);
 
@@ -16,7 +17,7 @@ impl Operations {
         self.0.load(Ordering::Relaxed)
     }
 
-    // One memory counts at a time, so that no locked instruction is needed.
+    // Only one memory writes a counter, so that no atomic read-modify-write instruction is needed.
     #[inline(always)]
     pub(crate) fn add(&self, operations: usize) {
         self.0.store(self.0.load(Ordering::Relaxed) + operations as u64, Ordering::Relaxed);
@@ -27,7 +28,7 @@ impl Operations {
     }
 }
 
-/// Operations of a real transform of so many numbers, forward or inverse.
+/// Operations of a real transform of `length` numbers, forward or inverse.
 pub(crate) fn real_transform(length: usize) -> usize {
     5 * length * length.trailing_zeros() as usize / 2
 }

@@ -6,7 +6,7 @@ use fvi_core::{BdfOrder, ParameterError};
 
 use crate::filter_cascade::{FilterCascade, Section};
 
-/// Most sections: where the tolerance wants more, it is not reached.
+/// Largest number of sections; where the tolerance needs more, it is not reached.
 const MOST_SECTIONS: usize = 160;
 
 /// s^β as poles and zeros in geometric sequence \[Oustaloup00\]: O(sections) a step.
@@ -15,10 +15,10 @@ const MOST_SECTIONS: usize = 160;
 /// ω_b μ^{k + (1−β)/2} and its pole at ω_b μ^{k + (1+β)/2}, and the gain is ω_h^β. For β > 1 one section is
 /// s itself and the others are those of β − 1.
 ///
-/// What was chosen: the ripple along iω is e^{−π²/ln μ}, which gives μ; off the middle of the band errors
-/// fall as ω_b/ω and ω/ω_h only, so that the band reaches from `tolerance`/(Nh) to 2/(h · `tolerance`). A
-/// section is discretised by the formula of the quadrature that it stands for. There is no bound on the error
-/// of a sum.
+/// Choices made here: the ripple along iω is e^{−π²/ln μ}, which gives μ for the tolerance; the errors from
+/// the ends of the band decrease only like ω_b/ω and ω/ω_h, so that the band extends from `tolerance`/(Nh) to
+/// 2/(h · `tolerance`). A section is discretised by the backward differentiation formula of the quadrature.
+/// There is no bound on the error of a sum.
 ///
 /// # Errors
 /// If β is not between 0 and 2, or is 1; if step or tolerance is outside its range, or there is no channel or
@@ -36,15 +36,25 @@ pub fn oustaloup(
     let (low, high) = band(step, capacity, tolerance);
     let spacing = PI * PI / -libm::log(tolerance);
     let count = ((libm::log(high / low) / spacing).ceil() as usize).clamp(1, MOST_SECTIONS);
-    let ratio = libm::log(high / low) / count as f64;
-    sections.extend((0..count).map(|k| {
-        let place = |shift: f64| low * libm::exp(ratio * (k as f64 + 0.5 * (1.0 + shift)));
-        Section { zero: place(-part), pole: Some(place(part)) }
-    }));
+    sections.extend(recursion(part, low, high, count));
     FilterCascade::new(libm::pow(high, part), &sections, formula, step, channels, capacity)
 }
 
-/// The section s for orders above 1, and the order that is left.
+/// Zeros and poles of `count` sections between two frequencies.
+pub(crate) fn recursion(
+    order: f64,
+    low: f64,
+    high: f64,
+    count: usize,
+) -> impl Iterator<Item = Section> + Clone {
+    let ratio = libm::log(high / low) / count as f64;
+    (0..count).map(move |k| {
+        let place = |shift: f64| low * libm::exp(ratio * (k as f64 + 0.5 * (1.0 + shift)));
+        Section { zero: place(-order), pole: Some(place(order)) }
+    })
+}
+
+/// The section s for orders above 1 (none otherwise), and the remaining order.
 pub(crate) fn whole_sections(order: f64) -> Result<(Vec<Section>, f64), ParameterError> {
     if order > 0.0 && order < 1.0 {
         Ok((Vec::new(), order))
@@ -64,8 +74,8 @@ pub(crate) fn check_tolerance(tolerance: f64) -> Result<(), ParameterError> {
     Err(ParameterError { parameter: "tolerance", value: tolerance, allowed })
 }
 
-/// From the slowest frequency that a run of `capacity` steps can tell from zero to the fastest that a grid
-/// has, with room on either side.
+/// Band from the lowest frequency that a run of `capacity` steps resolves to the highest one of the grid,
+/// extended by the factor `room` at either end.
 pub(crate) fn band(step: f64, capacity: usize, room: f64) -> (f64, f64) {
     (room / (step * capacity as f64), 2.0 / (step * room))
 }

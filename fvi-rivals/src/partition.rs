@@ -6,16 +6,16 @@ use fvi_core::{Memory, MemoryError, ParameterError};
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealToComplex};
 
-use crate::frame::{Frame, leading_of};
+use crate::frame::{Frame, framed, leading_of};
 use crate::operations::{Operations, real_transform};
 use crate::product::product;
 
 /// Blocks of weights of one size B behind lag `first`, and the spectra of the last windows of samples.
 ///
-/// A window is the last 2B samples before a time that is a multiple of B. Part p has the lags from
-/// first + pB on; the window that ends at t gives its share of the terms t − B + first + pB … (overlap–save:
-/// the second half of the cyclic product is that of the sequences). Parts of one time share an inverse
-/// transform, windows are transformed once (frequency-domain delay line).
+/// A window is the last 2B samples before a time that is a multiple of B. Part p has the lags from first + pB
+/// on; the window that ends at t contributes to the B terms from t − B + first + pB on (overlap–save: the
+/// second half of the cyclic product is that of the sequences). Parts of one time share an inverse transform,
+/// windows are transformed once (frequency-domain delay line).
 struct Segment {
     block: usize,
     first: usize,
@@ -23,7 +23,7 @@ struct Segment {
     inverse: Arc<dyn ComplexToReal<f64>>,
     /// For each part the spectrum of its weights, scaled.
     weights: Vec<Vec<Complex<f64>>>,
-    /// For each channel the spectra of the last windows, one place a part, in turn.
+    /// For each channel the spectra of the last windows, as many as parts, in a ring buffer.
     windows: Vec<Vec<Vec<Complex<f64>>>>,
     newest: usize,
     scratch: Vec<Complex<f64>>,
@@ -61,14 +61,15 @@ impl Segment {
         segment
     }
 
-    /// Transforms `numbers`.
+    /// Writes the spectrum of `numbers`.
     fn transform(&mut self, spectrum: &mut [Complex<f64>]) {
         let scratch = &mut self.scratch[..self.forward.get_scratch_len()];
-        // All lengths are those of the plan, so the transform cannot refuse.
+        // All lengths are those of the plan, so the transform cannot fail.
         let _ = self.forward.process_with_scratch(&mut self.numbers, spectrum, scratch);
     }
 
-    /// Takes the window of every channel that ends with its newest sample, and adds to the terms.
+    /// Transforms the window that ends with the newest sample of every channel, and adds its contributions to
+    /// the terms.
     #[inline(always)]
     fn advance(&mut self, samples: &[Vec<f64>], terms: &mut [Vec<f64>], operations: &Operations) {
         let parts = self.weights.len();
@@ -93,7 +94,8 @@ impl Segment {
                 let window = &self.windows[channel][(self.newest + part) % parts];
                 multiply_add(&mut self.sum, window, weights);
             }
-            // Rounding leaves the ends a little off the real line, where a real transform has them.
+            // Rounding leaves small imaginary parts in the first and last value, which a real transform
+            // requires to be real.
             self.sum[0].im = 0.0;
             self.sum[self.block].im = 0.0;
             let scratch = &mut self.scratch[..self.inverse.get_scratch_len()];
@@ -128,8 +130,9 @@ pub(crate) fn multiply_add(sum: &mut [Complex<f64>], a: &[Complex<f64>], b: &[Co
     }
 }
 
-/// Near lags summed directly, the others in segments that are due at multiples of their block.
-struct Partitioned {
+/// A partition of the weights: small lags summed directly, the others in segments that are evaluated at
+/// multiples of their block size.
+pub struct PartitionedSum {
     frame: Frame,
     /// w_D … w_1
     near: Vec<f64>,
@@ -139,7 +142,7 @@ struct Partitioned {
     operations: Operations,
 }
 
-impl Partitioned {
+impl PartitionedSum {
     fn new(
         weights: &[f64],
         channels: usize,
@@ -158,6 +161,15 @@ impl Partitioned {
             operations: Operations::default(),
         })
     }
+
+    /// The counter of its operations.
+    pub fn operations(&self) -> Operations {
+        self.operations.clone()
+    }
+}
+
+impl Memory<f64> for PartitionedSum {
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
@@ -202,102 +214,56 @@ impl Partitioned {
     }
 }
 
-macro_rules! memory_of_partitioned {
-    ($name:ident) => {
-        impl $name {
-            /// The count of its operations.
-            pub fn operations(&self) -> Operations {
-                self.0.operations.clone()
-            }
-        }
-
-        impl Memory<f64> for $name {
-            fn channels(&self) -> usize {
-                self.0.frame.channels
-            }
-
-            fn leading(&self) -> &[f64] {
-                &self.0.frame.leading
-            }
-
-            fn len(&self) -> usize {
-                self.0.frame.len
-            }
-
-            #[inline(always)]
-            fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
-                self.0.next_term(term)
-            }
-
-            #[inline(always)]
-            fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
-                self.0.push(sample)
-            }
-
-            fn clear(&mut self) {
-                self.0.clear();
-            }
-
-            fn bytes(&self) -> usize {
-                self.0.bytes()
-            }
-        }
-    };
-}
-
 /// Equal blocks of B weights behind B − 1 lags that are summed directly: O(√N) a step with B ≈ 2√N.
 ///
 /// B is the power of two with the fewest operations for the capacity; spectra of samples lie in a
-/// frequency-domain delay line, so that a block costs one transform and one back.
+/// frequency-domain delay line, so that a block of samples costs one forward and one inverse transform.
 ///
 /// Source: \[Wefers15\], chapter 5; \[Gardner95\].
-pub struct UniformPartition(Partitioned);
-
-memory_of_partitioned!(UniformPartition);
-
-impl UniformPartition {
-    /// For at most `capacity` samples; weights beyond the table are zero.
-    ///
-    /// # Errors
-    /// If there is no weight, no channel or no capacity.
-    pub fn new(weights: &[f64], channels: usize, capacity: usize) -> Result<Self, ParameterError> {
-        let lags = weights.len().min(capacity);
-        let parts = |block: usize| lags.saturating_sub(block).div_ceil(block);
-        let cost = |block: usize| {
-            2 * block + (2 * real_transform(2 * block) + 8 * parts(block) * (block + 1)) / block
-        };
-        let block = (4..24).map(|power| 1 << power).min_by_key(|&block| cost(block)).unwrap_or(16);
-        let segments = match parts(block) {
-            0 => Vec::new(),
-            parts => vec![Segment::new(weights, block, block, parts, channels)],
-        };
-        Ok(Self(Partitioned::new(weights, channels, capacity, block - 1, segments)?))
-    }
+///
+/// For at most `capacity` samples; weights beyond the table are zero.
+///
+/// # Errors
+/// If there is no weight, no channel or no capacity.
+pub fn uniform_partition(
+    weights: &[f64],
+    channels: usize,
+    capacity: usize,
+) -> Result<PartitionedSum, ParameterError> {
+    let lags = weights.len().min(capacity);
+    let parts = |block: usize| lags.saturating_sub(block).div_ceil(block);
+    let cost =
+        |block: usize| 2 * block + (2 * real_transform(2 * block) + 8 * parts(block) * (block + 1)) / block;
+    let block = (4..24).map(|power| 1 << power).min_by_key(|&block| cost(block)).unwrap_or(16);
+    let segments = match parts(block) {
+        0 => Vec::new(),
+        parts => vec![Segment::new(weights, block, block, parts, channels)],
+    };
+    PartitionedSum::new(weights, channels, capacity, block - 1, segments)
 }
 
-/// Gardner's partition for an even load: 2B − 1 lags summed directly, then two blocks each of B, 2B, 4B …
-/// weights, of which one of size B begins at lag 2B: O(log² N) a step.
+/// Gardner's partition, designed for an even load: 2B − 1 lags summed directly, then two blocks each of B,
+/// 2B, 4B … weights, of which one of size B begins at lag 2B: O(log² N) a step.
 ///
-/// So a block of samples may be transformed while the next one gathers; here the work is done at once when
-/// its samples are there, without a scheduler. B = 32.
+/// With this layout a block of samples can be transformed while the next one arrives; here the work is done
+/// at once when a block is complete, without a scheduler. B = 32.
 ///
 /// Source: \[Gardner95\].
-pub struct NonUniformPartition(Partitioned);
-
-memory_of_partitioned!(NonUniformPartition);
-
-/// Smallest block.
-const SMALLEST: usize = 32;
-
-impl NonUniformPartition {
-    /// For at most `capacity` samples; weights beyond the table are zero.
-    ///
-    /// # Errors
-    /// If there is no weight, no channel or no capacity.
-    pub fn new(weights: &[f64], channels: usize, capacity: usize) -> Result<Self, ParameterError> {
-        let lags = weights.len().min(capacity);
-        let blocks = (0..).map(|level| SMALLEST << level).take_while(|block| 2 * block < lags);
-        let segments = blocks.map(|block| Segment::new(weights, block, 2 * block, 2, channels)).collect();
-        Ok(Self(Partitioned::new(weights, channels, capacity, 2 * SMALLEST - 1, segments)?))
-    }
+///
+/// For at most `capacity` samples; weights beyond the table are zero.
+///
+/// # Errors
+/// If there is no weight, no channel or no capacity.
+pub fn non_uniform_partition(
+    weights: &[f64],
+    channels: usize,
+    capacity: usize,
+) -> Result<PartitionedSum, ParameterError> {
+    let lags = weights.len().min(capacity);
+    let blocks = (0..).map(|level| SMALLEST << level).take_while(|block| 2 * block < lags);
+    let segments = blocks.map(|block| Segment::new(weights, block, 2 * block, 2, channels)).collect();
+    PartitionedSum::new(weights, channels, capacity, 2 * SMALLEST - 1, segments)
 }
+
+/// Smallest block of [`non_uniform_partition`].
+const SMALLEST: usize = 32;

@@ -2,14 +2,15 @@
 
 use fvi_core::{Memory, MemoryError, ParameterError};
 
-use crate::frame::{Frame, leading_of};
+use crate::frame::{Frame, framed, leading_of};
 use crate::operations::Operations;
 use crate::product::product;
 
 /// r_k = Σ_{n=1}^{min(k, L)} w_n x_{k−n} for weights w_0 … w_L: O(L) a step.
 ///
-/// Samples lie oldest first and meet the weights in reverse; those that have left the window are overwritten
-/// once as many have gathered as the window is long, so that a step copies nothing on average.
+/// Samples are stored oldest first and multiplied with the reversed weights. Samples outside of the window
+/// are removed only once their number has reached the length of the window, so that the copying per step is
+/// O(1) on average.
 #[derive(Clone, Debug)]
 pub struct PlainSum {
     frame: Frame,
@@ -39,29 +40,19 @@ impl PlainSum {
         })
     }
 
-    /// The count of its operations.
+    /// The counter of its operations.
     pub fn operations(&self) -> Operations {
         self.operations.clone()
     }
 
-    /// L, how far it looks back.
+    /// L, the largest lag.
     pub fn window(&self) -> usize {
         self.reversed.len()
     }
 }
 
 impl Memory<f64> for PlainSum {
-    fn channels(&self) -> usize {
-        self.frame.channels
-    }
-
-    fn leading(&self) -> &[f64] {
-        &self.frame.leading
-    }
-
-    fn len(&self) -> usize {
-        self.frame.len
-    }
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {

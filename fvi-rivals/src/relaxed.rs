@@ -6,24 +6,25 @@ use fvi_core::{Memory, MemoryError, ParameterError};
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealToComplex};
 
-use crate::frame::{Frame, leading_of};
+use crate::frame::{Frame, framed, leading_of};
 use crate::operations::{Operations, real_transform};
 use crate::partition::multiply_add;
 use crate::product::product;
 
-/// Blocks a parent has: each is transformed once for all that come after it.
+/// Number of blocks in a parent; each is transformed once for all blocks after it.
 const ARITY: usize = 8;
-/// Samples of a leaf, within which products are summed directly.
+/// Number of samples of a leaf, within which products are summed directly.
 const LEAF: usize = 32;
 
-/// Semi-relaxed product Σ w_n zⁿ · Σ x_k z^k by splitting in eight, with middle products and transforms that
-/// are kept: O(log² N) a step, log N fewer than binary splitting by a factor.
+/// Semi-relaxed product Σ w_n zⁿ · Σ x_k z^k by splitting in eight, with middle products and stored
+/// transforms: O(log² N) a step, by a constant factor cheaper than binary splitting.
 ///
 /// At level ℓ the time axis has blocks of B = 32·8^ℓ samples, eight to a parent. When block i of a parent
-/// begins, the blocks j < i of this parent give it their share through the lags (i−j−1)B + 1 … (i−j+1)B − 1,
-/// whose spectra of length 2B are kept; so are those of the blocks. Two samples meet where their blocks part.
+/// begins, the blocks j < i of this parent contribute to it through the lags (i−j−1)B + 1 … (i−j+1)B − 1,
+/// whose spectra of length 2B are stored, as are those of the blocks. A sample contributes to a term at the
+/// level at which the two lie in different blocks of the same parent.
 ///
-/// Neighbours among blocks meet too: transforms mix lags from 1 to 2B − 1, hence errors are those of the
+/// Adjacent blocks are included: transforms mix lags from 1 to 2B − 1, hence errors are in proportion to the
 /// norms, u log N ‖w‖₂‖x‖₂, not of each term.
 ///
 /// Source: \[vdHoeven02\], \[vdHoeven14\]; the middle product instead of two products: \[vdHoeven03\].
@@ -43,7 +44,7 @@ struct Level {
     inverse: Arc<dyn ComplexToReal<f64>>,
     /// Spectra of the lags at distance 1, 2, … blocks, scaled.
     weights: Vec<Vec<Complex<f64>>>,
-    /// For each channel the spectra of the blocks of the parent under way.
+    /// For each channel the spectra of the blocks of the current parent.
     blocks: Vec<Vec<Vec<Complex<f64>>>>,
     scratch: Vec<Complex<f64>>,
     sum: Vec<Complex<f64>>,
@@ -79,11 +80,12 @@ impl Level {
 
     fn transform(&mut self, spectrum: &mut [Complex<f64>]) {
         let scratch = &mut self.scratch[..self.forward.get_scratch_len()];
-        // All lengths are those of the plan, so the transform cannot refuse.
+        // All lengths are those of the plan, so the transform cannot fail.
         let _ = self.forward.process_with_scratch(&mut self.numbers, spectrum, scratch);
     }
 
-    /// Gives the block that begins at `known` the shares of those before it in its parent.
+    /// Adds the contributions of the earlier blocks of its parent to the terms of the block that begins at
+    /// `known`.
     #[inline(always)]
     fn advance(&mut self, known: usize, samples: &[Vec<f64>], terms: &mut [Vec<f64>], count: &Operations) {
         let block = self.block;
@@ -146,24 +148,14 @@ impl RelaxedProduct {
         })
     }
 
-    /// The count of its operations.
+    /// The counter of its operations.
     pub fn operations(&self) -> Operations {
         self.operations.clone()
     }
 }
 
 impl Memory<f64> for RelaxedProduct {
-    fn channels(&self) -> usize {
-        self.frame.channels
-    }
-
-    fn leading(&self) -> &[f64] {
-        &self.frame.leading
-    }
-
-    fn len(&self) -> usize {
-        self.frame.len
-    }
+    framed!();
 
     #[inline(always)]
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {

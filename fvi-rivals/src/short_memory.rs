@@ -4,10 +4,10 @@ use fvi_core::ParameterError;
 
 use crate::plain_sum::PlainSum;
 
-/// Number of lags L that are kept: the fewest behind which Σ_{n>L} |w_n| ≤ `tolerance` · Σ_{n≥1} |w_n|.
+/// Number of lags L that are kept: the smallest L for which Σ_{n>L} |w_n| ≤ `tolerance` · Σ_{n≥1} |w_n|.
 ///
-/// What is left out is then at most tolerance · Σ|w_n| · max|x|: the bound of \[Podlubny\], §7.3, with the
-/// weights at hand in place of the asymptotic M L^{−β}/|Γ(1 − β)|, which would keep more.
+/// The truncated part is then at most tolerance · Σ|w_n| · max|x|: the bound of \[Podlubny\], §7.3, with the
+/// actual weights in place of the asymptotic M L^{−β}/|Γ(1 − β)|, which would give a larger L.
 pub fn window_of(weights: &[f64], tolerance: f64) -> usize {
     let all: f64 = weights.iter().skip(1).map(|weight| weight.abs()).sum();
     let mut beyond = 0.0;

@@ -1,4 +1,4 @@
-//! The textbook's fast online convolution, counted.
+//! The textbook's fast online convolution, with counted operations.
 
 use fvi_core::{Memory, MemoryError, ParameterError};
 use fvi_fft::WeightTable;
@@ -6,7 +6,7 @@ use fvi_fft::baseline::Hls;
 
 use crate::operations::Operations;
 
-/// Binary splitting with three complex transforms a block and nothing kept between blocks \[HLS\]: the
+/// Binary splitting with three complex transforms per block and no spectra stored between blocks \[HLS\]: the
 /// baseline of `fvi-fft` with its operations counted.
 pub struct TextbookHls {
     memory: Hls,
@@ -27,7 +27,7 @@ impl TextbookHls {
         Ok(Self { memory, capacity, operations: Operations::default() })
     }
 
-    /// The count of its operations.
+    /// The counter of its operations.
     pub fn operations(&self) -> Operations {
         self.operations.clone()
     }

@@ -1,4 +1,4 @@
-//! What users write, before anyone asks what it means: documents, expressions, and errors with their places.
+//! The input language without its meaning: documents, expressions, and errors with their places.
 
 pub mod document;
 pub mod error;

@@ -1,10 +1,10 @@
-//! What a scenario of fractional mechanics says, and the tables that its kernels are made of.
+//! Scenarios of fractional mechanics, and the numerical tables for their kernels.
 //!
-//! | layer | what it knows |
+//! | layer | contents |
 //! |---|---|
 //! | [`language`] | documents, expressions, errors that point at a place in a file |
 //! | [`numerics`] | tables of exponentials, weights of Runge–Kutta quadrature, starting weights |
-//! | [`scenario`] | what a scenario says, as plain data |
+//! | [`scenario`] | scenarios as plain data |
 #![forbid(unsafe_code)]
 
 pub mod language;

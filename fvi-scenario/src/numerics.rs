@@ -1,4 +1,5 @@
-//! Numerical mathematics that needs an allocator or is done once: tables for memories, weights, benchmarks.
+//! Numerical methods that need an allocator or are applied once per run: tables for memories, weights,
+//! benchmarks.
 
 pub mod active;
 pub mod algebra;
@@ -7,6 +8,7 @@ pub mod column;
 pub mod complex_exponential_table;
 pub mod controller_source;
 pub mod dense;
+pub mod dual;
 pub mod exponential;
 pub mod exponential_table;
 pub mod growing_ring;

@@ -1,7 +1,7 @@
 //! Scenario files: everything a run is made from, read and checked.
 //!
-//! A [`Scenario`] is what the TOML file says after defaults are filled in and every value is checked; it
-//! knows nothing of how it is run. Its serialised form is the record of the inputs as used.
+//! A [`Scenario`] holds the contents of the TOML file, with defaults filled in and every value checked; it
+//! does not depend on how it is run. Its serialised form is the record of the inputs as used.
 
 mod adaptive;
 mod case;
@@ -12,6 +12,7 @@ mod grid;
 mod gyroscopic;
 mod initial;
 mod kernel;
+mod keys;
 mod load;
 mod matrix;
 mod own_terms;
@@ -38,6 +39,7 @@ pub use grid::{Grid, GridRule};
 pub use gyroscopic::SkewMatrix;
 pub use initial::InitialState;
 pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol, kernel_of_table, weights_of};
+pub use keys::KEYS;
 pub use load::{Amplitude, Load, Pattern, Record};
 pub use matrix::SymmetricMatrix;
 pub use own_terms::{OwnTerms, SharedTerms};
@@ -65,21 +67,21 @@ use nalgebra::DVector;
 use serde::Serialize;
 use std::path::Path;
 
-/// Coordinates of a large system up to which all are columns of the trajectory by default.
+/// Largest number of coordinates of a large system for which all are columns of the trajectory by default.
 const MOST_COLUMNS: usize = 64;
 
-/// A scenario with all its values checked.
+/// A scenario with checked values.
 #[derive(Clone, Debug, Serialize)]
 pub struct Scenario {
     /// Title of the pictures.
     pub title: Option<String>,
     /// The mechanical system.
     pub system: System,
-    /// Where it starts.
+    /// Initial state.
     pub initial: InitialState,
-    /// How it is integrated.
+    /// The integrator.
     pub scheme: Scheme,
-    /// How the fractional derivatives are discretised.
+    /// Discretisation of the fractional derivatives.
     pub convolution: Convolution,
     /// The time grid.
     pub time: TimeGrid,
@@ -87,13 +89,13 @@ pub struct Scenario {
     pub history: History,
     /// Output options.
     pub output: OutputOptions,
-    /// A force given by samples, held between them.
+    /// A force given by samples, each held until the next.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub input: Option<SampledInput>,
-    /// Known solution to compare with.
+    /// Known solution for comparison.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<Reference>,
-    /// Load cases, integrated together; none: one motion under the loads of the system.
+    /// Load cases, integrated together; empty: one motion under the loads of the system.
     #[serde(rename = "case", skip_serializing_if = "Vec::is_empty")]
     pub cases: Vec<Case>,
     /// Events to detect.
@@ -102,7 +104,7 @@ pub struct Scenario {
     /// Controllers.
     #[serde(rename = "controller", skip_serializing_if = "Vec::is_empty")]
     pub controllers: Vec<Controller>,
-    /// By what the motion is differentiated.
+    /// Parameters for which the derivatives of the motion are computed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<Sensitivity>,
     #[serde(skip)]
@@ -112,14 +114,14 @@ pub struct Scenario {
 impl std::str::FromStr for Scenario {
     type Err = InputError;
 
-    /// Reads and checks a scenario in TOML; files that it names are relative to the working directory.
+    /// Reads and checks a scenario in TOML; names of files in it are relative to the working directory.
     fn from_str(text: &str) -> Result<Self, InputError> {
         Self::from_document(Document::new("scenario", Path::new(""), text))
     }
 }
 
 impl Scenario {
-    /// The scheme with its convolution quadrature, described.
+    /// Descriptor of the scheme with its convolution quadrature.
     pub fn scheme_descriptor(&self) -> SchemeDescriptor {
         self.scheme.descriptor(self.convolution.family)
     }
@@ -127,23 +129,23 @@ impl Scenario {
     /// Reads and checks a scenario file.
     ///
     /// # Errors
-    /// The first thing in the file that cannot be used, with its place.
+    /// The first value in the file that cannot be used, with its location.
     pub fn read(path: &Path) -> Result<Self, InputError> {
         Self::from_document(Document::read(path)?)
     }
 
-    /// Checks a scenario that is at hand.
+    /// Checks a scenario that has been read into a document.
     ///
     /// # Errors
-    /// The first thing in the document that cannot be used, with its place.
+    /// The first value in the document that cannot be used, with its location.
     pub fn from_document(document: Document) -> Result<Self, InputError> {
         Self::sharing(document, None)
     }
 
-    /// As [`from_document`](Self::from_document), with matrices that other scenarios have read already.
+    /// As [`from_document`](Self::from_document), sharing matrices that other scenarios have read.
     ///
     /// # Errors
-    /// The first thing in the document that cannot be used, with its place.
+    /// The first value in the document that cannot be used, with its location.
     pub fn knowing(document: Document, known: &KnownMatrices) -> Result<Self, InputError> {
         Self::sharing(document, Some(known))
     }
@@ -157,8 +159,8 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// A scenario made in code: any value that serialises to the keys of a scenario file, a [`Scenario`]
-    /// among them.
+    /// A scenario constructed in code: from any value that serialises to the keys of a scenario file, such as
+    /// a [`Scenario`].
     ///
     /// ```
     /// # use fvi_scenario::scenario::Scenario;
@@ -176,12 +178,12 @@ impl Scenario {
     /// ```
     ///
     /// # Errors
-    /// The first thing that cannot be used, with its place in the file that would say the same.
+    /// The first value that cannot be used, with its location in the equivalent file.
     pub fn from_value(value: &impl Serialize) -> Result<Self, InputError> {
         Self::from_document(Document::of_value("scenario", Path::new(""), value)?)
     }
 
-    /// The scenario with a potential and forces in code beside those that it writes.
+    /// The scenario with a potential and forces in code in addition to those of the file.
     pub fn with_own_terms(mut self, terms: SharedTerms) -> Self {
         self.system.own_terms = Some(terms);
         self
@@ -210,7 +212,7 @@ impl Scenario {
         ])?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
         let system_table = root.required("system")?.table()?;
-        // Of steps that differ there is no `step`; what is wrong about it `time` says.
+        // Grids with different steps have no `step`; errors in it are reported when `time` is read.
         let step =
             root.optional("time").and_then(|value| value.table().ok()?.optional("step")?.positive().ok());
         let system = System::read(&system_table, known, step)?;
@@ -314,8 +316,7 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// The same scenario over the same time in another number of steps, after each of which its whole state
-    /// is wanted.
+    /// The same scenario over the same time in another number of steps, with the whole state after each step.
     pub fn in_steps(&self, steps: usize) -> Self {
         let mut scenario = self.clone();
         scenario.output.every = 1;
@@ -326,11 +327,11 @@ impl Scenario {
         scenario
     }
 
-    /// The same scenario, which ends after another number of steps.
+    /// The same scenario with another number of steps of the same size.
     ///
     /// # Errors
-    /// [`Problem::OutOfRange`] about `history.horizon`, if that is given and ends earlier; about `time`, if
-    /// there are too many steps.
+    /// [`Problem::OutOfRange`] for `history.horizon`, if that is given and too short; for `time`, if there
+    /// are too many steps.
     pub fn ending_after(&self, steps: usize) -> Result<Self, InputError> {
         self.require_equal_steps()?;
         let refused = |key, allowed: String| Err(self.error_at(key, Problem::OutOfRange { allowed }));
@@ -348,7 +349,7 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// Refuses another end for a grid that has its own.
+    /// Refuses to change the end of a grid with different steps.
     fn require_equal_steps(&self) -> Result<(), InputError> {
         if self.time.grid.is_none() {
             return Ok(());
@@ -358,7 +359,7 @@ impl Scenario {
         Err(self.error_at("time.grid", problem))
     }
 
-    /// The same scenario, which ends at another time.
+    /// The same scenario with another end time.
     ///
     /// # Errors
     /// If the time is no grid time, and those of [`ending_after`](Self::ending_after).
@@ -378,12 +379,12 @@ impl Scenario {
         self.ending_after(steps.map_err(refused)?)
     }
 
-    /// Whether there is no reference or it can be compared with at one grid point at least.
+    /// Whether there is no reference, or it can be compared at one grid point or more.
     pub fn meets_reference(&self) -> bool {
         self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time, &self.output))
     }
 
-    /// Whether the motion is wanted between grid points.
+    /// Whether the motion is needed between grid points.
     pub fn is_looked_into(&self) -> bool {
         !self.output.times.is_empty() || !self.events.is_empty()
     }
@@ -398,7 +399,7 @@ impl Scenario {
         self.system.coordinates()
     }
 
-    /// Samples that a memory takes: one for each step, of the past too, and the first main node.
+    /// Number of samples in a memory: one for each step, of the past too, and the first main node.
     pub fn samples(&self) -> usize {
         self.time.steps.saturating_add(self.initial.past_steps()).saturating_add(1)
     }
@@ -408,7 +409,7 @@ impl Scenario {
         self.output.coordinates.clone().unwrap_or_else(|| (0..self.coordinates()).collect())
     }
 
-    /// The title, or the file's name without its ending.
+    /// The title, or the file's name without its extension.
     pub fn heading(&self) -> &str {
         self.title.as_deref().unwrap_or_else(|| {
             Path::new(self.document.name()).file_stem().and_then(|stem| stem.to_str()).unwrap_or("run")
@@ -420,14 +421,14 @@ impl Scenario {
         self.document.error_at(path, problem)
     }
 
-    /// An error about the first of these values that is in the file, or about the first of them if none is.
+    /// An error about the first of these values that is in the file, or about the first path if none is.
     pub fn error_at_first(&self, paths: &[&str], problem: Problem) -> InputError {
         let path = paths.iter().find(|path| self.document.has(path)).or(paths.first());
         self.document.error_at(path.copied().unwrap_or_default(), problem)
     }
 
-    /// Refuses what does not go with gyroscopic forces, whose velocity is that of the polynomial at the
-    /// nodes.
+    /// Refuses settings that cannot be combined with gyroscopic forces, whose velocity is that of the
+    /// polynomial at the nodes.
     fn check_gyroscopic(&self) -> Result<(), InputError> {
         if self.system.gyroscopic.is_none() {
             return Ok(());
@@ -448,16 +449,13 @@ impl Scenario {
         if self.time.grid.is_some() {
             return refused("time.grid", "\"uniform\"");
         }
-        if self.sensitivity.is_some() {
-            return refused("sensitivity", "a system without it: derivatives leave it out");
-        }
         if !self.cases.is_empty() {
             return refused("case", "one motion: load cases need a symmetric matrix of the step");
         }
         Ok(())
     }
 
-    /// Refuses what does not go with a start other than t = 0 or a motion before it.
+    /// Refuses settings that cannot be combined with a start other than t = 0 or a motion before it.
     fn check_earlier(&self) -> Result<(), InputError> {
         let (key, with) = match (&self.initial.past, self.time.start != 0.0) {
             (Some(_), _) => ("initial.past", "`initial.past`"),
@@ -482,9 +480,6 @@ impl Scenario {
                 "a scenario that begins at t = 0, where controllers take their first sample",
             );
         }
-        if self.sensitivity.is_some() {
-            return refused("sensitivity", "a scenario that begins at t = 0, from its initial state");
-        }
         if self.initial.past.is_some() {
             if !self.convolution.starting.is_empty() {
                 return refused(
@@ -499,22 +494,26 @@ impl Scenario {
         Ok(())
     }
 
-    /// v₀ = M⁻¹ p₀; `None` for a mass that is known by its entries, which takes a solution of equations.
+    /// v₀ = M⁻¹ p₀, zero where there is no mass; `None` for a mass that is known by its entries, which takes
+    /// a solution of equations.
     pub fn initial_velocity(&self) -> Option<Vec<f64>> {
         let momentum = &self.initial.momentum;
         match &self.system.mass {
             SymmetricMatrix::Diagonal(masses) => {
-                Some(momentum.iter().zip(masses).map(|(p, mass)| p / mass).collect())
+                let velocity = |(&p, &mass): (&f64, &f64)| if mass == 0.0 { 0.0 } else { p / mass };
+                Some(momentum.iter().zip(masses).map(velocity).collect())
             }
             SymmetricMatrix::Dense(mass) => {
-                let inverse = dense::inverse(mass.clone())?;
+                let mut regular = mass.clone();
+                self.system.massless().into_iter().for_each(|row| regular[(row, row)] = 1.0);
+                let inverse = dense::inverse(regular)?;
                 Some((inverse * DVector::from_column_slice(momentum)).as_slice().to_vec())
             }
             SymmetricMatrix::Sparse(_) => None,
         }
     }
 
-    /// Refuses a potential or force that is not finite where the run begins.
+    /// Refuses a potential or force that is not finite at the start.
     fn check_start(&self) -> Result<(), InputError> {
         let (start, half) = (self.time.start, self.time.start + 0.5 * self.time.step);
         let place = match self.initial.position.as_slice() {
@@ -551,8 +550,8 @@ impl Scenario {
             if velocity.is_none() && force.root().has_variable_from(self.coordinates()) {
                 continue;
             }
-            // A force may be singular at t = 0 alone, where schemes with interior nodes never look; only a
-            // force that is not a number there because of its coordinates is certain to fail.
+            // A force may be singular at t = 0 alone, which schemes with interior nodes never evaluate; only
+            // a force that is not a number later too, because of the coordinates, is certain to fail.
             let value = force.value(Moment::inside(start), &point);
             let later = force.value(Moment::inside(half), &point);
             if !value.is_finite() && !later.is_finite() {

@@ -1,9 +1,9 @@
-//! Scenarios in motion.
+//! Simulation of scenarios.
 //!
-//! | layer | what it knows |
+//! | layer | contents |
 //! |---|---|
 //! | [`model`] | systems compiled to programs and matrices, schemes of any shape |
-//! | [`simulation`] | a scenario in motion; its stability and its energy |
+//! | [`simulation`] | the simulation of a scenario; its stability and its energy |
 #![forbid(unsafe_code)]
 
 pub mod model;

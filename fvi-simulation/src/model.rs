@@ -1,4 +1,5 @@
-//! A scenario's system and scheme as the core wants them: any number of coordinates, expressions compiled.
+//! A scenario's system and scheme as implementations of fvi-core's traits: any number of coordinates,
+//! compiled expressions.
 
 mod band;
 mod chain;
@@ -7,6 +8,7 @@ mod elements;
 mod energies;
 mod force_moments;
 mod loads;
+mod massless;
 mod matrices;
 mod mechanics;
 mod missed;
@@ -26,11 +28,12 @@ mod unbounded_forces;
 
 pub use band::BandFactors;
 pub use chain::ChainFactors;
-pub use channel_damping::{ChannelDamping, Directions, HostTerm};
+pub use channel_damping::{ChannelDamping, Directions};
 pub use elements::Elements;
 pub use energies::{EnergyRoom, States};
 pub use force_moments::{ForceMoments, StepLengths};
 pub use loads::Loads;
+pub(crate) use massless::{Equilibrium, MasslessRows};
 pub use matrices::{DenseEquations, DenseFactors, Matrix, Sparse};
 pub use mechanics::{Model, matrix, vector};
 pub(crate) use missed::first_missed;

@@ -1,4 +1,4 @@
-//! A scenario in motion: the integrator behind a face without type parameters.
+//! Simulation of a scenario: the integrator behind an interface without type parameters.
 
 pub mod adaptive;
 mod available_memory;
@@ -17,6 +17,9 @@ mod forces_of_time_tests;
 mod forces_of_velocity_tests;
 mod given_weights;
 mod gyroscopic;
+mod massless;
+#[cfg(test)]
+mod massless_tests;
 mod memory_energy;
 mod momentum_offset;
 pub mod motion;
@@ -33,8 +36,8 @@ use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
 use crate::model::{
-    AnyScheme, AnySpace, EnergyRoom, HostTerm, Matrix, Model, States, Switched, channels_of, follow_alike,
-    term_on_memory, vector,
+    AnyScheme, AnySpace, ChannelDamping, EnergyRoom, MasslessRows, Matrix, Model, States, Switched,
+    channels_of, follow_alike, term_on_memory, vector,
 };
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, Past, ReportedMomentum, Scenario};
 pub use choice::{Solver, SolverChoice};
@@ -53,18 +56,18 @@ use serde::Serialize;
 use std::fmt::Write as _;
 use step_batch::StepBatch;
 
-/// The scalar a simulation computes in.
+/// The scalar type of a simulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Precision {
     /// Double precision.
     #[default]
     F64,
-    /// Single precision, the twin of a microcontroller.
+    /// Single precision, as on a microcontroller.
     F32,
 }
 
-/// A scenario in motion, whatever its number of coordinates.
+/// A simulation of a scenario, with any number of coordinates.
 pub struct Simulation {
     stepper: Box<dyn Stepper>,
     engines: Vec<Engine>,
@@ -74,7 +77,7 @@ pub struct Simulation {
     warning: Option<String>,
 }
 
-/// A simulation, whatever its scalar type.
+/// Interface of simulations with any scalar type.
 trait Stepper {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError>;
@@ -86,24 +89,22 @@ trait Stepper {
         drive: Option<&Drive>,
     ) -> Result<(), StepError>;
     fn interpolate(&mut self, time: f64, state: &mut GridState);
-    /// Position at a time, likewise.
+    /// Writes the position at a time within the last two steps.
     fn position_at(&mut self, time: f64, position: &mut Vec<f64>);
     /// The jumps and kinks in the position as switches.
     fn switches(&mut self) -> &mut dyn Switched;
-    /// The increments that the last step was solved by, one control point after another.
-    fn increments(&self, numbers: &mut Vec<f64>);
     /// Time, position and momentum.
     fn read_without_energy(&mut self, state: &mut GridState);
-    /// These and the energy.
+    /// Writes time, position, momentum and energy.
     fn read(&mut self, state: &mut GridState);
-    /// The energies of the motions under load cases, whose sum that was.
+    /// Writes the energies of the motions under load cases, whose sum was read last.
     fn energies(&self, energies: &mut Vec<f64>);
-    /// Whether steps of a grid leave the energy out where no row is written.
+    /// Whether the steps of a grid compute the energy only where a row is written.
     fn has_energies_of_rows_only(&self) -> bool;
     fn engines(&self) -> Vec<Engine>;
-    /// From where on something of the forces that is rough in time may have been overlooked.
+    /// Time from which rough points of forces may have been overlooked.
     fn missed(&self) -> Option<f64>;
-    /// The terms of each memory that serves several.
+    /// The terms of each memory that serves several terms.
     fn shared(&self) -> Vec<Vec<usize>>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
@@ -112,8 +113,8 @@ trait Stepper {
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
 }
 
-/// The state at a grid point, in double precision whatever it was computed in. With load cases position and
-/// momentum are those of all motions, one behind the other, and the energy is their sum.
+/// The state at a grid point, in double precision whatever the precision of the run. With load cases position
+/// and momentum are those of all motions, one after another, and the energy is their sum.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct GridState {
     /// t_k.
@@ -121,8 +122,8 @@ pub struct GridState {
     /// q_k.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub position: Vec<f64>,
-    /// p_k: where the fractional force acts at the main nodes, the mean of the momenta before and after its
-    /// kick, or the one after, as `output.momentum` says.
+    /// p_k, zero for coordinates without mass: if the fractional force acts at the main nodes, the mean of
+    /// the momenta before and after its kick, or the one after, according to `output.momentum`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub momentum: Vec<f64>,
     /// ½ p_kᵀM⁻¹p_k + U(q_k) with this p_k.
@@ -130,18 +131,19 @@ pub struct GridState {
     /// The numbers of the run's [`Columns`](columns::Columns).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub columns: Vec<f64>,
-    /// ∂q_k/∂θ and ∂p_k/∂θ of each parameter of `[sensitivity]`, one after the other.
+    /// ∂q_k/∂θ and ∂p_k/∂θ for each parameter of `[sensitivity]`, one after another.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sensitivities: Vec<f64>,
 }
 
 impl GridState {
     /// Appends a line t,q0,…,p0,…,energy, the run's columns and the sensitivities, with 17 significant
-    /// digits, which tell one f64 from another.
+    /// digits, which identify a number of double precision.
     ///
-    /// Runs that keep every row spend most of their time here: in this crate it is compiled for speed.
+    /// Runs that write every row spend most of their time here, so it is part of this crate, which is
+    /// compiled for speed.
     pub fn append_row(&self, text: &mut String) {
-        // A string takes whatever is written.
+        // Writing to a string does not fail.
         let _ = write!(text, "{:.16e}", self.time);
         let energy = [&self.energy];
         let numbers = self.position.iter().chain(&self.momentum).chain(energy).chain(&self.columns);
@@ -156,7 +158,7 @@ impl Simulation {
     /// The simulation at t = 0, after the checks that need the whole scenario.
     ///
     /// # Errors
-    /// If settings of the scenario do not go together, or the step is too long to be stable.
+    /// If settings of the scenario cannot be combined, or the step is too long to be stable.
     pub fn new(scenario: &Scenario, precision: Precision) -> Result<Self, InputError> {
         Self::with_solver(scenario, precision, SolverChoice::default())
     }
@@ -164,7 +166,7 @@ impl Simulation {
     /// As [`new`](Self::new), with the solver of the step's equations chosen by the caller.
     ///
     /// # Errors
-    /// As [`new`](Self::new), and if the scheme does not go with the solver.
+    /// As [`new`](Self::new), and if the scheme cannot be combined with the solver.
     pub fn with_solver(
         scenario: &Scenario,
         precision: Precision,
@@ -185,6 +187,7 @@ impl Simulation {
     ) -> Result<Self, InputError> {
         forces_of_time::check(scenario)?;
         given_weights::check(scenario)?;
+        let (scenario, massless) = &massless::placed(scenario)?;
         let space = match sparse_space(scenario, choice)? {
             Some(space) => {
                 if choice::is_of_few(scenario, choice) && !stability::is_unconditional(scenario) {
@@ -195,7 +198,7 @@ impl Simulation {
                 space
             }
             None => {
-                // Eigenvalues of full matrices take as long as hundreds of steps.
+                // Eigenvalues of full matrices would take as long as hundreds of steps.
                 let known = choice::are_several(scenario) && stability::is_unconditional(scenario);
                 if !known || scenario.system.gyroscopic.is_some() {
                     check_stability(scenario)?;
@@ -208,21 +211,21 @@ impl Simulation {
             factor_bytes: plan.factor_bytes(),
         });
         let stepper: Box<dyn Stepper> = match precision {
-            Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, scenario, tables)?),
-            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, scenario, tables)?),
+            Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, scenario, massless, tables)?),
+            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, scenario, massless, tables)?),
         };
         let (engines, shared) = (stepper.engines(), stepper.shared());
         let warning = if solver == Solver::Dense { dense_warning(scenario) } else { None };
         Ok(Self { stepper, engines, shared, precision, solver, warning })
     }
 
-    /// Whether no motion near the start grows at the step of the scenario, as far as the check of the step
-    /// tells.
+    /// Whether no motion near the start grows at the step of the scenario, according to the check of the
+    /// step.
     ///
     /// # Errors
-    /// If the check cannot be made.
+    /// If the check is not possible.
     pub fn is_predicted_stable(scenario: &Scenario) -> Result<bool, InputError> {
-        let mut scenario = scenario.clone();
+        let mut scenario = massless::placed(scenario)?.0.into_owned();
         scenario.time.allow_unstable = false;
         match check_stability(&scenario) {
             Ok(()) => Ok(true),
@@ -231,30 +234,30 @@ impl Simulation {
         }
     }
 
-    /// One step with an input held over it (empty: none); returns the iterations of Newton's method.
+    /// One step with an input held over it (empty: none); returns the number of iterations of Newton's
+    /// method.
     ///
     /// # Errors
-    /// [`StepError`]; the simulation is as it was.
+    /// [`StepError`]; the simulation is unchanged.
     pub fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
         self.stepper.step(input)
     }
 
-    /// One step of any length to the time `end`, on a grid whose steps differ.
+    /// One step of any length to the time `end`, on a grid with different steps.
     ///
     /// # Errors
-    /// [`StepError`]; the simulation is as it was.
+    /// [`StepError`]; the simulation is unchanged.
     pub fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
         self.stepper.step_over(length, end, input)
     }
 
-    /// Makes so many steps of the scenario's grid, and puts the states after them into the batch, which is
-    /// empty and says how many were made before. Where an energy costs as much as a step the one of the
-    /// newest row that is written stands for those behind it. With a `drive`, which has all inputs in it,
-    /// that is the step's.
+    /// Makes `steps` steps of the scenario's grid, and appends the states after them to the batch, which is
+    /// empty and contains the number of steps made before. If an energy costs as much as a step, it is computed
+    /// for rows that are written only, and the last one stands for the states after it. A `drive`, which
+    /// includes the inputs of the scenario, replaces them.
     ///
     /// # Errors
-    /// [`StepError`] of the step behind the last one that is in the batch; the simulation is as it was
-    /// before that step.
+    /// [`StepError`] of the step after the last one in the batch; the simulation is then as before that step.
     pub(crate) fn advance(
         &mut self,
         scenario: &Scenario,
@@ -265,7 +268,7 @@ impl Simulation {
         self.stepper.advance(scenario, steps, batch, drive)
     }
 
-    /// Writes the state at a time within the last two steps into `state`, by the scheme's own polynomial;
+    /// Writes the state at a time within the last two steps into `state`, by the polynomial of the scheme;
     /// before the first step and after the last the present state.
     pub fn interpolate(&mut self, time: f64, state: &mut GridState) {
         self.stepper.interpolate(time, state);
@@ -276,15 +279,9 @@ impl Simulation {
         self.stepper.position_at(time, position);
     }
 
-    /// The jumps and kinks of the system in the position as switches; there are none where steps do not end
-    /// at them.
+    /// The jumps and kinks of the system in the position as switches; none if steps do not end at them.
     pub(crate) fn switches(&mut self) -> &mut dyn Switched {
         self.stepper.switches()
-    }
-
-    /// Writes what the last step was solved by: q_d(c h) − q_k at each control point.
-    pub(crate) fn increments(&self, numbers: &mut Vec<f64>) {
-        self.stepper.increments(numbers);
     }
 
     /// Writes the present state into `state`, whose vectors have one place for each coordinate.
@@ -292,28 +289,29 @@ impl Simulation {
         self.stepper.read(state);
     }
 
-    /// Writes the energies of the motions under load cases, whose sum has been [`read`](Self::read) last;
-    /// none without cases.
+    /// Writes the energies of the motions under load cases, whose sum was [`read`](Self::read) last; none
+    /// without cases.
     pub fn read_energies(&self, energies: &mut Vec<f64>) {
         self.stepper.energies(energies);
     }
 
-    /// [`advance`](Self::advance) computes the energy after multiples of so many steps, and at the end.
+    /// Number of steps after multiples of which [`advance`](Self::advance) computes the energy; it also does
+    /// at the end.
     pub(crate) fn energies_every(&self, scenario: &Scenario) -> usize {
         if self.stepper.has_energies_of_rows_only() { scenario.output.every } else { 1 }
     }
 
-    /// Writes the present state into `state` but for the energy, which stays.
+    /// Writes the present state without its energy into `state`, whose energy is unchanged.
     pub fn read_without_energy(&mut self, state: &mut GridState) {
         self.stepper.read_without_energy(state);
     }
 
-    /// How the equations of a step are solved.
+    /// Solver of the equations of a step.
     pub fn solver(&self) -> Solver {
         self.solver
     }
 
-    /// Warning about how they are solved: full matrices of many coordinates.
+    /// Warning about the solver: full matrices of many coordinates.
     pub fn warning(&self) -> Option<&str> {
         self.warning.as_deref()
     }
@@ -323,12 +321,12 @@ impl Simulation {
         &self.engines
     }
 
-    /// The damping terms, by their numbers from 0, of each memory that serves several.
+    /// The damping terms, by their indices from 0, of each memory that serves several.
     pub fn shared(&self) -> &[Vec<usize>] {
         &self.shared
     }
 
-    /// From where on more zeros or peaks of a force of time fell in a step than are looked for.
+    /// Time from which steps had more zeros or peaks of a force of time than are searched for.
     pub fn missed(&self) -> Option<f64> {
         self.stepper.missed()
     }
@@ -338,7 +336,7 @@ impl Simulation {
         self.precision
     }
 
-    /// Blocks that `real-time` memories had not done when they were due; `None` without such a memory.
+    /// Number of blocks that `real-time` memories completed late; `None` without such a memory.
     pub fn overruns(&self) -> Option<usize> {
         self.stepper.overruns()
     }
@@ -348,7 +346,7 @@ impl Simulation {
         self.stepper.memory_bytes()
     }
 
-    /// The state: step, position, momentum, and what the memories remember.
+    /// The state: step, position, momentum, and the state of the memories.
     ///
     /// # Errors
     /// [`StateError`] if a memory cannot be saved.
@@ -361,11 +359,11 @@ impl Simulation {
         Ok(bytes)
     }
 
-    /// Takes over a state that a simulation of the same scenario saved; the steps that follow have the bits
-    /// of that one's.
+    /// Restores a state that a simulation of the same scenario saved; the following steps have identical
+    /// bits.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are no such state; the simulation is of no use then.
+    /// [`StateError`] if the bytes are no such state; the simulation must not be used then.
     pub fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
         let mut reader = StateReader::new(bytes);
         self.stepper.restore(&mut reader)?;
@@ -373,10 +371,10 @@ impl Simulation {
     }
 }
 
-/// Coordinates up to which all motions are looked at for whether they grow, not the fastest only.
+/// Largest number of coordinates for which all motions are checked for growth, not the fastest only.
 const ALL_MOTIONS: usize = 256;
 
-/// The check of the step of a system in the dense space.
+/// Checks the step of a system in the dense space.
 fn check_stability(scenario: &Scenario) -> Result<(), InputError> {
     if scenario.system.gyroscopic.is_some() {
         return gyroscopic::check_step(scenario);
@@ -388,7 +386,7 @@ fn check_stability(scenario: &Scenario) -> Result<(), InputError> {
     stability::check_step(scenario, (&stiffness, resistance.as_ref()))
 }
 
-/// ∂²U/∂q² − ∂F/∂q and, where forces depend on the velocity, −∂F/∂v at the initial state in the middle of the
+/// ∂²U/∂q² − ∂F/∂q and, if forces depend on the velocity, −∂F/∂v at the initial state in the middle of the
 /// first step.
 fn linearised(scenario: &Scenario) -> Result<(DMatrix<f64>, Option<DMatrix<f64>>), InputError> {
     let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
@@ -416,8 +414,8 @@ fn linearised(scenario: &Scenario) -> Result<(DMatrix<f64>, Option<DMatrix<f64>>
     Ok((full(&stiffness), Some(full(&resistance))))
 }
 
-/// Where in a step the nodes are whose positions `initial.past` has beside those at grid points; none where
-/// the latter say all.
+/// Fractions of a step at which `initial.past` has positions in addition to those at grid points; empty if
+/// grid points suffice.
 pub fn sample_fractions(scenario: &Scenario) -> Vec<f64> {
     let scheme = AnyScheme::<f64>::new(scenario);
     match scheme.as_ref().map(|scheme| Scheme::<f64, AnySpace>::sampling(scheme)) {
@@ -434,42 +432,48 @@ fn bad_mass(scenario: &Scenario, error: &MatrixError) -> InputError {
 struct TypedSimulation<T: Elementary + Memories> {
     integrator: Integrator<T, AnySpace, Model<T>, AnyScheme<T>, DampingTerms<T>>,
     input: Vec<T>,
-    /// Whether the input of the last step was not zero.
+    /// Whether the input of the last step was nonzero.
     pushed: bool,
-    /// The momentum that is reported where that is not the state's: the mean of those before and after the
-    /// last kick, or what is left without the offset.
+    /// The reported momentum if it is not that of the state: the mean of the momenta before and after the
+    /// last kick, or the momentum without the offset.
     reported: Option<Vec<T>>,
     offset: MomentumOffset<T>,
-    /// The last two steps, the later one first, where they are to be looked into.
+    /// The last two steps, the later one first, if states inside them are needed.
     pieces: Option<[Piece<T>; 2]>,
     energies: Energies,
     energy_room: EnergyRoom<T>,
-    /// The energy that was computed last.
+    /// The last energy computed.
     energy: f64,
 }
 
-/// When the energies of a grid's states are computed.
+/// Schedule for the energies of states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Energies {
-    /// Those of a batch together.
+    /// For all states of a batch together.
     Together,
     /// After every step.
     EveryStep,
-    /// Where a row is written.
+    /// After steps whose row is written.
     Rows,
 }
 
 impl<T: Elementary + Memories> TypedSimulation<T> {
-    /// Puts system, scheme and memories together.
-    fn new(space: AnySpace, scenario: &Scenario, tables: &Tables) -> Result<Self, InputError> {
+    /// Builds the integrator from system, scheme and memories.
+    fn new(
+        space: AnySpace,
+        scenario: &Scenario,
+        massless: &MasslessRows,
+        tables: &Tables,
+    ) -> Result<Self, InputError> {
         let scheme = AnyScheme::new(scenario).map_err(|error| {
             let allowed = format!("{} ({} given)", error.allowed, error.parameter);
             scenario.error_at("scheme", Problem::OutOfRange { allowed })
         })?;
+        let scheme = scheme.with_massless(massless.clone());
         let nodes = scheme.sampling().nodes();
         let mut damping = damping_terms(scenario, &space, nodes, tables)?;
         let system = Model::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
-        // With a past the motion begins with it, at rest.
+        // With a past the motion begins at rest at its first position.
         let position = vector(scenario.initial.base()).repeat(space.copies());
         let zeros = || vec![T::zero(); position.len()];
         let momentum = match scenario.initial.past {
@@ -479,9 +483,9 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         let begin = scenario.time.start - scenario.initial.past_steps() as f64 * scenario.time.step;
         let input = zeros();
         let kicked = scenario.convolution.at == DampedAt::MainNodes;
-        // An energy costs about as much as a step.
+        // With sparse factors an energy costs about as much as a step.
         let is_dear = space.plan().is_some();
-        // With several nodes terms have memories of their own.
+        // With several nodes terms do not share memories.
         let offset = MomentumOffset::of(scenario, nodes, |term| resisting(&damping.terms[term], &position));
         let mean = kicked && scenario.output.momentum == ReportedMomentum::Mean;
         damping.kick = mean.then(|| Kick { next: zeros(), last: zeros() });
@@ -515,7 +519,7 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
 }
 
 impl<T: Elementary + Memories> TypedSimulation<T> {
-    /// Takes in the input, and notes where the step begins.
+    /// Sets the input, and stores the beginning of the step.
     #[inline(always)]
     fn prepare(&mut self, input: &[f64]) {
         if !input.is_empty() || self.pushed || self.pieces.is_some() {
@@ -538,7 +542,7 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         }
     }
 
-    /// Writes a position and a momentum with their energy.
+    /// Writes a position and a momentum and computes their energy.
     fn write(&mut self, position: &[T], momentum: &[T], state: &mut GridState) {
         for (numbers, vector) in [(&mut state.position, position), (&mut state.momentum, momentum)] {
             numbers.iter_mut().zip(vector).for_each(|(place, number)| *place = number.to_f64());
@@ -547,7 +551,7 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         state.energy = self.integrator.energy_of(&position, &momentum).to_f64();
     }
 
-    /// Makes the step of a grid that follows so many others.
+    /// Makes the step of a grid after the given number of others.
     #[inline(always)]
     fn step_on_grid(
         &mut self,
@@ -577,7 +581,7 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         self.keep_piece(made)
     }
 
-    /// Brings the momentum that is reported up to date, where that is not the one of the state.
+    /// Updates the reported momentum if it is not that of the state.
     #[inline(always)]
     fn take_momentum(&mut self) {
         let Some(reported) = &mut self.reported else { return };
@@ -592,13 +596,13 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         momenta.for_each(|((mean, &after), &force)| *mean = after + half * force);
     }
 
-    /// The momentum that is reported.
+    /// The reported momentum.
     #[inline(always)]
     fn momentum(&self) -> &[T] {
         self.reported.as_ref().unwrap_or(&self.integrator.state().momentum)
     }
 
-    /// Computes the energy of the state with the momentum that is reported.
+    /// Computes the energy of the state with the reported momentum.
     fn take_energy(&mut self) {
         let energy = match &self.reported {
             Some(momentum) => self.integrator.energy_with(momentum),
@@ -607,7 +611,7 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         self.energy = energy.to_f64();
     }
 
-    /// Keeps what the step has found that may be looked into.
+    /// Stores the solution of the step for states inside it.
     fn keep_piece(&mut self, made: Result<u32, StepError>) -> Result<u32, StepError> {
         if let (Ok(_), Some([piece, _])) = (&made, &mut self.pieces) {
             piece.end(self.integrator.time().to_f64(), AnyScheme::solution(self.integrator.storage()));
@@ -622,8 +626,7 @@ fn in_double<T: Real>(numbers: &[T]) -> impl Iterator<Item = f64> {
     numbers.iter().map(|number| number.to_f64())
 }
 
-/// Tells the memories of an integrator at the beginning of the past what was, and takes it to the initial
-/// state.
+/// Passes the past to the memories of an integrator at its beginning, and advances it to the initial state.
 fn follow_past<T: Elementary + Memories>(
     integrator: &mut Integrator<T, AnySpace, Model<T>, AnyScheme<T>, DampingTerms<T>>,
     scenario: &Scenario,
@@ -654,7 +657,7 @@ fn follow_past<T: Elementary + Memories>(
         known.resize(increments.len(), T::zero());
         scratch.clear();
         scratch.resize(increments.len() + size, T::zero());
-        // Rounded as a time is that is counted from the start.
+        // Rounded like a time that is counted from the start.
         let time = scenario.time.start - (steps - step - 1) as f64 * h;
         let found = Outcome { increments: &increments, rise: &rise, kick: &kick };
         integrator.follow(T::of(time), &found, &mut known, &mut scratch).map_err(|error| {
@@ -662,7 +665,7 @@ fn follow_past<T: Elementary + Memories>(
         })?;
         kick.fill(T::zero());
     }
-    // What acted at the end of the past has acted before the initial momentum.
+    // The force at the end of the past acted before the initial momentum.
     if let Some(kick) = integrator.damping_mut().kick.as_mut() {
         kick.last.fill(T::zero());
     }
@@ -689,7 +692,7 @@ fn memory_request<'a>(
         transfer: &term.transfer,
         step_size: scenario.time.step,
         end: scenario.time.grid.as_ref().map(|grid| grid.end()),
-        // Plain weights act on the sequence of every node by itself, matrix weights on all nodes together.
+        // Scalar weights act on the sequence of every node separately, matrix weights on all nodes together.
         coordinates: match scenario.convolution.family {
             ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => channels * nodes,
             _ => channels,
@@ -701,9 +704,8 @@ fn memory_request<'a>(
     }
 }
 
-/// The damping terms of a scenario on their memories, and which of the scenario's terms each of them serves:
-/// where several follow the same coordinates with sums of exponentials for many channels, they have one
-/// memory.
+/// The damping terms of a scenario on their memories, and the indices of the terms that each memory serves:
+/// terms of the same coordinates whose engine is exponential sums for many channels share a memory.
 fn damping_terms<T: Elementary + Memories>(
     scenario: &Scenario,
     space: &AnySpace,
@@ -758,7 +760,7 @@ fn term_on<'a, T: Elementary + Memories>(
     indices: &[usize],
     request: impl Fn(usize) -> MemoryRequest<'a>,
     memory: HostMemory<T>,
-) -> Result<HostTerm<T, HostMemory<T>>, InputError> {
+) -> Result<ChannelDamping<T, HostMemory<T>>, InputError> {
     let with_kernel = |&index: &usize| {
         let kernel =
             request(index).kernel().map_err(|error| refused_memory(scenario, index, error.into()))?;
@@ -771,7 +773,7 @@ fn term_on<'a, T: Elementary + Memories>(
     })
 }
 
-/// The error about a term whose memory cannot be made.
+/// The error for a term whose memory cannot be built.
 fn refused_memory(scenario: &Scenario, index: usize, error: EngineError) -> InputError {
     let places: &[&str] = match error {
         EngineError::Table(_) => &["history.tolerance", "history.engine"],
@@ -795,8 +797,8 @@ fn gyroscopic<T: Elementary>(scenario: &Scenario, space: &AnySpace) -> Option<Ma
     Some(Matrix::of_entries(scenario.coordinates(), entries).on_threads(space.threads()))
 }
 
-/// ρ x of a term whose kernel is of plain numbers.
-fn resisting<T: Elementary + Memories>(term: &HostTerm<T, HostMemory<T>>, vector: &[T]) -> Vec<T> {
+/// ρ x of a term with a scalar kernel.
+fn resisting<T: Elementary + Memories>(term: &ChannelDamping<T, HostMemory<T>>, vector: &[T]) -> Vec<T> {
     let mut scratch = vec![T::zero(); vector.len()];
     let mut force = vec![T::zero(); vector.len()];
     term.add_leading(vector, &mut force, &mut scratch);
@@ -807,20 +809,20 @@ fn resisting<T: Elementary + Memories>(term: &HostTerm<T, HostMemory<T>>, vector
 
 /// Any number of damping terms on their memories.
 struct DampingTerms<T: Elementary + Memories> {
-    terms: Vec<HostTerm<T, HostMemory<T>>>,
-    /// The scenario's terms that each of them serves.
+    terms: Vec<ChannelDamping<T, HostMemory<T>>>,
+    /// Indices of the scenario's terms that each memory serves.
     served: Vec<Vec<usize>>,
     kick: Option<Kick<T>>,
-    /// What acts like a damping without memory.
+    /// Gyroscopic forces, which act like a damping without memory.
     gyroscopic: Option<Gyroscopic<T, Matrix<T>>>,
 }
 
 /// The fractional force Σ_m ρ_m (D^{β_m} q)_k at the main nodes: the momentum p_k of such a scheme is the one
-/// after its kick.
+/// after the kick of this force.
 struct Kick<T> {
-    /// Known part of the next one.
+    /// Known part of the next force.
     next: Vec<T>,
-    /// The last one; zero at t = 0, where there is none.
+    /// The last force; zero at t = 0, where there is no kick.
     last: Vec<T>,
 }
 
@@ -877,7 +879,7 @@ impl<T: Elementary + Memories> Damping<T, AnySpace> for DampingTerms<T> {
         increments: &[T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        // The leading weight of starting weights is another one after the push.
+        // Starting weights change the leading weight at the push.
         if let Some(kick) = &mut self.kick {
             self.terms[..].add_leading(increments, &mut kick.next, scratch);
         }
@@ -982,11 +984,6 @@ impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
         self.integrator.system_mut()
     }
 
-    fn increments(&self, numbers: &mut Vec<f64>) {
-        numbers.clear();
-        numbers.extend(in_double(AnyScheme::solution(self.integrator.storage())));
-    }
-
     fn advance(
         &mut self,
         scenario: &Scenario,
@@ -1015,6 +1012,7 @@ impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
             let position = in_double(&self.integrator.state().position);
             let time = self.integrator.time().to_f64();
             batch.push((time, self.energy), position, in_double(self.momentum()), iterations);
+            batch.push_increments(in_double(AnyScheme::solution(self.integrator.storage())));
         }
         if self.energies == Energies::Together {
             let stride = batch.room();
@@ -1052,7 +1050,7 @@ impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
 
     fn engines(&self) -> Vec<Engine> {
         let DampingTerms { terms, served, .. } = self.integrator.damping();
-        let of_memory = |(term, served): (&HostTerm<T, HostMemory<T>>, &Vec<usize>)| {
+        let of_memory = |(term, served): (&ChannelDamping<T, HostMemory<T>>, &Vec<usize>)| {
             let engine = term.memory().engine();
             served.iter().map(move |&index| (index, engine)).collect::<Vec<_>>()
         };

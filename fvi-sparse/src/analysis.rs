@@ -1,4 +1,4 @@
-//! The order of elimination and the places of the factor, from the pattern alone.
+//! The order of elimination and the structure of the factor, from the pattern alone.
 
 use crate::Pattern;
 use crate::blocks::{Blocks, Subtrees};
@@ -6,22 +6,21 @@ use crate::dissection::nested_dissection;
 use crate::separator::Care;
 use std::sync::Arc;
 
-/// How matrices of one pattern are eliminated: the order of the coordinates and the places of the factor.
+/// Elimination of matrices of one pattern: the order of the coordinates and the places of the factor.
 ///
-/// The order is approximate minimum degree or another that fills less. Neighbouring columns of the factor
-/// with the same places below them, or nearly, are kept together as dense blocks. Source:
+/// The order is approximate minimum degree or another with less fill-in. Neighbouring columns of the factor
+/// with the same places below them, or nearly, are stored together as dense blocks. Source:
 /// \[DavisRajamanickamSidLakhdar16\] §§ 4, 5, 8.
 #[derive(Clone, Debug)]
 pub struct Analysis {
     blocks: Arc<Blocks>,
 }
 
-/// No parent.
+/// Marker of a column without parent.
 const ROOT: u32 = u32::MAX;
 
 impl Analysis {
-    /// Analyses a symmetric pattern of fewer than 2³¹ places; each pattern once, however often it is asked
-    /// for.
+    /// Analyses a symmetric pattern of fewer than 2³¹ places. The result is cached in the pattern.
     pub fn new(pattern: &Pattern) -> Self {
         pattern.analysis.get_or_init(|| Self::of(pattern)).clone()
     }
@@ -33,20 +32,20 @@ impl Analysis {
         Self { blocks: Arc::new(places(pattern, order, place, first)) }
     }
 
-    /// How matrices are eliminated that have 2×2 numbers at each place of the pattern, and are symmetric and
+    /// Elimination of matrices with 2×2 numbers at each place of the pattern that are symmetric and
     /// quasidefinite:
     ///
     /// ```text
     /// A = [G  B; Bᵀ  −H] ,    G and H positive definite,
     /// ```
     ///
-    /// G in the first numbers of the diagonal of all places, −H in the second. The values of a place are
-    /// those of its two rows, one after the other; rows 2i and 2i + 1 of vectors and solutions are those of
-    /// row i of the pattern. The order of elimination is that of the pattern.
+    /// with the diagonal of G in the first of each pair of rows, that of −H in the second. The values of a
+    /// place are those of its two rows, one after the other; rows 2i and 2i + 1 of vectors and solutions
+    /// belong to row i of the pattern. The order of elimination is that of the pattern.
     ///
-    /// Every symmetric permutation of A has a factor L Σ Lᵀ with the signs Σ of the pairs
-    /// (\[Vanderbei95\]). How far its numbers grow is bounded by what B H⁻¹ Bᵀ is beside G, and Bᵀ G⁻¹ B
-    /// beside H (\[GillSaundersShinnerl96\]).
+    /// Every symmetric permutation of A has a factor L Σ Lᵀ with the signs Σ of the pairs (\[Vanderbei95\]).
+    /// The growth of its numbers is bounded by the sizes of B H⁻¹ Bᵀ relative to G, and of Bᵀ G⁻¹ B relative
+    /// to H (\[GillSaundersShinnerl96\]).
     #[must_use]
     pub fn of_pairs(&self) -> Self {
         Self { blocks: Arc::new(self.blocks.paired()) }
@@ -57,12 +56,12 @@ impl Analysis {
         self.blocks.order.len()
     }
 
-    /// Numbers that a factor holds.
+    /// Number of entries stored in a factor.
     pub fn factor_len(&self) -> usize {
         self.blocks.number_starts.last().copied().unwrap_or(0)
     }
 
-    /// Bytes of a factor's numbers.
+    /// Bytes of the entries of a factor.
     pub fn factor_bytes(&self) -> usize {
         self.factor_len().saturating_mul(size_of::<f64>())
     }
@@ -80,21 +79,21 @@ fn inverse(order: &[u32]) -> Vec<u32> {
     place
 }
 
-/// Rows from which on more than one order is tried.
+/// Number of rows from which more than one order is tried.
 const LARGE: usize = 2_000;
 
-/// Nested dissection is tried where minimum degree leaves columns of so many places on average, as in three
-/// dimensions, or so many places in all: below that it takes longer than it saves in a thousand steps.
+/// (places per column, places) of the best other order from which nested dissection is tried; the first is
+/// typical of three dimensions. Below both, dissection takes longer than it saves in a thousand steps.
 const DISSECTED: (u64, u64) = (64, 2_000_000);
 
-/// From so many entries a column on average, elimination takes so long that a thorough dissection pays.
+/// Places per column from which elimination takes so long that a thorough dissection pays.
 const LONG: u64 = 300;
 
-/// The way of elimination, of some, with which the factor is smallest: minimum degree, the rows as they come,
-/// nested dissection where that may be better.
+/// The elimination with the smallest factor among minimum degree, the order of the rows as given, and nested
+/// dissection where that may be better.
 ///
-/// Minimum degree is best for most small and flat structures; beams that are numbered along their length are
-/// best left so.
+/// Minimum degree is best for most small and flat structures, the given order for beams that are numbered
+/// along their length.
 fn least_fill(pattern: &Pattern) -> Elimination {
     let rows = pattern.size() as u64;
     let mut best = Elimination::new(pattern, minimum_degree(pattern));
@@ -117,7 +116,7 @@ fn least_fill(pattern: &Pattern) -> Elimination {
     best
 }
 
-/// An order of elimination in which every subtree of the elimination tree is a run.
+/// An order of elimination in which every subtree of the elimination tree is a contiguous range.
 struct Elimination {
     order: Vec<u32>,
     /// For each column of the factor the first row below the diagonal.
@@ -127,7 +126,7 @@ struct Elimination {
 }
 
 impl Elimination {
-    /// The rows in this order, or in another one with the same factor.
+    /// Elimination in the given order, or in an equivalent one with the same factor.
     fn new(pattern: &Pattern, order: Vec<u32>) -> Self {
         let parents = elimination_tree(pattern, &order, &inverse(&order));
         let later = postorder(&parents);
@@ -144,7 +143,7 @@ impl Elimination {
         Self { order, parents, counts }
     }
 
-    /// Places of the factor.
+    /// Number of places of the factor.
     fn places(&self) -> u64 {
         self.counts.iter().map(|&count| u64::from(count)).sum()
     }
@@ -156,12 +155,12 @@ fn minimum_degree(pattern: &Pattern) -> Vec<u32> {
     let columns: Vec<i32> = pattern.columns().iter().map(|&column| column as i32).collect();
     match amd::order(pattern.size() as i32, &starts, &columns, &amd::Control::default()) {
         Ok((order, ..)) => order.into_iter().map(|row| row as u32).collect(),
-        // Not for a pattern with rows in order; any order serves.
+        // amd does not fail for a pattern with sorted rows; any order is correct.
         Err(_) => (0..pattern.size() as u32).collect(),
     }
 }
 
-/// Columns in order of elimination, each with the earlier ones that its row has a place in.
+/// Columns in order of elimination, each with the earlier columns at which its row has a place.
 fn earlier<'a>(
     pattern: &'a Pattern,
     order: &'a [u32],
@@ -176,7 +175,7 @@ fn earlier<'a>(
 /// For each column of the factor the first row below the diagonal.
 fn elimination_tree(pattern: &Pattern, order: &[u32], place: &[u32]) -> Vec<u32> {
     let mut parents = vec![ROOT; order.len()];
-    // Short cuts towards the root.
+    // Shortcuts towards the root.
     let mut ancestors = vec![ROOT; order.len()];
     for (own, others) in earlier(pattern, order, place) {
         for other in others {
@@ -195,7 +194,7 @@ fn elimination_tree(pattern: &Pattern, order: &[u32], place: &[u32]) -> Vec<u32>
     parents
 }
 
-/// The columns so that every subtree of the elimination tree is a run.
+/// The columns in an order in which every subtree of the elimination tree is a contiguous range.
 fn postorder(parents: &[u32]) -> Vec<u32> {
     let count = parents.len();
     // Children of each column as a list, the smallest first.
@@ -226,23 +225,23 @@ fn postorder(parents: &[u32]) -> Vec<u32> {
 }
 
 /// Number of places of each column of the factor, the diagonal included, from an order in which every subtree
-/// of the elimination tree is a run.
+/// of the elimination tree is a contiguous range.
 ///
 /// The columns in which a row has places are a subtree, cut off below at some leaves; it is counted as the
-/// paths from these to the row less those that they share. Source: \[GilbertNgPeyton94\].
+/// paths from these to the row minus their common parts. Source: \[GilbertNgPeyton94\].
 fn column_counts(pattern: &Pattern, order: &[u32], parents: &[u32]) -> Vec<u32> {
     let size = order.len();
     let place = inverse(order);
-    // The first column of the subtree below each.
+    // The first column of the subtree of each column.
     let mut first: Vec<u32> = (0..size as u32).collect();
     for (column, &parent) in parents.iter().enumerate() {
         if parent != ROOT {
             first[parent as usize] = first[parent as usize].min(first[column]);
         }
     }
-    // What a count is more than the sum of those of the children.
+    // Each count minus the sum of the counts of the children.
     let mut more: Vec<i64> = first.iter().zip(0..).map(|(&first, own)| i64::from(first == own)).collect();
-    // The last leaf of each row's subtree so far, and short cuts towards the root through finished columns.
+    // The last leaf of each row's subtree so far, and shortcuts towards the root through finished columns.
     let mut leaf = vec![ROOT; size];
     let mut above: Vec<u32> = (0..size as u32).collect();
     for own in 0..size {
@@ -253,7 +252,7 @@ fn column_counts(pattern: &Pattern, order: &[u32], parents: &[u32]) -> Vec<u32> 
         for &column in &pattern.columns()[pattern.row(order[own] as usize)] {
             let row = place[column as usize] as usize;
             let last = leaf[row];
-            // Not a leaf if the last one is below it.
+            // Not a leaf if the last leaf is in its subtree.
             if row <= own || (last != ROOT && first[own] <= last) {
                 continue;
             }
@@ -275,7 +274,7 @@ fn column_counts(pattern: &Pattern, order: &[u32], parents: &[u32]) -> Vec<u32> 
     more.into_iter().map(|count| count as u32).collect()
 }
 
-/// The first column on the way to the root that is not finished; short cuts get shorter.
+/// The first unfinished column on the path to the root; shortens the shortcuts.
 fn top(above: &mut [u32], column: u32) -> u32 {
     let mut top = column;
     while above[top as usize] != top {
@@ -288,17 +287,17 @@ fn top(above: &mut [u32], column: u32) -> u32 {
     top
 }
 
-/// Two neighbouring blocks are joined if that gives no more columns than the first number and no larger part
-/// of zeros than the second, by one of these.
+/// Two neighbouring blocks are merged if, for one of these pairs, the result has at most the first number of
+/// columns and at most the second fraction of explicit zeros.
 const JOINED: [(usize, f64); 4] = [(4, 1.0), (16, 0.8), (48, 0.1), (usize::MAX, 0.05)];
 
-/// Where the blocks of columns begin, and where the last one ends.
+/// The first column of each block, and the end of the last one.
 fn blocks(parents: &[u32], counts: &[u32]) -> Vec<u32> {
     struct Block {
         first: usize,
         columns: usize,
         rows: usize,
-        /// Places that are not there for the block's sake.
+        /// Structurally nonzero places; the others of the block are explicit zeros.
         places: f64,
     }
     let stored = |columns: usize, rows: usize| columns as f64 * (rows as f64 - 0.5 * (columns as f64 - 1.0));
@@ -318,7 +317,7 @@ fn blocks(parents: &[u32], counts: &[u32]) -> Vec<u32> {
     }
     join(&mut found, parents, stored);
 
-    /// Joins the last block with those before it while that pays.
+    /// Merges the last block with those before it as far as the criterion allows.
     fn join(found: &mut Vec<Block>, parents: &[u32], stored: impl Fn(usize, usize) -> f64) {
         while let [.., before, last] = found.as_slice() {
             let parent = parents[last.first - 1];
@@ -340,7 +339,7 @@ fn blocks(parents: &[u32], counts: &[u32]) -> Vec<u32> {
     firsts.chain([parents.len() as u32]).collect()
 }
 
-/// The rows of each block: those of the matrix and of the blocks before that it takes up.
+/// The rows of each block: those of the matrix and of the earlier blocks that it updates from.
 fn places(pattern: &Pattern, order: Vec<u32>, place: Vec<u32>, first: Vec<u32>) -> Blocks {
     let count = first.len() - 1;
     let mut block_of = vec![0; order.len()];
@@ -388,7 +387,7 @@ fn places(pattern: &Pattern, order: Vec<u32>, place: Vec<u32>, first: Vec<u32>) 
 mod tests {
     use super::*;
 
-    /// Some symmetric pattern with a full diagonal.
+    /// A random symmetric pattern with a full diagonal.
     fn scattered(size: usize, per_row: usize) -> Pattern {
         let mut places: Vec<(usize, usize)> = (0..size).map(|row| (row, row)).collect();
         let mut state = size as u64;
@@ -402,7 +401,7 @@ mod tests {
         Pattern::new(size, places)
     }
 
-    /// Points of a rectangle, each with the four around it.
+    /// Points of a rectangle, each connected to its four neighbours.
     fn membrane(wide: usize, high: usize) -> Pattern {
         Pattern::from_rows((0..wide * high).map(|own| {
             let (x, y) = (own % wide, own / wide);
@@ -414,8 +413,8 @@ mod tests {
 
     #[test]
     fn the_order_tried_is_that_which_may_pay() {
-        // Small and flat: minimum degree. Long: no worse than as it comes. Large: dissection, with less than
-        // the 2.78 million places that SuperLU's minimum degree leaves.
+        // Small and flat: minimum degree. Long: no worse than in the given order. Large: dissection, with
+        // less than the 2.78 million places of SuperLU's minimum degree.
         let small = membrane(100, 100);
         let least = Elimination::new(&small, minimum_degree(&small)).places();
         assert_eq!(least_fill(&small).places(), least);
@@ -434,7 +433,7 @@ mod tests {
             for order in [(0..size as u32).rev().collect(), minimum_degree(&pattern)] {
                 let found = Elimination::new(&pattern, order);
                 let place = inverse(&found.order);
-                // Places below the diagonal, with those that each column hands on to its first row.
+                // Places below the diagonal, with those that each column passes to its parent.
                 let mut rows: Vec<std::collections::BTreeSet<u32>> = vec![Default::default(); size];
                 for (own, &row) in found.order.iter().enumerate() {
                     let columns = &pattern.columns()[pattern.row(row as usize)];

@@ -1,10 +1,11 @@
-//! The blocks of columns of a factor, and the parts of the elimination tree that do not meet: they are solved
-//! for side by side.
+//! The blocks of columns of a factor, and the disjoint subtrees of the elimination tree that are solved in
+//! parallel.
 
 use core::ops::Range;
 
-/// Blocks of columns of the factor. Block s has the columns `first[s]`..`first[s + 1]` and stands in these
-/// rows and in `rows[row_starts[s]..row_starts[s + 1]]` below; its numbers lie column by column.
+/// Blocks of columns of the factor. Block s has the columns `first[s]`..`first[s + 1]`, the rows of the same
+/// indices and, below them, `rows[row_starts[s]..row_starts[s + 1]]`; its numbers are stored column by
+/// column.
 #[derive(Debug)]
 pub(crate) struct Blocks {
     /// The row of the matrix that is eliminated at each place.
@@ -17,14 +18,14 @@ pub(crate) struct Blocks {
     pub(crate) row_starts: Vec<usize>,
     pub(crate) rows: Vec<u32>,
     pub(crate) number_starts: Vec<usize>,
-    /// Whether two rows stand in the place of each of the pattern's, the second with a negative pivot.
+    /// Whether each row of the pattern stands for two, the second with a negative pivot.
     pub(crate) in_pairs: bool,
-    /// Part of the elimination tree that is eliminated apart from the rest.
+    /// Subtrees of the elimination tree that are solved separately.
     pub(crate) subtrees: Subtrees,
 }
 
 impl Blocks {
-    /// The same with two rows in the place of each.
+    /// The same blocks with two rows in the place of each.
     pub(crate) fn paired(&self) -> Self {
         let twice = |row: &u32| [2 * row, 2 * row + 1];
         let mut number_starts = vec![0];
@@ -56,7 +57,7 @@ impl Blocks {
         self.first[block] as usize..self.first[block + 1] as usize
     }
 
-    /// Where the rows of a block lie among those of all blocks.
+    /// Range of the rows of a block among those of all blocks.
     pub(crate) fn row_places(&self, block: usize) -> Range<usize> {
         self.row_starts[block]..self.row_starts[block + 1]
     }
@@ -66,46 +67,46 @@ impl Blocks {
         &self.rows[self.row_starts[block]..self.row_starts[block + 1]]
     }
 
-    /// Where the numbers of a run of blocks lie.
+    /// Range of the numbers of consecutive blocks.
     pub(crate) fn numbers_of(&self, blocks: Range<usize>) -> Range<usize> {
         self.number_starts[blocks.start]..self.number_starts[blocks.end]
     }
 
-    /// Where the numbers of a block lie.
+    /// Range of the numbers of a block.
     pub(crate) fn numbers(&self, block: usize) -> Range<usize> {
         self.number_starts[block]..self.number_starts[block + 1]
     }
 }
 
-/// Subtrees of the elimination tree, and the trunk that is left.
+/// Disjoint subtrees of the elimination tree, and the trunk that remains.
 ///
-/// Columns are in postorder, so that a subtree is a run of blocks and of columns. What it owes to columns
-/// beyond lies in the rows of its last block. The choice depends on the pattern alone, and with it the order
-/// of all sums: threads change no bit.
+/// Columns are in postorder, so that a subtree is a contiguous range of blocks and of columns. Its
+/// contribution to later columns is in the rows of its last block. The choice depends on the pattern alone,
+/// and with it the order of all sums: the number of threads changes no bit.
 #[derive(Debug, Default)]
 pub(crate) struct Subtrees {
     /// In ascending order.
     pub(crate) parts: Vec<Subtree>,
-    /// For each row of each block, its place in the vector that the block works on: that of the whole in the
-    /// trunk, that of the subtree elsewhere, which has its columns first and the rows of its last block
-    /// behind them.
+    /// For each row of each block, its index in the vector that the block works on: the whole vector for
+    /// blocks of the trunk; for those of a subtree its own, which has its columns first and then the rows of
+    /// its last block.
     pub(crate) places: Vec<u32>,
 }
 
-/// One of them.
+/// A subtree, as its ranges of blocks and columns.
 #[derive(Debug)]
 pub(crate) struct Subtree {
     pub(crate) blocks: Range<usize>,
     pub(crate) columns: Range<usize>,
 }
 
-/// Numbers of a factor from which on it is worth while to take it apart.
+/// Number of entries of a factor from which dividing it into subtrees is worth while.
 const LARGE: usize = 1 << 18;
 
-/// A subtree is split while it has more than this part of the numbers.
+/// Fraction of all entries above which a subtree is split.
 const PART: f64 = 0.1;
 
-/// Numbers of a factor for each subtree at least.
+/// Smallest number of entries of a subtree.
 const LEAST: usize = 1 << 14;
 
 impl Subtrees {
@@ -163,7 +164,7 @@ impl Subtrees {
         Self { parts, places }
     }
 
-    /// The runs of blocks between the subtrees, in ascending order.
+    /// The ranges of blocks between the subtrees, in ascending order.
     pub(crate) fn trunk(&self, count: usize) -> impl DoubleEndedIterator<Item = Range<usize>> {
         let ends = self.parts.iter().map(|part| part.blocks.end);
         let starts = self.parts.iter().map(|part| part.blocks.start);
@@ -212,7 +213,7 @@ mod tests {
             trunk.chain(parts.iter().map(|part| part.blocks.clone())).flatten().collect();
         seen.sort_unstable();
         assert_eq!(seen, (0..blocks.count()).collect::<Vec<_>>());
-        // Nothing in a subtree reaches beyond its columns but into the rows of its last block.
+        // Rows of a subtree beyond its columns are among the rows of its last block.
         for part in parts {
             let beyond = blocks.rows(part.blocks.end - 1);
             for block in part.blocks.clone() {

@@ -1,32 +1,33 @@
-//! Complex equations with a symmetric pattern: those of a harmonic motion.
+//! Complex equations with a symmetric pattern, as for the response to a harmonic load.
 
 use crate::{Analysis, Pattern};
 use num_complex::Complex;
 
 /// Solves A x = b for complex matrices of one symmetric pattern, whose entries need not be symmetric.
 ///
-/// Elimination goes in the order of the pattern's [`Analysis`], without exchange of rows; what that loses to
-/// small pivots, iterative refinement takes back, or the solution is refused. \[DuffErismanReid17\] § 4.
+/// Elimination follows the order of the pattern's [`Analysis`], without exchange of rows. Iterative
+/// refinement recovers what small pivots lose, or the solution is refused. \[DuffErismanReid17\] § 4.
 #[derive(Debug)]
 pub struct ComplexSolver {
     order: Vec<u32>,
     place: Vec<u32>,
-    /// The rows below the diagonal of each column of the factor, by places, ascending.
+    /// The rows below the diagonal of each column of the factor, as indices in the order of elimination,
+    /// ascending.
     below: Vec<Vec<u32>>,
 }
 
-/// Equations that elimination without exchange of rows does not solve to rounding.
+/// Error: elimination without exchange of rows does not solve the equations to rounding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unsolved {
     /// The largest residual over |A| |x| + |b|.
     pub residual: f64,
 }
 
-/// Backward errors that are accepted, and rounds of refinement.
+/// Largest backward error accepted, and largest number of refinements.
 const ACCEPTED: f64 = 1e-13;
 const ROUNDS: usize = 4;
 
-/// The factors L and U of one matrix, by places: U has the pattern of Lᵀ.
+/// The factors L and U of one matrix, in the order of elimination: U has the pattern of Lᵀ.
 struct Factors {
     pivots: Vec<Complex<f64>>,
     lower: Vec<Vec<Complex<f64>>>,
@@ -34,7 +35,7 @@ struct Factors {
 }
 
 impl ComplexSolver {
-    /// For matrices of this pattern.
+    /// A solver for matrices of this pattern.
     pub fn new(pattern: &Pattern) -> Self {
         let analysis = Analysis::new(pattern);
         let (order, place) = (analysis.blocks().order.clone(), analysis.blocks().place.clone());
@@ -58,12 +59,12 @@ impl ComplexSolver {
         Self { order, place, below }
     }
 
-    /// Numbers that the factors of a matrix hold.
+    /// Number of entries in the factors of a matrix.
     pub fn factor_len(&self) -> usize {
         self.below.iter().map(|rows| 2 * rows.len() + 1).sum()
     }
 
-    /// Puts the solution in place of `vector`; `values` are the entries of A by the slots of the pattern.
+    /// Replaces `vector` by the solution; `values` are the entries of A by the slots of the pattern.
     ///
     /// # Errors
     /// [`Unsolved`] if a pivot is zero or too small for the refinement to make up for it.
@@ -86,7 +87,7 @@ impl ComplexSolver {
                 break;
             }
         }
-        // What is no number is no solution either.
+        // A residual that is not a number is refused too.
         if size <= ACCEPTED { Ok(()) } else { Err(Unsolved { residual: size }) }
     }
 
@@ -95,7 +96,7 @@ impl ComplexSolver {
         let mut pivots = vec![Complex::ZERO; size];
         let mut lower: Vec<Vec<Complex<f64>>> = vec![Vec::new(); size];
         let mut upper: Vec<Vec<Complex<f64>>> = vec![Vec::new(); size];
-        // The columns that change the next one, each with the index of its next row.
+        // For each column the earlier columns that update it next, each with the index of its next row.
         let mut waiting: Vec<Vec<(u32, u32)>> = vec![Vec::new(); size];
         let (mut column_of, mut row_of) = (vec![Complex::ZERO; size], vec![Complex::ZERO; size]);
         for column in 0..size {
@@ -121,7 +122,7 @@ impl ComplexSolver {
                     waiting[next as usize].push((from, index + 1));
                 }
             }
-            // Both have taken what is on the diagonal.
+            // Row and column both include the diagonal entry.
             let pivot = column_of[column];
             pivots[column] = pivot;
             let inverse = pivot.inv();
@@ -175,7 +176,7 @@ fn backward_error(
         }
         residual[row] = sum;
         let error = sum.l1_norm() / size.max(f64::MIN_POSITIVE);
-        // Not a maximum that would lose what is no number.
+        // `max` would ignore a value that is not a number.
         if error > largest || error.is_nan() {
             largest = error;
         }
@@ -187,7 +188,7 @@ fn backward_error(
 mod tests {
     use super::*;
 
-    /// A grid of so many by so many points with neighbours, and entries of no symmetry.
+    /// A grid of `side` × `side` points with neighbours, and entries without symmetry.
     fn grid(side: usize) -> (Pattern, Vec<Complex<f64>>) {
         let mut places = Vec::new();
         for i in 0..side {

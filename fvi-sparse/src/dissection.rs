@@ -1,13 +1,13 @@
-//! An order of elimination by nested dissection: meshes in three dimensions, and long and slender ones, fill
-//! less with it than by minimum degree.
+//! An order of elimination by nested dissection. For meshes in three dimensions, and long and slender ones,
+//! it has less fill-in than minimum degree.
 
 use crate::Pattern;
 use crate::graph::{Graph, NONE};
 use crate::separator::{BETWEEN, Care, separate};
 use std::collections::HashMap;
 
-/// The rows, separators behind what they separate; parts that are not divided any more are ordered by minimum
-/// degree.
+/// The rows, each separator after the parts that it separates; parts that are not divided any further are
+/// ordered by minimum degree.
 ///
 /// Rows with the same places, or nearly, are a group and stay together, as the unknowns of one node of a mesh
 /// are. Source: \[GeorgeLiu78\].
@@ -15,7 +15,7 @@ pub(crate) fn nested_dissection(pattern: &Pattern, care: &Care) -> Vec<u32> {
     let (graph, members) = groups(pattern);
     let mut local = vec![NONE; graph.size()];
     let mut order = Vec::with_capacity(graph.size());
-    // Backwards: a separator comes before the parts on its sides.
+    // Built backwards: a separator comes before the parts on its sides.
     let mut open = vec![(0..graph.size() as u32).collect::<Vec<_>>()];
     while let Some(vertices) = open.pop() {
         let part = graph.part(&vertices, &mut local);
@@ -45,16 +45,16 @@ fn minimum_degree(graph: &Graph) -> Vec<u32> {
     }
     match amd::order(graph.size() as i32, &starts, &places, &amd::Control::default()) {
         Ok((order, ..)) => order.into_iter().map(|vertex| vertex as u32).collect(),
-        // Not for a graph; any order serves.
+        // amd does not fail for a graph; any order is correct.
         Err(_) => (0..graph.size() as u32).collect(),
     }
 }
 
-/// Rows belong together if they have this part of their places in common: here and there a coupling of two
-/// unknowns is zero.
+/// Fraction of common places from which rows are grouped: some couplings of the unknowns of two nodes may be
+/// zero.
 const ALIKE: f64 = 0.8;
 
-/// Rows just before one, among its places, that it is compared with.
+/// Number of preceding rows among its places with which a row is compared.
 const COMPARED: usize = 3;
 
 /// The graph of groups of rows with the same places, or nearly, and the rows of each.
@@ -91,7 +91,7 @@ fn groups(pattern: &Pattern) -> (Graph, Vec<Vec<u32>>) {
     (graph, members)
 }
 
-/// How many numbers two ascending lists have in common.
+/// Number of common entries of two ascending lists.
 fn common(one: &[u32], other: &[u32]) -> usize {
     let mut rest = other.iter().peekable();
     one.iter()

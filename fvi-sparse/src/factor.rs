@@ -1,4 +1,4 @@
-//! A = L Lᵀ, or L Σ Lᵀ with the signs of pairs, block by block, and what it solves.
+//! A = L Lᵀ, or L Σ Lᵀ with the signs of pairs, computed block by block.
 
 use crate::Pattern;
 use crate::analysis::Analysis;
@@ -8,20 +8,20 @@ use core::fmt;
 use pulp::{Arch, Simd, WithSimd};
 use std::sync::Arc;
 
-/// Why a matrix has no factor.
+/// Reason why a matrix has no factor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FactorError {
-    /// The matrix is not positive definite, or not quasidefinite: elimination met a pivot without its sign.
+    /// The matrix is not positive definite, or not quasidefinite: a pivot has the wrong sign.
     Pivot {
-        /// How many pivots had theirs before.
+        /// Number of pivots with the right sign before it.
         pivot: usize,
-        /// The row of the pattern that it belongs to, from 0.
+        /// The row of the pattern that the pivot belongs to, from 0.
         coordinate: usize,
     },
     /// There is not enough memory.
     NoRoom {
-        /// Bytes that the factor takes.
+        /// Bytes needed for the factor.
         bytes: usize,
     },
 }
@@ -46,11 +46,11 @@ impl core::error::Error for FactorError {}
 #[derive(Clone, Debug)]
 pub struct Factor {
     analysis: Analysis,
-    /// Those of copies too.
+    /// Entries, shared with clones of the factor.
     numbers: Arc<Vec<f64>>,
 }
 
-/// Columns of a block that are eliminated together before they act on those to their right.
+/// Number of columns of a block that are eliminated before they update those to their right.
 const PANEL: usize = 32;
 
 impl Analysis {
@@ -76,7 +76,7 @@ impl Analysis {
 }
 
 impl Analysis {
-    /// As [`factor`](Self::factor), or a factor of the same matrix that the pattern remembers.
+    /// As [`factor`](Self::factor), or a cached factor of the same matrix from the pattern.
     ///
     /// # Errors
     /// [`FactorError`].
@@ -90,8 +90,7 @@ impl Analysis {
     }
 }
 
-/// Elimination, compiled once for every vector unit: a closure would not be, since it need not be made part
-/// of its caller.
+/// Elimination, compiled once for every vector unit; a closure might not be inlined into the dispatch.
 struct Elimination<'a> {
     blocks: &'a Blocks,
     pattern: &'a Pattern,
@@ -108,20 +107,20 @@ impl WithSimd for Elimination<'_> {
     }
 }
 
-/// No block.
+/// Marker for no block.
 const NONE: u32 = u32::MAX;
 
-/// Left-looking elimination: each block takes what the blocks before owe to it, then is factored by itself.
+/// Left-looking elimination: each block is updated from the blocks before it, then factored.
 ///
 /// # Errors
-/// The place of a pivot that is not positive.
+/// Index of a pivot that has the wrong sign.
 #[inline(always)]
 fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [f64]) -> Result<(), usize> {
-    // For each block the ones before that act on it next, as a list, and how far into their rows they have
-    // come.
+    // For each block a linked list of the earlier blocks that update it next, and for each of those the first
+    // of its rows that has not been used yet.
     let (mut waiting, mut next) = (vec![NONE; blocks.count()], vec![NONE; blocks.count()]);
     let mut come = vec![0; blocks.count()];
-    // Where the rows of the block under way lie in it.
+    // Index of each row within the current block.
     let mut local = vec![0_u32; blocks.order.len()];
     let (mut product, mut products) = (Vec::new(), Products::signed(blocks.in_pairs));
     for block in 0..blocks.count() {
@@ -188,7 +187,7 @@ fn eliminate(blocks: &Blocks, pattern: &Pattern, values: &[f64], numbers: &mut [
     Ok(())
 }
 
-/// Factors the lower trapezoid of a block of `width` columns and `height` rows in place; of pairs the second
+/// Factors the lower trapezoid of a block of `width` columns and `height` rows in place; in pairs the second
 /// columns have negative pivots.
 #[inline(always)]
 fn factor_block(
@@ -236,7 +235,7 @@ impl Factor {
         self.analysis.size()
     }
 
-    /// Bytes of its numbers.
+    /// Bytes of the entries.
     pub fn bytes(&self) -> usize {
         self.numbers.len() * size_of::<f64>()
     }
@@ -246,7 +245,7 @@ impl Factor {
         self.analysis.blocks()
     }
 
-    /// The numbers, block by block.
+    /// The entries, block by block.
     pub(crate) fn numbers(&self) -> &[f64] {
         &self.numbers
     }
@@ -319,7 +318,7 @@ mod tests {
         let second = analysis.factor_of(&pattern, &other).unwrap();
         assert!(shares(&first, &analysis.factor_of(&pattern, &values).unwrap()));
         assert!(shares(&second, &analysis.factor_of(&pattern.clone(), &other).unwrap()));
-        // A third one takes the place of what was not asked for longest.
+        // A third factor replaces the one that was not used for longest.
         analysis.factor_of(&pattern, &vec![1.0; values.len()]).unwrap_err();
         let third: Vec<f64> = values.iter().map(|value| 3.0 * value).collect();
         analysis.factor_of(&pattern, &third).unwrap();
@@ -329,7 +328,7 @@ mod tests {
 
     #[test]
     fn threads_leave_every_bit_of_a_solution_as_it_is() {
-        // Large enough to be taken apart and shared.
+        // Large enough to be divided into subtrees and shared among threads.
         let (pattern, values) = cube(17);
         let factor = Analysis::new(&pattern).factor(&pattern, &values).unwrap();
         assert!(factor.blocks().subtrees.parts.len() > 2);
@@ -383,7 +382,7 @@ mod tests {
 
     #[test]
     fn quasidefinite_pairs_are_solved_on_any_number_of_threads() {
-        // The last one is large enough to be taken apart and shared.
+        // The last one is large enough to be divided into subtrees and shared among threads.
         for k in [1, 2, 3, 8, 14] {
             let (pattern, values, product) = pairs(k);
             let analysis = Analysis::new(&pattern).of_pairs();

@@ -1,6 +1,7 @@
-//! Graphs with weights, as dissection divides them: smaller and smaller ones that stand for the first.
+//! Weighted graphs for dissection, and coarser graphs that approximate them.
 
-/// An undirected graph without loops. Vertices stand for so many unknowns, edges for so many places.
+/// An undirected graph without loops. The weight of a vertex is a number of unknowns, that of an edge a
+/// number of places.
 pub(crate) struct Graph {
     starts: Vec<usize>,
     neighbours: Vec<u32>,
@@ -8,7 +9,7 @@ pub(crate) struct Graph {
     weights: Vec<u32>,
 }
 
-/// No vertex.
+/// Marker for no vertex.
 pub(crate) const NONE: u32 = u32::MAX;
 
 impl Graph {
@@ -47,7 +48,7 @@ impl Graph {
         self.neighbours[range.clone()].iter().copied().zip(self.edges[range].iter().copied())
     }
 
-    /// The part with these vertices. `local` is of the size of this graph, and holds [`NONE`] everywhere
+    /// The subgraph of these vertices. `local` has the length of this graph, and is [`NONE`] everywhere
     /// before and after.
     pub(crate) fn part(&self, vertices: &[u32], local: &mut [u32]) -> Self {
         let most = vertices.iter().map(|&vertex| self.neighbours(vertex).len()).sum();
@@ -76,14 +77,14 @@ impl Graph {
         Self { starts, neighbours: Vec::with_capacity(edges), edges: Vec::with_capacity(edges), weights }
     }
 
-    /// Ends a vertex, whose neighbours are those that were added last.
+    /// Completes a vertex, whose neighbours are those added last.
     fn close(&mut self, weight: u32) {
         self.starts.push(self.neighbours.len());
         self.weights.push(weight);
     }
 
-    /// A graph of about half the size, and the vertex of it that each vertex is part of: neighbours along
-    /// heavy edges are one. Seeds give other pairs.
+    /// A graph of about half the size, and for each vertex the vertex of it that it is merged into: pairs of
+    /// neighbours along heavy edges are merged. Other seeds give other pairs.
     pub(crate) fn coarser(&self, seed: u32) -> (Self, Vec<u32>) {
         let size = self.size();
         let total: u64 = self.weights.iter().map(|&weight| u64::from(weight)).sum();
@@ -132,10 +133,10 @@ impl Graph {
     }
 }
 
-/// The numbers below `size` in an order that looks random and is always the same for a seed.
+/// The numbers below `size` in a pseudorandom order that depends on the seed only.
 fn scattered(size: usize, seed: u32) -> impl Iterator<Item = u32> {
     let size = size.max(1) as u64;
-    // Steps that have no factor in common with the size visit every number once.
+    // Steps coprime to the size visit every number once.
     let mut step = (size as f64 * (0.618_033_988_75 + 0.07 * f64::from(seed))) as u64 % size;
     while common_factor(step, size) != 1 {
         step += 1;

@@ -1,22 +1,22 @@
 //! The inner loops: products of dense blocks.
 //!
-//! Each number is formed by the same operations in the same order whatever the width of the machine's
+//! Each number is computed by the same operations in the same order whatever the width of the machine's
 //! vectors.
 
 use pulp::Simd;
 
-/// Rows and columns of a product that are found together: as many sums as there are registers for.
+/// Rows and columns of a product that are computed together: as many sums as fit into the registers.
 const TILE: (usize, usize) = (8, 4);
 
-/// Rows of A that stay in the cache for all rows of B.
+/// Number of rows of A that stay in the cache for all rows of B.
 const ROWS: usize = 64;
 
-/// Room for products of blocks: their numbers in the order in which they are needed.
+/// Buffers for products of blocks, with the numbers in the order in which they are used.
 #[derive(Default)]
 pub(crate) struct Products {
     a: Vec<[f64; TILE.0]>,
     b: Vec<[f64; TILE.1]>,
-    /// Whether every second column of A and B counts with a minus.
+    /// Whether every second column of A and B has a negative sign in the product.
     signed: bool,
 }
 
@@ -26,8 +26,8 @@ impl Products {
         Self { signed, ..Self::default() }
     }
 
-    /// C ← C − A Bᵀ: C with `rows` rows of which neighbouring columns are `c_step` apart, one for each of the
-    /// first `columns` rows of B; A and B with `depth` columns, `step` apart.
+    /// C ← C − A Bᵀ. C has `rows` rows and columns at distance `c_step`, one for each of the first `columns`
+    /// rows of B; A and B have `depth` columns, at distance `step`.
     #[inline(always)]
     pub(crate) fn subtract(
         &mut self,
@@ -63,7 +63,7 @@ impl Products {
     }
 }
 
-/// Writes strips of W rows one behind the other, each column by column; rows that are not there are zero.
+/// Writes strips of W rows one after another, each column by column; missing rows are zero.
 #[inline(always)]
 fn pack<const W: usize>(
     packed: &mut Vec<[f64; W]>,
@@ -97,23 +97,23 @@ fn tile(a: &[[f64; TILE.0]], b: &[[f64; TILE.1]]) -> [[f64; TILE.0]; TILE.1] {
     sums
 }
 
-/// Number `part` of the vectors that W numbers are.
+/// Vector number `part` of the vectors that make up W numbers.
 #[inline(always)]
 fn vector<S: Simd, const W: usize>(unit: S, numbers: &[f64; W], part: usize) -> S::f64s {
     S::as_simd_f64s(numbers).0.get(part).copied().unwrap_or(unit.splat_f64s(0.0))
 }
 
-/// Right-hand sides that lie side by side fill vectors of every machine.
+/// Checks that right-hand sides side by side fill whole vectors on every machine.
 const fn one_or_vectors(width: usize) {
     assert!(width == 1 || width.is_multiple_of(8));
 }
 
-/// Numbers in a line of the cache.
+/// Numbers per cache line.
 const LINE: usize = 8;
 
-/// Asks for C lines of numbers that are needed soon, those of the `run`-th run of as many, without waiting
-/// for them. Eight right-hand sides compute with a line for so long that memory would rest meanwhile; a
-/// single one takes lines as fast as they come.
+/// Prefetches C cache lines: the lines from C · `run` on. With eight right-hand sides the arithmetic for a
+/// line takes so long that the memory would be idle meanwhile; with one right-hand side, memory is the limit
+/// anyway.
 #[inline(always)]
 fn fetch_ahead<const C: usize>(numbers: &[f64], run: usize) {
     #[cfg(target_arch = "x86_64")]
@@ -128,8 +128,8 @@ fn fetch_ahead<const C: usize>(numbers: &[f64], run: usize) {
     let _ = (numbers, run);
 }
 
-/// y ← y − Σ x_j l_j for four columns, and for W right-hand sides that lie side by side. With several of
-/// them, as many of the numbers that come `next` are fetched meanwhile.
+/// y ← y − Σ x_j l_j for four columns, and for W right-hand sides side by side. With several right-hand sides
+/// the same amount of the numbers `next` is prefetched meanwhile.
 #[inline(always)]
 pub(crate) fn subtract_columns<S: Simd, const W: usize>(
     unit: S,
@@ -179,8 +179,8 @@ fn subtract_rows<S: Simd, const W: usize>(unit: S, y: &mut [[f64; W]], l: [&[f64
     }
 }
 
-/// The products lᵀy of C columns, a multiple of two, with W vectors, in eight partial sums each; what comes
-/// `next` is fetched as above.
+/// The products lᵀy of C columns, a multiple of two, with W vectors, in eight partial sums each; `next` is
+/// prefetched as in [`subtract_columns`].
 #[inline(always)]
 pub(crate) fn products<S: Simd, const C: usize, const W: usize>(
     unit: S,
@@ -192,7 +192,7 @@ pub(crate) fn products<S: Simd, const C: usize, const W: usize>(
     if W == 1 {
         return products_with_one(unit, l, y.as_flattened()).map(|product| [product; W]);
     }
-    // As many sums as there are registers.
+    // Pairs of columns, as many sums as there are registers.
     let mut products = [[0.0; W]; C];
     let pairs = products.as_chunks_mut::<2>().0.iter_mut().zip(l.as_chunks::<2>().0);
     for (pair, (products, l)) in pairs.enumerate() {
@@ -206,7 +206,7 @@ pub(crate) fn products<S: Simd, const C: usize, const W: usize>(
 fn products_with_one<S: Simd, const C: usize>(unit: S, l: [&[f64]; C], y: &[f64]) -> [f64; C] {
     let (whole, rest) = y.as_chunks::<8>();
     let columns = l.map(|column| column.as_chunks::<8>().0);
-    // Those of all lanes of as many vectors as eight numbers are.
+    // Sums for all lanes of the vectors that make up eight numbers.
     let mut sums = [[unit.splat_f64s(0.0); 8]; C];
     for (chunk, y) in whole.iter().enumerate() {
         for (sums, column) in sums.iter_mut().zip(columns) {
@@ -273,7 +273,7 @@ fn products_with_some<S: Simd, const C: usize, const W: usize>(
     totals
 }
 
-/// The sum of eight parts.
+/// The sum of eight parts, by pairs.
 #[inline(always)]
 fn in_pairs<T>([a, b, c, d, e, f, g, h]: [T; 8], plus: impl Fn(T, T) -> T) -> T {
     plus(plus(plus(a, b), plus(c, d)), plus(plus(e, f), plus(g, h)))

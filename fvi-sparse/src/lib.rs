@@ -1,6 +1,6 @@
 //! Sparse symmetric matrices in compressed rows, and the Cholesky factors that solve their equations.
 //!
-//! A [`Pattern`] says where entries may be, an [`Analysis`] how a matrix with that pattern is eliminated,
+//! A [`Pattern`] contains the places of entries, an [`Analysis`] the order of elimination for that pattern,
 //! once for all values, and a [`Factor`] is the result for one set of values.
 //!
 //! ```

@@ -1,33 +1,33 @@
-//! Where the entries of a sparse matrix may be.
+//! The structurally nonzero places of a sparse matrix.
 
 use crate::Factor;
 use crate::analysis::Analysis;
 use core::ops::Range;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// The places of a sparse square matrix, row by row, columns ascending.
+/// The structurally nonzero places of a sparse square matrix, row by row, columns ascending.
 #[derive(Clone, Debug, Default)]
 pub struct Pattern {
-    /// Where each row begins, and where the last one ends.
+    /// The first slot of each row, and the end of the last one.
     starts: Vec<usize>,
-    /// Narrow numbers: products are as fast as the matrix is fetched.
+    /// Column of each slot, in 32 bits: products are limited by the rate at which the matrix is read.
     columns: Vec<u32>,
     /// Largest distance of a place from the diagonal.
     band: usize,
     is_chain: bool,
-    /// How its matrices are eliminated, once that has been asked for.
+    /// Analysis of the elimination, once it has been requested.
     pub(crate) analysis: OnceLock<Analysis>,
-    /// Matrices that have been factored lately, where they are remembered.
+    /// Cache of the matrices factored last, if enabled.
     remembered: Option<Arc<Remembered>>,
 }
 
-/// The values of matrices and their factors, the last one first.
+/// The values of matrices and their factors, the latest first.
 type Remembered = Mutex<Vec<(Vec<f64>, Factor)>>;
 
-/// Factors that a pattern remembers: that of the mass and that of the step's matrix.
+/// Number of cached factors: that of the mass and that of the step's matrix.
 const REMEMBERED: usize = 2;
 
-/// The same places.
+/// Patterns are equal if their places are.
 impl PartialEq for Pattern {
     fn eq(&self, other: &Self) -> bool {
         self.starts == other.starts && self.columns == other.columns
@@ -73,14 +73,14 @@ impl Pattern {
         Self::with_columns(starts, columns, band)
     }
 
-    /// The pattern, for which [`Analysis::factor_of`] remembers the last two factors for as long as a copy of
-    /// it lives: they serve later factorisations of the same matrix.
+    /// The pattern, with a cache of the last two factors for [`Analysis::factor_of`], shared by its clones:
+    /// later factorisations of the same matrix are taken from it.
     pub fn remembering_factors(mut self) -> Self {
         self.remembered = Some(Arc::default());
         self
     }
 
-    /// The factor of the matrix with these values, if it is remembered.
+    /// The factor of the matrix with these values, if it is cached.
     pub(crate) fn remembered(&self, values: &[f64]) -> Option<Factor> {
         let mut known = self.remembered.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
         let place = known.iter().position(|(known, _)| known == values)?;
@@ -88,7 +88,7 @@ impl Pattern {
         known.first().map(|(_, factor)| factor.clone())
     }
 
-    /// Remembers a factor, where the pattern does.
+    /// Caches a factor, if the pattern has a cache.
     pub(crate) fn remember(&self, values: &[f64], factor: &Factor) {
         if let Some(known) = &self.remembered {
             let mut known = known.lock().unwrap_or_else(PoisonError::into_inner);
@@ -97,7 +97,7 @@ impl Pattern {
         }
     }
 
-    /// Where in the values the entry of a place lies; the place must be one of the pattern's.
+    /// Slot of a place among the values; the place must be one of the pattern's.
     pub fn slot(&self, row: usize, column: usize) -> usize {
         let start = self.starts[row];
         start + self.columns[start..self.starts[row + 1]].partition_point(|&other| (other as usize) < column)
@@ -123,7 +123,7 @@ impl Pattern {
         self.band
     }
 
-    /// Whether the columns of every row are its neighbours and itself, of two rows or more.
+    /// Whether the columns of every row are its neighbours and itself, for two or more rows.
     pub fn is_chain(&self) -> bool {
         self.is_chain
     }
@@ -143,7 +143,7 @@ impl Pattern {
         &self.columns
     }
 
-    /// Where each row begins, and where the last one ends.
+    /// The first slot of each row, and the end of the last one.
     pub fn starts(&self) -> &[usize] {
         &self.starts
     }

@@ -5,16 +5,16 @@ use core::ops::{Add, Mul};
 use fvi_threads::share;
 use pulp::{Arch, Simd, WithSimd};
 
-/// Vectors that go through a matrix together.
+/// Number of vectors that are multiplied in one pass over the matrix.
 const WIDEST: usize = 8;
 
-/// Products of entries and numbers for which another thread is worth while.
+/// Number of multiplications for which another thread is worth while.
 const SHARE: usize = 1 << 20;
 
 impl Pattern {
-    /// y ← y + factor A x for the matrix with these values, one for each place, and several x and y one
-    /// behind the other: in one pass over A for each eight of them, each with the bits that it has alone,
-    /// with up to so many threads.
+    /// y ← y + factor A x for the matrix with these values, one for each place, for one or more x and y
+    /// stored one after another. Eight vectors at a time share a pass over A, each with the same bits as
+    /// alone. Uses at most the given number of threads.
     pub fn multiply_add<T>(&self, values: &[T], factor: T, x: &[T], y: &mut [T], threads: usize)
     where
         T: Copy + Default + Add<Output = T> + Mul<Output = T> + Send + Sync,
@@ -34,7 +34,7 @@ impl Pattern {
         }
     }
 
-    /// The same for up to W vectors, whose numbers for a row lie side by side in x.
+    /// The same for up to W vectors, with the numbers of a row side by side in x.
     fn multiply_add_some<T, const W: usize>(
         &self,
         values: &[T],
@@ -55,7 +55,7 @@ impl Pattern {
             let mut y: [&mut [T]; W] = core::array::from_fn(|_| vectors.next().unwrap_or_default());
             return unit.dispatch(Product { matrix, x, first: 0, y: &mut y[..count.min(W)] });
         }
-        // A thread that is held up leaves parts to the others.
+        // Parts of a thread that is delayed are done by the others.
         let rows = size.div_ceil(4 * threads);
         let mut parts: Vec<(usize, Vec<&mut [T]>)> =
             (0..size).step_by(rows).map(|first| (first, Vec::with_capacity(count))).collect();
@@ -66,14 +66,14 @@ impl Pattern {
     }
 }
 
-/// Up to W vectors of so many numbers, one behind the other, with their numbers for a row side by side;
-/// those of vectors that are not there are zero.
+/// Up to W vectors of `size` numbers, stored one after another, rearranged with their numbers for a row side
+/// by side; missing vectors are zero.
 fn side_by_side<T: Copy + Default, const W: usize>(x: &[T], size: usize) -> Vec<[T; W]> {
     let side = |row| core::array::from_fn(|vector| x.get(vector * size + row).copied().unwrap_or_default());
     (0..size).map(side).collect()
 }
 
-/// A matrix and its factor.
+/// A matrix and the factor of its product.
 #[derive(Clone, Copy)]
 struct Matrix<'a, T> {
     pattern: &'a Pattern,
@@ -86,7 +86,7 @@ struct Product<'a, 'y, 'r, T, const W: usize> {
     matrix: Matrix<'a, T>,
     x: &'a [[T; W]],
     first: usize,
-    /// These rows of each vector.
+    /// The given rows of each vector.
     y: &'y mut [&'r mut [T]],
 }
 
@@ -110,7 +110,7 @@ where
 }
 
 impl<T: Copy + Default + Add<Output = T> + Mul<Output = T>> Matrix<'_, T> {
-    /// The products of a row with W vectors, each from two sums: of the even places, and of the odd ones.
+    /// The products of a row with W vectors, each from two sums: over the even places, and over the odd ones.
     #[inline(always)]
     fn row<const W: usize>(&self, x: &[[T; W]], row: usize) -> [T; W] {
         let slots = self.pattern.row(row);

@@ -1,41 +1,43 @@
-//! Small sets of vertices whose removal leaves two parts of like size.
+//! Small sets of vertices whose removal leaves two parts of similar size.
 
 use crate::graph::Graph;
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
-/// How much is tried for a small separator.
+/// Effort spent on finding a small separator.
 pub(crate) struct Care {
     /// Parts up to this many vertices are not divided.
     pub(crate) leaf: usize,
-    /// Divisions found on coarser graphs, of which the best is kept.
+    /// Number of divisions computed on coarser graphs, of which the best is kept.
     trials: u32,
-    /// A graph up to this size is divided by growing parts from several vertices.
+    /// Size up to which a graph is divided by growing parts from several vertices.
     coarsest: usize,
-    /// Vertices that parts are grown from.
+    /// Number of vertices from which parts are grown.
     seeds: usize,
-    /// Times that all vertices of a separator may move.
+    /// Number of rounds in which each vertex of a separator may move.
     rounds: usize,
-    /// Moves that do not pay before a round ends: so many, and this part of those that are looked at in the
-    /// beginning, two for each vertex of the separator. One that is moved as a whole gets larger on the way.
+    /// Number of moves without improvement after which a round ends: the first number, or this fraction of
+    /// the moves considered at the beginning of the round, two for each vertex of the separator. A separator
+    /// that moves as a whole grows temporarily.
     patience: (usize, f64),
-    /// A cross-section is improved if, as it is, it is worse by this part of the best division at most.
+    /// A cross-section is improved only if its score before is worse than the best division by at most this
+    /// fraction.
     nearly: f64,
 }
 
 impl Care {
-    /// For structures whose elimination takes no longer.
+    /// For structures whose elimination takes no longer than that.
     pub(crate) const QUICK: Self =
         Self { leaf: 300, trials: 1, coarsest: 60, seeds: 4, rounds: 4, patience: (15, 0.25), nearly: 0.25 };
-    /// For separators that are a few per cent smaller, at five times the time.
+    /// Separators that are a few per cent smaller, in five times the time.
     pub(crate) const THOROUGH: Self =
         Self { leaf: 64, trials: 2, coarsest: 96, seeds: 8, rounds: 6, patience: (40, 1.0), nearly: 1.0 };
 }
 
-/// A part may have so much of the whole.
+/// Largest fraction of the whole for a part.
 const LARGEST: f64 = 0.6;
 
-/// Where a vertex is: in part 0 or 1, or between them.
+/// Location of a vertex: part 0, part 1, or the separator between them.
 pub(crate) type Side = u8;
 
 /// The side of vertices of the separator.
@@ -43,14 +45,14 @@ pub(crate) const BETWEEN: Side = 2;
 
 /// The side of each vertex; no edge leads from one part into the other.
 ///
-/// The graph is made coarser and coarser, the smallest one divided, and the separator improved by moving its
-/// vertices while it is carried back. Source: \[HendricksonRothberg98\] §§ 2, 3. Cross-sections of slender
-/// structures, which that leaves oblique, are tried too.
+/// The graph is coarsened repeatedly, the coarsest one divided, and the separator improved by moving its
+/// vertices while it is transferred back. Source: \[HendricksonRothberg98\] §§ 2, 3. Cross-sections of
+/// slender structures, for which that method gives oblique separators, are tried too.
 pub(crate) fn separate(graph: &Graph, care: &Care) -> Vec<Side> {
     let divisions = (0..care.trials).map(|trial| multilevel(graph, care, trial));
     let Some((mut best, mut sides)) = divisions.min_by_key(|(score, _)| *score) else { return Vec::new() };
     for mut section in cross_sections(graph) {
-        // One that is not a good one as it is will not be the best.
+        // A cross-section that is poor before improvement will not become the best.
         let (too_large, weight, _) = score(weights(graph, &section));
         if !too_large && weight as f64 <= (1.0 + care.nearly) * best.1 as f64 {
             let score = improve(graph, &mut section, care);
@@ -62,7 +64,7 @@ pub(crate) fn separate(graph: &Graph, care: &Care) -> Vec<Side> {
     sides
 }
 
-/// One division, which depends on the pairs that coarser graphs are made of.
+/// One division, which depends on the pairs that are merged in coarser graphs.
 fn multilevel(graph: &Graph, care: &Care, trial: u32) -> (Score, Vec<Side>) {
     let mut coarser = Vec::new();
     loop {
@@ -84,8 +86,8 @@ fn multilevel(graph: &Graph, care: &Care, trial: u32) -> (Score, Vec<Side>) {
     (score, sides)
 }
 
-/// Divisions by all vertices at one distance from an end of a connected graph: from a vertex there, and from
-/// all that are farthest from it, at the other end. Source: \[GeorgeLiu78\].
+/// Divisions of a connected graph by all vertices at one distance from one of its ends: from a vertex there,
+/// and from all vertices at the other end that are farthest from it. Source: \[GeorgeLiu78\].
 fn cross_sections(graph: &Graph) -> Vec<Vec<Side>> {
     let mut ends = Vec::new();
     let mut start = vec![0];
@@ -99,7 +101,8 @@ fn cross_sections(graph: &Graph) -> Vec<Vec<Side>> {
     ends.iter().filter_map(|end| Some(cross_section(graph, &distances(graph, end)?))).collect()
 }
 
-/// Number of edges between each vertex and the nearest one of some; `None` if one is not connected with them.
+/// Number of edges between each vertex and the nearest of the given ones; `None` if one is not connected to
+/// them.
 fn distances(graph: &Graph, from: &[u32]) -> Option<Vec<u32>> {
     let mut distances = vec![u32::MAX; graph.size()];
     from.iter().for_each(|&vertex| distances[vertex as usize] = 0);
@@ -116,7 +119,7 @@ fn distances(graph: &Graph, from: &[u32]) -> Option<Vec<u32>> {
     (next == graph.size()).then_some(distances)
 }
 
-/// The best division by the vertices at one distance.
+/// The best division into the vertices nearer than, at and farther than one distance.
 fn cross_section(graph: &Graph, distances: &[u32]) -> Vec<Side> {
     let mut weights = vec![0; distances.iter().map(|&distance| distance as usize + 1).max().unwrap_or(0)];
     for (&distance, &weight) in distances.iter().zip(graph.weights()) {
@@ -149,7 +152,7 @@ fn grown(graph: &Graph, care: &Care) -> (Score, Vec<Side>) {
         let mut seen = vec![false; size];
         seen[seed] = true;
         while 2 * weight < total {
-            // The next of a part that is not connected.
+            // The next component of a graph that is not connected.
             if next == queue.len() {
                 let Some(other) = seen.iter().position(|&seen| !seen) else { break };
                 seen[other] = true;
@@ -179,11 +182,11 @@ fn grown(graph: &Graph, care: &Care) -> (Score, Vec<Side>) {
     best.unwrap_or(((true, 0, 0), Vec::new()))
 }
 
-/// Less is better: whether a part is too large, the weight of the separator times half the whole and the
-/// larger part, that of the larger part.
+/// Smaller is better: whether a part is too large, the weight of the separator times the sum of half the
+/// whole and the larger part, the weight of the larger part.
 type Score = (bool, u64, u64);
 
-/// How good a division into parts and a separator of these weights is.
+/// Score of a division into parts and a separator of these weights.
 fn score(weights: [u64; 3]) -> Score {
     let [one, other, between] = weights;
     let (larger, total) = (one.max(other), one + other + between);
@@ -204,8 +207,8 @@ fn largest(total: u64) -> u64 {
     (LARGEST * total as f64) as u64
 }
 
-/// Moves vertices of the separator into the parts, their neighbours on the other side taking their places,
-/// while it gets lighter; also through some divisions that are worse. Returns how good it is.
+/// Moves vertices of the separator into the parts and their neighbours on the other side into the separator,
+/// while it gets lighter, passing through some worse divisions. Returns the score.
 fn improve(graph: &Graph, sides: &mut [Side], care: &Care) -> Score {
     let mut search = Search::new(graph, sides);
     let mut score = search.score();
@@ -219,23 +222,23 @@ fn improve(graph: &Graph, sides: &mut [Side], care: &Care) -> Score {
     score
 }
 
-/// A division under way.
+/// State of the search for a better division.
 struct Search<'a> {
     graph: &'a Graph,
     sides: &'a mut [Side],
-    /// Vertices of the separator, and some that were.
+    /// Vertices of the separator, and some former ones.
     between: Vec<u32>,
     /// Weight of the neighbours of each vertex of the separator in the two parts.
     near: Vec<[u64; 2]>,
     /// Weights of the parts and of the separator.
     weights: [u64; 3],
     largest: u64,
-    /// Moves of a vertex to a side, ordered by how much they shrink the separator.
+    /// Moves of a vertex to a side, ordered by the decrease of the separator.
     moves: BinaryHeap<(i64, Reverse<u32>, Side)>,
-    /// Round in which each vertex was moved last.
+    /// Round in which each vertex moved last.
     moved: Vec<u32>,
     round: u32,
-    /// Vertices that have changed sides, with the sides they were on.
+    /// Vertices that have changed sides, with their former sides.
     changes: Vec<(u32, Side)>,
 }
 
@@ -267,7 +270,7 @@ impl<'a> Search<'a> {
             - self.near[vertex as usize][1 - side as usize] as i64
     }
 
-    /// Finds what is near a vertex of the separator.
+    /// Computes the weight of the neighbours of a vertex of the separator on each side.
     fn look_around(&mut self, vertex: u32) {
         let mut near = [0; 3];
         for &other in self.graph.neighbours(vertex) {
@@ -280,7 +283,7 @@ impl<'a> Search<'a> {
         self.sides[vertex as usize] == BETWEEN && self.moved[vertex as usize] != self.round
     }
 
-    /// Has the moves of a vertex of the separator looked at.
+    /// Adds the moves of a vertex of the separator to the queue.
     fn consider(&mut self, vertex: u32) {
         if self.may_move(vertex) {
             for side in [0, 1] {
@@ -289,8 +292,8 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Puts a vertex on another side. Moves that gain by it are looked at again; the others when their turn
-    /// comes.
+    /// Moves a vertex to a side. Moves whose gain increases are queued anew; the others are re-evaluated when
+    /// they are taken from the queue.
     fn put(&mut self, vertex: u32, side: Side) {
         let graph = self.graph;
         let before = std::mem::replace(&mut self.sides[vertex as usize], side);
@@ -319,7 +322,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Moves each vertex once at most, and ends with the best division on the way.
+    /// Moves each vertex at most once, and ends with the best division on the way.
     fn round(&mut self, care: &Care) -> Score {
         let graph = self.graph;
         self.round += 1;
@@ -376,7 +379,7 @@ impl<'a> Search<'a> {
 mod tests {
     use super::*;
 
-    /// Points of a box, neighbours where no coordinate differs by more than one.
+    /// Points of a box, connected if no coordinate differs by more than one.
     fn lattice([a, b, c]: [usize; 3]) -> Graph {
         let place = move |index: usize| [index % a, index / a % b, index / a / b];
         let size = a * b * c;

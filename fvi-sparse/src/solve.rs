@@ -7,24 +7,24 @@ use core::ops::Range;
 use fvi_threads::share;
 use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
-/// Numbers of a factor, times right-hand sides, for which another thread is worth while.
+/// Number of entries of a factor, times right-hand sides, for which another thread is worth while.
 const SHARE: usize = 1 << 20;
 
-/// Right-hand sides that go through the factor together.
+/// Number of right-hand sides solved in one pass over the factor.
 const WIDEST: usize = 8;
 
-/// Numbers of a block below its columns, times right-hand sides, for which another thread is worth while:
-/// those of the trunk follow each other closely.
+/// Number of entries of a block below its columns, times right-hand sides, for which another thread is worth
+/// while; it is lower because the blocks of the trunk follow each other closely.
 const SHARE_BLOCK: usize = 1 << 16;
 
 impl Factor {
     /// Replaces the right-hand side by the solution. Several right-hand sides, one after another, are solved
-    /// in one pass over the factor, each with the bits that it has alone.
+    /// in one pass over the factor, each with the same bits as alone.
     pub fn solve(&self, vectors: &mut [f64]) {
         self.solve_on_threads(vectors, 1);
     }
 
-    /// The same with up to so many threads, where that is worth while; the bits are the same.
+    /// The same with at most `threads` threads, where that is worth while; the bits are the same.
     pub fn solve_on_threads(&self, vectors: &mut [f64], threads: usize) {
         let size = self.size();
         if size == 0 {
@@ -36,14 +36,14 @@ impl Factor {
             match count {
                 0 => {}
                 1 => self.solve_side_by_side::<1>(vectors, threads),
-                // What is not there is computed with, too: the factor is fetched once all the same.
+                // Missing right-hand sides are computed as zeros: the factor is read only once all the same.
                 _ => self.solve_side_by_side::<WIDEST>(vectors, threads),
             }
         }
     }
 
-    /// Solves for up to W right-hand sides, whose numbers for a row lie side by side on the way: each number
-    /// of the factor is fetched once, and multiplied with a vector of them.
+    /// Solves for up to W right-hand sides, with their numbers for a row side by side in between: each number
+    /// of the factor is read once and multiplied with a vector of them.
     fn solve_side_by_side<const W: usize>(&self, vectors: &mut [f64], threads: usize) {
         let size = self.size();
         let (blocks, numbers) = (self.blocks(), self.numbers());
@@ -71,7 +71,7 @@ impl Factor {
             unit.dispatch(Forward { work: trunk, range, vectors: &mut sorted });
         }
         if blocks.in_pairs {
-            // What is there in the place of subtrees is not used any more.
+            // The entries of subtrees in this vector are not used any more.
             take_signs(&mut sorted);
         }
         for range in subtrees.trunk(blocks.count()).rev() {
@@ -96,8 +96,7 @@ impl Factor {
     }
 }
 
-/// What a subtree works on, for each right-hand side: its columns, and behind them the rows of its last
-/// block.
+/// The vector of a subtree, for each right-hand side: its columns, followed by the rows of its last block.
 struct Crown<'a, const W: usize> {
     part: &'a Subtree,
     vectors: Vec<[f64; W]>,
@@ -110,7 +109,7 @@ impl<'a, const W: usize> Crown<'a, W> {
         Self { part, vectors }
     }
 
-    /// Adds what the subtree owes to the rows beyond it.
+    /// Adds the contribution of the subtree to the rows beyond it.
     fn give_up(&self, blocks: &Blocks, sorted: &mut [[f64; W]]) {
         let beyond = blocks.rows(self.part.blocks.end - 1);
         for (&row, numbers) in beyond.iter().zip(&self.vectors[self.part.columns.len()..]) {
@@ -118,7 +117,7 @@ impl<'a, const W: usize> Crown<'a, W> {
         }
     }
 
-    /// Takes the solution in the rows beyond.
+    /// Copies the solution in the rows beyond the subtree.
     fn take_up(&mut self, blocks: &Blocks, sorted: &[[f64; W]]) {
         let beyond = blocks.rows(self.part.blocks.end - 1);
         for (&row, numbers) in beyond.iter().zip(&mut self.vectors[self.part.columns.len()..]) {
@@ -126,7 +125,7 @@ impl<'a, const W: usize> Crown<'a, W> {
         }
     }
 
-    /// Hands over the solution in the columns of the subtree.
+    /// Copies the solution in the columns of the subtree to the whole vector.
     fn bring_down(&self, sorted: &mut [[f64; W]]) {
         let columns = &self.part.columns;
         sorted[columns.clone()].copy_from_slice(&self.vectors[..columns.len()]);
@@ -145,13 +144,13 @@ fn add<const W: usize>(to: &mut [f64; W], numbers: &[f64; W]) {
     *to = core::array::from_fn(|lane| to[lane] + numbers[lane]);
 }
 
-/// Substitution in a run of blocks, on vectors that begin with the column `start`.
+/// Substitution in a range of blocks, on vectors whose first row is `start`.
 #[derive(Clone, Copy)]
 struct Work<'a> {
     blocks: &'a Blocks,
     numbers: &'a [f64],
     start: usize,
-    /// That large blocks are divided among; the bits are the same.
+    /// Number of threads for large blocks; the bits are the same.
     threads: usize,
 }
 
@@ -188,8 +187,8 @@ impl<const W: usize> WithSimd for Backward<'_, W> {
 }
 
 impl<'a> Work<'a> {
-    /// The columns of a block on the vectors, the places of its rows below them, and its numbers, with those
-    /// of the block that is next.
+    /// The columns of a block as a range of the vectors, the indices of its rows below them, and its numbers
+    /// together with those of the block processed next.
     fn block(&self, block: usize, next: usize) -> (Range<usize>, &'a [u32], Columns<'a>) {
         let columns = self.blocks.columns(block);
         let rows = &self.blocks.subtrees.places[self.blocks.row_places(block)];
@@ -200,7 +199,7 @@ impl<'a> Work<'a> {
         (places, rows, Columns { numbers, following, width, height })
     }
 
-    /// Threads for what a block has below its columns.
+    /// Number of threads for the part of a block below its columns.
     fn threads_for<const W: usize>(&self, columns: &Columns<'_>) -> usize {
         let work = columns.width * (columns.height - columns.width) * W;
         (work / SHARE_BLOCK).clamp(1, self.threads)
@@ -255,27 +254,28 @@ impl<'a> Work<'a> {
     }
 }
 
-/// Parts of a block for each thread: one that is held up leaves some to the others.
+/// Parts of a block per thread: those of a delayed thread are done by the others.
 const PARTS: usize = 2;
 
-/// The columns of a block, of so many rows, the first of which are its own.
+/// The columns of a block, `width` columns of `height` rows, of which the first `width` rows are the block's
+/// own.
 #[derive(Clone, Copy)]
 struct Columns<'a> {
     numbers: &'a [f64],
-    /// The numbers that are needed after them, and more.
+    /// The entries of the block processed next, and all after them, for prefetching.
     following: &'a [f64],
     width: usize,
     height: usize,
 }
 
 impl<'a> Columns<'a> {
-    /// The numbers that are needed once those before this column have been.
+    /// The entries from a column on, or of the next block, for prefetching.
     #[inline(always)]
     fn next(&self, column: usize) -> &'a [f64] {
         if column < self.width { &self.numbers[column * self.height..] } else { self.following }
     }
 
-    /// C columns from `first` on, in these rows; those beyond the last of `count` stand for any other.
+    /// C columns from `first` on, in these rows; columns beyond `count` are replaced by the last one.
     #[inline(always)]
     fn some<const C: usize>(&self, first: usize, count: usize, rows: Range<usize>) -> [&'a [f64]; C] {
         core::array::from_fn(|index| {
@@ -303,7 +303,8 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Takes what the columns have in the rows from number `first` below them off these, with the solution x.
+    /// Subtracts from rows below the block, from the given one on, the product of their entries with the
+    /// solution x.
     #[inline(always)]
     fn subtract<S: Simd, const W: usize>(
         &self,
@@ -320,7 +321,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// The products of columns from `first` on with what is below them.
+    /// The products of columns from `first` on with the solution below the block.
     #[inline(always)]
     fn products<S: Simd, const W: usize>(
         &self,
@@ -346,7 +347,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Solves for the block's own rows with the upper triangle, given the products with what is below.
+    /// Solves for the block's own rows with the upper triangle, given the products with the rows below.
     #[inline(always)]
     fn backward<S: Simd, const W: usize>(&self, unit: S, top: &mut [[f64; W]], under: &[[f64; W]]) {
         for first in (0..self.width).step_by(4).rev() {
@@ -368,7 +369,7 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Up to four of the solutions; zero for those beyond.
+/// Up to four of the solutions; zero for missing ones.
 #[inline(always)]
 fn four<const W: usize>(x: &[[f64; W]], range: Range<usize>) -> [[f64; W]; 4] {
     let mut four = [[0.0; W]; 4];

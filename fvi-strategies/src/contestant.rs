@@ -1,4 +1,4 @@
-//! A strategy on a thread of its own, where it may be slow, fail or never come back.
+//! A strategy on a thread of its own, so that a slow, failing or hanging one does not affect the others.
 
 use std::any::Any;
 use std::hint::black_box;
@@ -10,10 +10,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use fvi_core::{Memory, Real};
+use fvi_fft::baseline::OfflineFft;
 
 use crate::strategy::{AnyMemory, Declined, Flops, Made, Maker, Strategy, Task, Trouble};
 
-/// Samples of a signal, one number for each channel after the other.
+/// Samples of a signal in the precision of the race, step by step, one number for each channel.
 #[derive(Debug)]
 pub(crate) enum Samples {
     F64(Vec<f64>),
@@ -24,26 +25,37 @@ pub(crate) enum Samples {
 #[derive(Clone)]
 pub(crate) struct Run {
     pub(crate) samples: Arc<Samples>,
-    /// Channels whose terms are wanted.
+    /// Channels whose terms are returned.
     pub(crate) channels: Arc<Vec<usize>>,
 }
 
 /// Request to the thread.
 enum Job {
     Make(Task),
-    /// A run whose terms are looked at.
+    /// A run that returns the terms.
     Terms(Run),
-    /// A run without a clock in between, and one with it: `steps` keeps the shortest time of each step.
+    /// A run without and one with clock readings between the steps; the vector keeps the shortest time of
+    /// each step, in nanoseconds.
     Times(Run, Vec<u32>),
 }
 
-/// Its answer.
+/// Answer of the thread.
 enum Answer {
     Made { setup_ns: f64, own_weights: Option<Arc<Vec<f64>>>, flops: Flops },
     Declined(Declined),
     Terms { terms: Vec<f64>, bytes: usize },
-    Times { mean_ns: f64, steps: Vec<u32> },
+    Times(Timed),
     Failed(String),
+}
+
+/// Times of a run, and the terms that it ends with, by which work is seen that is not done while it is timed.
+pub(crate) struct Timed {
+    /// Mean time of a step without what the thread waited for a processor, and with it.
+    pub(crate) mean_ns: f64,
+    pub(crate) with_waiting_ns: f64,
+    pub(crate) steps: Vec<u32>,
+    /// Of the wanted channels.
+    pub(crate) last: Vec<f64>,
 }
 
 /// The strategy made.
@@ -62,7 +74,7 @@ pub(crate) struct Contestant {
     limit: Duration,
 }
 
-/// Why a contestant leaves the race, in words.
+/// Why a contestant leaves the race, as a sentence.
 pub(crate) type Left = String;
 
 impl Contestant {
@@ -71,14 +83,14 @@ impl Contestant {
         let (done, answers) = channel();
         let abandoned = Arc::new(AtomicBool::new(false));
         let (make, given_up) = (Arc::clone(&strategy.make), Arc::clone(&abandoned));
-        // A thread that cannot be made is seen by its first job.
+        // If the thread cannot be created, the first job returns an error.
         let _ = thread::Builder::new()
             .name(strategy.name.clone())
             .spawn(move || serve(&make, &to_do, &done, &given_up));
         Self { name: strategy.name.clone(), jobs, answers, abandoned, limit }
     }
 
-    /// Asks, and waits no longer than the limit.
+    /// Sends a job and waits for the answer up to the time limit.
     fn ask(&self, job: Job) -> Result<Answer, Left> {
         if self.jobs.send(job).is_err() {
             return Err("it has died".to_owned());
@@ -102,7 +114,7 @@ impl Contestant {
         }
     }
 
-    /// Terms of the wanted channels, step by step, and bytes after the run.
+    /// Terms of the channels in `run`, step by step, and bytes of memory after the run.
     pub(crate) fn terms(&self, run: &Run) -> Result<(Vec<f64>, usize), Left> {
         match self.ask(Job::Terms(run.clone()))? {
             Answer::Terms { terms, bytes } => Ok((terms, bytes)),
@@ -110,9 +122,9 @@ impl Contestant {
         }
     }
 
-    pub(crate) fn times(&self, run: &Run, steps: Vec<u32>) -> Result<(f64, Vec<u32>), Left> {
+    pub(crate) fn times(&self, run: &Run, steps: Vec<u32>) -> Result<Timed, Left> {
         match self.ask(Job::Times(run.clone(), steps))? {
-            Answer::Times { mean_ns, steps } => Ok((mean_ns, steps)),
+            Answer::Times(timed) => Ok(timed),
             _ => Err("it answered something else".to_owned()),
         }
     }
@@ -174,6 +186,7 @@ fn with_memory(
         (AnyMemory::F32(memory), Samples::F32(samples)) => {
             answer(&mut **memory, samples, run, abandoned, steps)
         }
+        (AnyMemory::Offline(offline), Samples::F64(samples)) => Ok(offline_answer(offline, samples, steps)),
         _ => Err("its memory is of another precision".to_owned()),
     };
     answer.unwrap_or_else(|reason| {
@@ -182,7 +195,7 @@ fn with_memory(
     })
 }
 
-/// Steps between two looks at whether anyone still waits.
+/// Number of steps between two checks whether the run has been abandoned.
 const STRETCH: usize = 64;
 
 fn answer<T: Real>(
@@ -222,8 +235,8 @@ fn answer<T: Real>(
         }
     }
     let elapsed_ns = begin.elapsed().as_secs_f64() * 1e9;
-    let waited = waited_ns() - waited;
-    let mean_ns = (elapsed_ns - waited).max(0.0) / count as f64;
+    let (mean_ns, with_waiting_ns) = of_a_step(elapsed_ns, waited_ns() - waited, count);
+    let last = run.channels.iter().map(|&channel| term[channel].to_f64()).collect();
     memory.clear();
     let mut before = Instant::now();
     for ((k, sample), step) in samples.chunks_exact(channels).enumerate().zip(&mut steps) {
@@ -236,7 +249,38 @@ fn answer<T: Real>(
             return Err("abandoned".to_owned());
         }
     }
-    Ok(Answer::Times { mean_ns, steps })
+    Ok(Answer::Times(Timed { mean_ns, with_waiting_ns, steps, last }))
+}
+
+/// The offline transform, a lower bound of the cost, takes all samples at once, so that single steps have no
+/// times.
+fn offline_answer(offline: &mut OfflineFft, samples: &[f64], steps: Option<Vec<u32>>) -> Answer {
+    let mut terms = vec![0.0; samples.len()];
+    let waited = waited_ns();
+    let begin = Instant::now();
+    offline.convolve(black_box(samples), &mut terms);
+    let elapsed_ns = begin.elapsed().as_secs_f64() * 1e9;
+    let (mean_ns, with_waiting_ns) = of_a_step(elapsed_ns, waited_ns() - waited, samples.len());
+    // The first sum is empty; the transform has the rounding of all others there.
+    if let Some(first) = terms.first_mut() {
+        *first = 0.0;
+    }
+    match steps {
+        None => Answer::Terms { terms, bytes: offline.bytes() },
+        Some(_) => Answer::Times(Timed {
+            mean_ns,
+            with_waiting_ns,
+            steps: Vec::new(),
+            last: terms.last().map(|&term| vec![term]).unwrap_or_default(),
+        }),
+    }
+}
+
+/// Time of a step without waiting, and with it. What was waited is read outside of the elapsed time: where
+/// it is more than that, it lies beside it.
+fn of_a_step(elapsed_ns: f64, waited_ns: f64, count: usize) -> (f64, f64) {
+    let own_ns = if waited_ns < elapsed_ns { elapsed_ns - waited_ns } else { elapsed_ns };
+    (own_ns / count as f64, elapsed_ns / count as f64)
 }
 
 /// How long this thread has been ready and waited for a processor, in nanoseconds, where the system tells

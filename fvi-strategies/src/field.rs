@@ -1,16 +1,16 @@
-//! The field's rivals in the race.
+//! Strategies from the literature (`fvi-rivals`) in the race.
 
 use fvi_core::Memory;
 use fvi_rivals::{
-    ExponentialModes, FilterCascade, NonUniformPartition, ObliviousQuadrature, Operations, PlainSum,
-    RelaxedProduct, TextbookHls, UniformPartition, jiang, kernel_compression, l1_weights, matsuda, oustaloup,
-    short_memory, window_of,
+    ExponentialModes, FilterCascade, ObliviousQuadrature, Operations, PlainSum, RelaxedProduct, TextbookHls,
+    jiang, kernel_compression, l1_weights, matsuda, non_uniform_partition, oustaloup, short_memory,
+    uniform_partition, window_of,
 };
 
 use crate::kernel::Source;
 use crate::strategy::{Declined, Made, Strategy, Task, require_double, require_short};
 
-/// All of them.
+/// All strategies of `fvi-rivals`.
 pub(crate) fn strategies() -> Vec<Strategy> {
     let of = |name: &str, description: &str, make: fn(&Task) -> Result<Made, Declined>| {
         Strategy::new(name, description, move |task: &Task| {
@@ -31,12 +31,12 @@ pub(crate) fn strategies() -> Vec<Strategy> {
             Ok(counted(memory, operations))
         }),
         of("uniform", "uniform partition [Wefers15]", |task| {
-            let memory = UniformPartition::new(&task.weights, task.channels, task.length)?;
+            let memory = uniform_partition(&task.weights, task.channels, task.length)?;
             let operations = memory.operations();
             Ok(counted(memory, operations))
         }),
         of("gardner", "non-uniform partition [Gardner95]", |task| {
-            let memory = NonUniformPartition::new(&task.weights, task.channels, task.length)?;
+            let memory = non_uniform_partition(&task.weights, task.channels, task.length)?;
             let operations = memory.operations();
             Ok(counted(memory, operations))
         }),
@@ -97,7 +97,7 @@ fn counted(memory: impl Memory<f64> + Send + 'static, operations: Operations) ->
     Made::memory(memory).counted(operations)
 }
 
-/// β of a kernel s^β for which there are filters.
+/// A filter approximation of s^β, for kernels of that form.
 fn filter(
     task: &Task,
     make: fn(

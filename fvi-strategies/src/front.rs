@@ -3,7 +3,8 @@
 use crate::precision::Precision;
 use crate::record::{RaceRecord, Record, Row};
 
-/// Indices of the points that no other is better than in both coordinates, by the first coordinate.
+/// Pareto front: indices of the points to which no other point is better in both coordinates, sorted by the
+/// first coordinate.
 pub(crate) fn front(points: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.sort_by(|&a, &b| {
@@ -19,27 +20,12 @@ pub(crate) fn front(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-/// Slope of log y over log x by least squares; `None` with fewer than two different x.
-pub(crate) fn exponent(points: &[(f64, f64)]) -> Option<f64> {
-    let logarithms: Vec<(f64, f64)> =
-        points.iter().filter(|(x, y)| *x > 0.0 && *y > 0.0).map(|(x, y)| (x.ln(), y.ln())).collect();
-    let count = logarithms.len() as f64;
-    let mean_x = logarithms.iter().map(|(x, _)| x).sum::<f64>() / count;
-    let mean_y = logarithms.iter().map(|(_, y)| y).sum::<f64>() / count;
-    let (mut above, mut below) = (0.0, 0.0);
-    for (x, y) in logarithms {
-        above += (x - mean_x) * (y - mean_y);
-        below += (x - mean_x) * (x - mean_x);
-    }
-    (below > 0.0).then(|| above / below)
-}
-
-/// The rows that may win: within the tolerance.
+/// The rows that may win: those with an error within the tolerance.
 pub(crate) fn eligible(race: &RaceRecord) -> Vec<&Row> {
     race.rows.iter().filter(|row| row.within).collect()
 }
 
-/// The fastest of a race, and those whose intervals reach down to its own.
+/// The fastest row of a race, and the rows whose confidence intervals overlap its own.
 pub(crate) fn fastest(race: &RaceRecord) -> Option<(&Row, Vec<&Row>)> {
     let rows = eligible(race);
     let best = rows.iter().copied().min_by(|a, b| a.mean_ns.total_cmp(&b.mean_ns))?;
@@ -47,12 +33,12 @@ pub(crate) fn fastest(race: &RaceRecord) -> Option<(&Row, Vec<&Row>)> {
     Some((best, rows.into_iter().filter(tie).collect()))
 }
 
-/// Smallest row by a number.
+/// The row with the smallest value of `of`.
 pub(crate) fn least(race: &RaceRecord, of: impl Fn(&Row) -> f64) -> Option<&Row> {
     eligible(race).into_iter().min_by(|a, b| of(a).total_cmp(&of(b)))
 }
 
-/// Key that a race shares with those at other lengths.
+/// Key common to races that differ in length only: kernel, channels, precision and tolerance.
 pub(crate) type Family<'a> = (&'a str, usize, Precision, f64);
 
 pub(crate) fn family(race: &RaceRecord) -> Family<'_> {
@@ -72,7 +58,7 @@ pub(crate) fn families(record: &Record) -> Vec<Vec<&RaceRecord>> {
     families
 }
 
-/// Which strategy is the fastest of those within the tolerance, from which length to which.
+/// Sentences that state, for each range of lengths, the fastest strategy within the tolerance.
 pub(crate) fn winners(record: &Record) -> Vec<String> {
     families(record).iter().map(|races| sentence(races)).collect()
 }
@@ -121,12 +107,5 @@ mod tests {
         let points = [(1.0, 5.0), (2.0, 6.0), (3.0, 2.0), (3.0, 1.0), (0.5, 9.0), (4.0, 1.0)];
         assert_eq!(front(&points), [4, 0, 3]);
         assert!(front(&[]).is_empty());
-    }
-
-    #[test]
-    fn exponents_are_those_of_powers() {
-        let points = [(2.0, 3.0 * 4.0), (4.0, 3.0 * 16.0), (8.0, 3.0 * 64.0)];
-        assert!((exponent(&points).unwrap() - 2.0).abs() < 1e-12);
-        assert_eq!(exponent(&points[..1]), None);
     }
 }

@@ -1,22 +1,26 @@
 //! The kernels of a race.
 
 use fvi_core::{BdfOrder, ParameterError};
+use fvi_memory::memory::LEAST_ON_INCREMENTS;
 use fvi_scenario::language::InputError;
 use fvi_scenario::language::document::{Table, Value};
+use fvi_scenario::numerics::laplace::on_a_line;
 use fvi_scenario::numerics::multistep_weights::multistep_weights;
 use fvi_scenario::numerics::transfer::TransferFunction;
 use fvi_scenario::scenario::{kernel_of_table, weights_of};
 
-/// A kernel: what it is, and the quadrature that gives its weights.
+/// A kernel with the quadrature that gives its weights.
 #[derive(Clone, Debug)]
 pub(crate) struct Kernel {
     pub(crate) name: String,
     pub(crate) source: Source,
     pub(crate) order: BdfOrder,
     pub(crate) step: f64,
+    /// Whether the samples are differences, as in a run, and the weights act on these.
+    pub(crate) on_increments: bool,
 }
 
-/// Where weights come from.
+/// Origin of the weights.
 #[derive(Clone, Debug)]
 pub(crate) enum Source {
     Transfer(TransferFunction),
@@ -29,6 +33,17 @@ pub(crate) enum Source {
 }
 
 impl Kernel {
+    /// s^β at step 1, in the form used by the memory of a run.
+    pub(crate) fn of_a_run(order: BdfOrder, exponent: f64) -> Result<Self, ParameterError> {
+        Ok(Self {
+            name: format!("s^{exponent}"),
+            source: Source::Transfer(TransferFunction::power(exponent)?),
+            order,
+            step: 1.0,
+            on_increments: exponent >= LEAST_ON_INCREMENTS,
+        })
+    }
+
     /// β of s^β.
     pub(crate) fn exponent(&self) -> Option<f64> {
         match &self.source {
@@ -40,7 +55,9 @@ impl Kernel {
     /// The first `count` weights.
     pub(crate) fn weights(&self, count: usize) -> Result<Vec<f64>, ParameterError> {
         match &self.source {
-            Source::Transfer(transfer) => multistep_weights(transfer, self.order, self.step, false, count),
+            Source::Transfer(transfer) => {
+                multistep_weights(transfer, self.order, self.step, self.on_increments, count)
+            }
             Source::Table(weights) => Ok(weights[..count.min(weights.len())].to_vec()),
             Source::Random { decay, seed } => {
                 let mut noise = fastrand::Rng::with_seed(*seed);
@@ -48,6 +65,32 @@ impl Kernel {
                 Ok((0..count).map(weight).collect())
             }
         }
+    }
+
+    /// |Σ w_n x_{N−n} − K(d/dt) t²| / Σ|w||x| on x = t² after as many steps as there are weights, those of
+    /// this kernel or of another quadrature; `None` where K(d/dt) t² is not known to the digits that this
+    /// needs.
+    pub(crate) fn quadrature_error(&self, weights: &[f64]) -> Option<f64> {
+        // What a hundred times the error of the inverse transform is less than.
+        const KNOWN: f64 = 1e-5;
+        let Source::Transfer(transfer) = &self.source else { return None };
+        if self.on_increments || transfer.spring() != 0.0 || transfer.active().is_some() {
+            return None;
+        }
+        let end = weights.len() as f64 * self.step;
+        let exact = match transfer.exponent() {
+            Some(order) => 2.0 * end.powf(2.0 - order) / libm::tgamma(3.0 - order),
+            None => on_a_line(end, |s| transfer.value(s) * 2.0 / (s * s * s)),
+        };
+        let (mut sum, mut absolute) = (0.0, 0.0);
+        for (n, weight) in weights.iter().enumerate().rev() {
+            let product = weight * ((weights.len() - n) as f64 * self.step).powi(2);
+            sum += product;
+            absolute += product.abs();
+        }
+        let difference = (sum - exact).abs();
+        let is_known = transfer.exponent().is_some() || difference > KNOWN * exact.abs();
+        is_known.then_some(difference / absolute).filter(|error| error.is_finite())
     }
 
     /// A number that tells weights from others: of all that are in a table, of the first of a formula.
@@ -68,7 +111,7 @@ impl Kernel {
         })
     }
 
-    /// In words.
+    /// Description as text.
     pub(crate) fn description(&self) -> String {
         let formula = format!("BDF of order {}, h = {}", self.order.get(), self.step);
         match &self.source {
@@ -84,11 +127,12 @@ impl Kernel {
     }
 }
 
-/// Keys beside those of the kernel itself; `order` is one of them for kernels without an order of their own.
+/// Keys in addition to those of the kernel itself; `order` is one of them for kernels without an order of
+/// their own.
 const BESIDE: [&str; 3] = ["name", "family", "step"];
 const BESIDE_WITH_ORDER: [&str; 4] = ["name", "family", "step", "order"];
 
-/// Reads a `[[kernel]]`; `longest` is the number of weights that will be asked for.
+/// Reads a `[[kernel]]`; `longest` is the largest number of weights needed.
 pub(crate) fn read_kernel(
     table: &Table<'_>,
     parameters: Option<&Value<'_>>,
@@ -155,8 +199,8 @@ pub(crate) fn read_kernel(
             BdfOrder::new(value.whole(1..=6)?).map_err(|error| value.out_of_range(error.allowed))?
         }
     };
-    let kernel = Kernel { name, source, order, step };
-    // Weights that do not exist are a mistake of the file, not of a strategy.
+    let kernel = Kernel { name, source, order, step, on_increments: false };
+    // Missing weights are an error of the file, not of a strategy.
     let first = kernel
         .weights(2)
         .map_err(|error| name_value.out_of_range(format!("a kernel with weights: {error}")))?;

@@ -1,4 +1,4 @@
-//! The whole of a plan: race after race, kept as they are done.
+//! Execution of a plan: one race after the other, each recorded when it is done.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ use crate::record::{Kind, Record};
 use crate::strategy::{Strategy, Task};
 use crate::{field, project};
 
-/// The strategies there are, and a race of them.
+/// The available strategies, and races between them.
 pub struct Lab {
     strategies: Vec<Strategy>,
 }
@@ -30,9 +30,9 @@ pub struct Lab {
 pub struct Summary {
     /// Everything that was measured.
     pub record: Record,
-    /// How many races the plan has.
+    /// Number of races of the plan.
     pub races: usize,
-    /// Who failed, or gave other sums than were asked for.
+    /// Strategies that failed, or whose sums were wrong.
     pub found_out: Vec<FoundOut>,
     /// Where the files are.
     pub directory: PathBuf,
@@ -48,7 +48,7 @@ pub enum LabError {
     /// A file of results cannot be written.
     #[error(transparent)]
     File(#[from] FileError),
-    /// There is no room for the longest race.
+    /// The longest race does not fit into memory.
     #[error("`lengths` and `channels`: {0}")]
     NoRoom(NoRoom),
     /// A kernel has no weights at one of the lengths.
@@ -64,7 +64,7 @@ pub enum LabError {
     /// Two strategies have one name.
     #[error("two strategies are named \"{0}\"")]
     SameName(String),
-    /// There is nothing to go on from.
+    /// There is no valid record from which the races can continue.
     #[error("{}: {reason}", .path.display())]
     Resume {
         /// The record.
@@ -74,7 +74,7 @@ pub enum LabError {
     },
 }
 
-/// The record of a race, from which it goes on.
+/// Name of the file with the record, from which races continue.
 const RECORD: &str = "strategies.json";
 
 impl Default for Lab {
@@ -89,7 +89,7 @@ impl Lab {
         Self { strategies: project::strategies().into_iter().chain(field::strategies()).collect() }
     }
 
-    /// And one more.
+    /// Adds a strategy.
     #[must_use]
     pub fn with(mut self, strategy: Strategy) -> Self {
         self.strategies.push(strategy);
@@ -113,20 +113,20 @@ impl Lab {
     /// Reads a file of strategies, runs its races and writes to a directory.
     ///
     /// # Errors
-    /// [`LabError`]; a strategy that fails is no error but in the summary.
+    /// [`LabError`]; a failing strategy is not an error but is listed in the summary.
     pub fn run(&self, plan: &Path, directory: &Path) -> Result<Summary, LabError> {
         let plan = self.plan(plan)?;
         self.race(&plan, directory, false, &AtomicBool::new(false), &mut |_, _| {})
     }
 
-    /// Runs the races of a plan, going on from those in the directory if `resume`, until `stop`; `progress`
-    /// is told the number of races done and what is under way.
+    /// Runs the races of a plan until `stop` is set; with `resume` those recorded in the directory are not
+    /// repeated. `progress` receives the number of races done and a description of the current one.
     ///
-    /// After each race the files are written anew: `strategies.csv`, `strategies.html`, and the record
+    /// The files are rewritten after each race: `strategies.csv`, `strategies.html`, and the record
     /// `strategies.json`.
     ///
     /// # Errors
-    /// [`LabError`]; a strategy that fails is no error but in the summary.
+    /// [`LabError`]; a failing strategy is not an error but is listed in the summary.
     pub fn race(
         &self,
         plan: &Plan,
@@ -210,7 +210,7 @@ fn write(
     Ok(())
 }
 
-/// The races in a record that belongs to the same file and machine.
+/// The races of a record, which must belong to the same file and machine.
 fn resumed(path: &Path, wanted: &Record) -> Result<Vec<crate::RaceRecord>, LabError> {
     let refused = |reason: String| LabError::Resume { path: path.to_owned(), reason };
     let text = std::fs::read_to_string(path)
@@ -249,8 +249,8 @@ fn found_out(record: &Record) -> Vec<FoundOut> {
 
 /// Refuses races for which the strategies, all at once, would not fit into memory.
 fn require_room(plan: &Plan, strategies: usize) -> Result<(), LabError> {
-    // Samples, terms, spectra of samples and of weights, times of the single steps: somewhat more than what
-    // the largest of the strategies takes.
+    // Samples, terms, spectra of samples and of weights, times of the single steps: an upper estimate for the
+    // largest of the strategies.
     const OF_A_SAMPLE: usize = 64;
     const OF_A_STEP: usize = 80;
     let length = plan.lengths.iter().copied().max().unwrap_or(0);
@@ -265,7 +265,7 @@ impl fmt::Display for Summary {
         for sentence in winners(&self.record) {
             writeln!(f, "{sentence}")?;
         }
-        // Each once, with the first of its races.
+        // Each strategy once, with the first of its races.
         for (index, found) in self.found_out.iter().enumerate() {
             let same = |other: &&FoundOut| other.strategy == found.strategy;
             if self.found_out[..index].iter().any(|other| same(&other)) {

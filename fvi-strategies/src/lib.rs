@@ -1,9 +1,9 @@
 //! A race of strategies for online convolution: the sums r_k = Σ_{n≥1} w_n x_{k−n} of a known kernel with
 //! samples that arrive one by one.
 //!
-//! A file says kernels, lengths, channels, precisions, tolerances and strategies ([`Plan`]); a [`Lab`] runs
-//! the project's memories, the field's rivals (`fvi-rivals`), programs over pipes, and strategies of your
-//! own, which implement [`fvi_core::Memory`]:
+//! A file gives kernels, lengths, channels, precisions, tolerances and strategies ([`Plan`]); a [`Lab`] runs
+//! the project's memories, strategies from the literature (`fvi-rivals`), programs over pipes, and strategies
+//! of your own, which implement [`fvi_core::Memory`]:
 //!
 //! ```no_run
 //! use fvi_strategies::{Lab, Made, Strategy};
@@ -19,6 +19,7 @@
 #![forbid(unsafe_code)]
 
 mod contestant;
+pub mod engines;
 mod field;
 mod front;
 mod kernel;

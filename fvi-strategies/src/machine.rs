@@ -1,4 +1,4 @@
-//! Where times are measured.
+//! Description of the machine on which times are measured.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,7 +20,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// The one at hand.
+    /// The current machine.
     pub(crate) fn here() -> Self {
         let processors = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
         let model = processors.lines().find_map(|line| line.strip_prefix("model name"));

@@ -1,8 +1,10 @@
-//! The page of a race: what wins where, in words, pictures and numbers, in one file.
+//! The page of a race: which strategy is best where, as text, pictures and tables, in one file.
 
 use std::fmt::Write;
 
-use crate::front::{eligible, exponent, families, fastest, front, least, winners};
+use fvi_rivals::fitted_exponent;
+
+use crate::front::{eligible, families, fastest, front, least, winners};
 use crate::picture::{Picture, Point, escaped};
 use crate::plan::{Plan, SIGNALS};
 use crate::record::{Kind, RaceRecord, Record, Row};
@@ -35,7 +37,9 @@ pub(crate) fn page(record: &Record, plan: &Plan, strategies: &[Strategy]) -> Str
     }
     fronts(&mut page, record, &names);
     page.push_str("<h2>All numbers</h2>\n<p>Times in ns a step. <i>between</i>: the median lies there with a probability of 95 %. \
-        † sums weights of its own, and has its error from their plain sum. Numbers in red are beyond the tolerance.</p>\n");
+        † sums weights of its own, and has its error from their plain sum. Numbers in red are beyond the tolerance. \
+        <i>weights</i>: error of the quadrature itself on t², |Σwx − K(d/dt)t²|/Σ|w||x| at the end of the run, \
+        where it is known; a smaller tolerance brings no sum closer to the operator.</p>\n");
     for race in &record.races {
         numbers(&mut page, race);
     }
@@ -91,7 +95,7 @@ fn head(page: &mut String, record: &Record, plan: &Plan) {
 }
 
 fn winners_table(page: &mut String, record: &Record) {
-    page.push_str("<table><tr><th>race</th><th>fastest</th><th>ties within the spread</th><th>least memory</th><th>shortest worst step</th></tr>\n");
+    page.push_str("<table><tr><th>race</th><th>fastest</th><th>ties within the spread</th><th>least memory</th><th>shortest p99.9</th><th>shortest worst step</th></tr>\n");
     for race in &record.races {
         let with = |row: Option<&Row>, of: fn(&Row) -> String| match row {
             Some(row) => format!("{} ({})", escaped(&row.strategy), of(row)),
@@ -101,18 +105,19 @@ fn winners_table(page: &mut String, record: &Record) {
         let ties: Vec<_> = ties.iter().map(|row| escaped(&row.strategy)).collect();
         let _ = writeln!(
             page,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             escaped(&race.words()),
             with(best, |row| format!("{} ns", number(row.mean_ns))),
             if ties.is_empty() { "–".to_owned() } else { ties.join(", ") },
             with(least(race, |row| row.bytes as f64), |row| format!("{} bytes", row.bytes)),
+            with(least(race, |row| row.p999_ns), |row| format!("{} ns", number(row.p999_ns))),
             with(least(race, |row| row.worst_ns), |row| format!("{} ns", number(row.worst_ns))),
         );
     }
     page.push_str("</table>\n");
 }
 
-/// Who failed, and who gave other sums than were asked for.
+/// Section on strategies that failed, or whose sums were wrong.
 fn found_out(page: &mut String, record: &Record) {
     let mut rows = String::new();
     for race in &record.races {
@@ -193,15 +198,22 @@ fn growth(page: &mut String, races: &[&RaceRecord], names: &[String]) {
         picture.lines.push(((from..picture.points.len()).collect(), true));
         let shown = |fit: Option<f64>| fit.map_or_else(|| "–".to_owned(), |fit| format!("{fit:.2}"));
         if !rows.is_empty() {
-            let (time, count) = (shown(exponent(&times)), shown(exponent(&counts)));
-            let _ = writeln!(fits, "<tr><td>{}</td><td>{time}</td><td>{count}</td></tr>", escaped(name));
+            let worst: Vec<(f64, f64)> =
+                rows.iter().map(|(race, row)| (race.length as f64, row.worst_ns)).collect();
+            let (time, count) = (shown(fitted_exponent(&times)), shown(fitted_exponent(&counts)));
+            let worst = shown(fitted_exponent(&worst));
+            let _ = writeln!(
+                fits,
+                "<tr><td>{}</td><td>{time}</td><td>{worst}</td><td>{count}</td></tr>",
+                escaped(name)
+            );
         }
     }
     let _ = writeln!(page, "<h2>{}</h2>", escaped(&heading));
     page.push_str(&picture.svg());
     let _ = writeln!(
         page,
-        "<p>Exponents p of cost ~ steps<sup>p</sup>, of a step, by least squares over these lengths:</p><table><tr><th>strategy</th><th>of time</th><th>of counted operations</th></tr>\n{fits}</table>"
+        "<p>Exponents p of cost ~ steps<sup>p</sup>, of a step, by least squares over these lengths:</p><table><tr><th>strategy</th><th>of mean time</th><th>of the worst step</th><th>of counted operations</th></tr>\n{fits}</table>"
     );
 }
 
@@ -213,7 +225,7 @@ struct View {
     of: fn(&RaceRecord, &Row) -> (f64, f64),
 }
 
-/// The lines of best compromise, at every length over all tolerances.
+/// The Pareto fronts of error and cost at every length, over all tolerances.
 fn fronts(page: &mut String, record: &Record, names: &[String]) {
     let mut groups: Vec<Vec<&RaceRecord>> = Vec::new();
     let key = |race: &RaceRecord| (race.kernel.clone(), race.length, race.channels, race.precision);
@@ -242,6 +254,12 @@ fn fronts(page: &mut String, record: &Record, names: &[String]) {
             y: "longest step / ns",
             of: |_, row| (row.mean_ns, row.worst_ns),
         },
+        View {
+            title: "p99.9 and mean step, within the tolerance",
+            x: "mean time of a step / ns",
+            y: "99.9 % of the steps are no longer than / ns",
+            of: |_, row| (row.mean_ns, row.p999_ns),
+        },
     ];
     for group in groups {
         let race = group[0];
@@ -264,7 +282,7 @@ fn fronts(page: &mut String, record: &Record, names: &[String]) {
                 lines: Vec::new(),
             };
             for race in &group {
-                let rows: Vec<&Row> = if index == 2 { eligible(race) } else { race.rows.iter().collect() };
+                let rows: Vec<&Row> = if index >= 2 { eligible(race) } else { race.rows.iter().collect() };
                 for row in rows {
                     let (x, y) = (view.of)(race, row);
                     let series = names.iter().position(|name| *name == row.strategy).unwrap_or(0);
@@ -290,15 +308,16 @@ fn fronts(page: &mut String, record: &Record, names: &[String]) {
 
 fn numbers(page: &mut String, race: &RaceRecord) {
     let _ = writeln!(page, "<h3>{} ({} rounds)</h3>", escaped(&race.words()), race.rounds);
-    page.push_str("<table><tr><th>strategy</th><th>error / u</th><th>mean</th><th>between</th><th>p50</th><th>p99.9</th><th>worst</th><th>preparation / ns</th><th>bytes</th><th>flops a step</th></tr>\n");
+    page.push_str("<table><tr><th>strategy</th><th>error / u</th><th>weights</th><th>mean</th><th>between</th><th>p50</th><th>p99.9</th><th>worst</th><th>preparation / ns</th><th>bytes</th><th>flops a step</th></tr>\n");
     for row in &race.rows {
         let _ = writeln!(
             page,
-            "<tr{}><td>{}{}</td><td>{}</td><td>{}{}</td><td>{}–{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr{}><td>{}{}</td><td>{}</td><td>{}</td><td>{}{}</td><td>{}–{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             if row.within { "" } else { " class=\"no\"" },
             escaped(&row.strategy),
             if row.own_weights { " †" } else { "" },
             number(row.error_u),
+            row.quadrature.map_or_else(|| "–".to_owned(), |error| format!("{error:.0e}")),
             number(row.mean_ns),
             if row.stands { "" } else { " (does not stand)" },
             number(row.between_ns.0),
@@ -314,7 +333,7 @@ fn numbers(page: &mut String, race: &RaceRecord) {
     page.push_str("</table>\n");
 }
 
-/// Three digits, or a power of ten.
+/// A number with three digits, or with a power of ten.
 fn number(value: f64) -> String {
     match value.abs() {
         size if size >= 1e7 => format!("{value:.1e}"),

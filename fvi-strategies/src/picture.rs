@@ -7,7 +7,7 @@ pub(crate) struct Point {
     pub(crate) series: usize,
     pub(crate) x: f64,
     pub(crate) y: f64,
-    /// Shown where a pointer rests.
+    /// Tooltip of the point.
     pub(crate) words: String,
 }
 
@@ -35,12 +35,12 @@ const COLOURS: [&str; 10] = [
 /// Shapes of marks, as paths around the origin.
 const MARKS: [&str; 3] = ["M-4,0a4,4 0 1,0 8,0a4,4 0 1,0 -8,0z", "M-4,-4h8v8h-8z", "M0,-5l5,9h-10z"];
 
-/// Letters that have a meaning in HTML, as text.
+/// A text with the special characters of HTML escaped.
 pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// Logarithmic ends of an axis with room beside the points.
+/// Ends of a logarithmic axis, with a margin beside the points.
 fn ends(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = numbers
         .map(|number| number.max(1e-300).log10())
@@ -143,7 +143,7 @@ impl Picture<'_> {
     }
 }
 
-/// Whole powers of ten between two, not too many of them.
+/// Exponents of powers of ten between two values, thinned out if there are many.
 fn decades(low: f64, high: f64) -> Vec<i32> {
     let (low, high) = (low.ceil() as i32, high.floor() as i32);
     let step = ((high - low) / 8 + 1).max(1);

@@ -1,6 +1,6 @@
-//! A strategy that is a program: it reads lines and answers with lines.
+//! A strategy that is an external program, which reads lines and answers with lines.
 
-use std::io::{BufRead, BufReader, BufWriter, Write};
+use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -20,7 +20,7 @@ pub(crate) struct Program {
     pub(crate) name: String,
     command: Vec<String>,
     directory: PathBuf,
-    /// Longest wait for an answer.
+    /// Longest time to wait for an answer.
     limit: Duration,
 }
 
@@ -66,11 +66,15 @@ impl Program {
     }
 }
 
+/// Letters of an answer beyond which it is none: so many, and so many for each number.
+const LONGEST_LINE: u64 = 4096;
+const LONGEST_NUMBER: u64 = 400;
+
 /// Ends a program that does not answer in time.
 struct Watchdog {
     child: Arc<Mutex<Child>>,
     begin: Instant,
-    /// Milliseconds after the beginning by which an answer must be there; 0: none is waited for.
+    /// Deadline of the answer, in milliseconds since the start; 0 if no answer is pending.
     due: Arc<AtomicU64>,
     struck: Arc<AtomicBool>,
     over: Arc<AtomicBool>,
@@ -124,7 +128,7 @@ impl Drop for Watchdog {
     }
 }
 
-/// Kills a program and what it has started, which may hold its pipes open.
+/// Kills a program and the processes that it has started, which may keep its pipes open.
 fn end(child: &mut Child) {
     #[cfg(unix)]
     if matches!(child.try_wait(), Ok(None)) {
@@ -134,9 +138,9 @@ fn end(child: &mut Child) {
     let _ = child.kill();
 }
 
-/// The memory that a program is.
+/// A memory implemented by a program.
 ///
-/// The program has one term after each sample, so that a step costs one line there and one back.
+/// The program returns a term after each sample, so that a step costs one line in each direction.
 struct Pipe {
     watchdog: Watchdog,
     to: BufWriter<ChildStdin>,
@@ -158,7 +162,8 @@ impl Pipe {
         if !program.directory.as_os_str().is_empty() {
             command.current_dir(&program.directory);
         }
-        // A group of its own: it ends as a whole, and an interrupt at the terminal is for the lab.
+        // A process group of its own: it can be killed as a whole, and does not receive an interrupt from the
+        // terminal.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let mut child =
@@ -204,17 +209,22 @@ impl Pipe {
         self.watchdog.arm();
         let sent = self.to.write_all(lines.as_bytes()).and_then(|()| self.to.flush());
         self.line.clear();
-        let read = sent.and_then(|()| self.from.read_line(&mut self.line));
+        let longest = LONGEST_LINE + LONGEST_NUMBER * self.term.len() as u64;
+        let read = sent.and_then(|()| self.from.by_ref().take(longest).read_line(&mut self.line));
         self.watchdog.disarm();
         let limit = self.watchdog.limit.as_secs_f64();
         match read {
             Ok(count) if count > 0 && self.line.ends_with('\n') => Ok(self.line.trim_end().to_owned()),
+            Ok(count) if count as u64 == longest => {
+                end(&mut self.watchdog.child.lock().unwrap_or_else(PoisonError::into_inner));
+                Err(format!("it answered a line of more than {longest} letters: ended"))
+            }
             _ if self.watchdog.struck.load(Ordering::Relaxed) => {
                 Err(format!("no answer within {limit:.3} s: ended"))
             }
             _ => {
                 let mut child = self.watchdog.child.lock().unwrap_or_else(PoisonError::into_inner);
-                // Its pipe is closed, so it has ended or soon will.
+                // Its pipe is closed, so it has exited or is about to.
                 for _ in 0..50 {
                     if matches!(child.try_wait(), Ok(None)) {
                         thread::sleep(Duration::from_millis(2));
@@ -233,7 +243,7 @@ impl Pipe {
     }
 }
 
-/// A line that is not shown in full.
+/// A line shortened for an error message.
 fn shortened(line: &str) -> String {
     let shown: String = line.chars().filter(|letter| !letter.is_control()).take(80).collect();
     if shown.len() < line.len() { format!("{shown} …") } else { shown }

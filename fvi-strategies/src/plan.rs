@@ -1,4 +1,4 @@
-//! What a file of strategies says.
+//! The content of a file of strategies.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -21,7 +21,7 @@ pub struct Plan {
     pub(crate) precisions: Vec<Precision>,
     pub(crate) tolerances: Vec<f64>,
     pub(crate) signals: Vec<Signal>,
-    /// `None`: all.
+    /// Names of the strategies that take part; `None`: all.
     pub(crate) strategies: Option<Vec<String>>,
     pub(crate) kernels: Vec<Arc<Kernel>>,
     pub(crate) programs: Vec<Program>,
@@ -31,6 +31,17 @@ pub struct Plan {
     /// Time after which a race is not repeated any more.
     pub(crate) patience: Duration,
     pub(crate) text: String,
+}
+
+/// How a race is run.
+pub(crate) struct Conditions<'a> {
+    pub(crate) signals: &'a [Signal],
+    /// Smallest and largest number of rounds.
+    pub(crate) rounds: (usize, usize),
+    /// Longest time of one run of one strategy.
+    pub(crate) limit: Duration,
+    /// Time after which no further round is started.
+    pub(crate) patience: Duration,
 }
 
 const KEYS: [&str; 13] = [
@@ -49,13 +60,13 @@ const KEYS: [&str; 13] = [
     "program",
 ];
 
-/// Largest lengths and numbers of channels, and of numbers in a signal.
+/// Largest length, number of channels, and number of values of a signal.
 const LONGEST: usize = 1 << 24;
 const MOST_CHANNELS: usize = 1 << 20;
 const MOST_NUMBERS: usize = 1 << 28;
 
 impl Plan {
-    /// Reads a file; `known` are the names of the strategies there are without those of the file.
+    /// Reads a file; `known` are the names of the strategies that are available besides those of the file.
     ///
     /// # Errors
     /// The first thing in the file that cannot be used, with its place.
@@ -148,7 +159,7 @@ impl Plan {
                 return Err(value.table()?.required("name")?.out_of_range("a name that no other kernel has"));
             }
         }
-        // What files of weights say belongs to it.
+        // The contents of files with weights are part of the text that identifies the plan.
         let mut text = document.text().to_owned();
         for kernel in &kernels {
             text.push_str(&format!("\n# {} {:016x}", kernel.name, kernel.fingerprint()));
@@ -168,6 +179,11 @@ impl Plan {
             patience,
             text,
         })
+    }
+
+    pub(crate) fn conditions(&self) -> Conditions<'_> {
+        let Self { signals, rounds, limit, patience, .. } = self;
+        Conditions { signals, rounds: *rounds, limit: *limit, patience: *patience }
     }
 
     /// Number of races: one for each kernel, precision, number of channels, length and tolerance.

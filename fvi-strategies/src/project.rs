@@ -1,8 +1,8 @@
 //! The project's own memories in the race.
 
-use fvi_core::{Direct, Memory, Overflow, ParameterError};
+use fvi_core::{Direct, Memory, MemoryError, Overflow, ParameterError, Tiled};
 use fvi_fft::{BlockFft, Engines, RealTime, WeightTable};
-use fvi_memory::memory::{EngineError, Memories, MemoryRequest, Tables};
+use fvi_memory::memory::{EngineError, HostMemory, Memories, MemoryRequest, Tables};
 use fvi_scenario::numerics::exponential_table::ExponentialKernel;
 use fvi_scenario::numerics::growing_ring::GrowingRing;
 use fvi_scenario::scenario::{Convolution, ConvolutionFamily, Engine, History};
@@ -11,7 +11,7 @@ use crate::kernel::Source;
 use crate::precision::Precision;
 use crate::strategy::{AnyMemory, Declined, Made, Strategy, Task, require_short};
 
-/// All of them.
+/// All strategies of the project.
 pub(crate) fn strategies() -> Vec<Strategy> {
     vec![
         Strategy::new("direct", "plain sum in vector code, fvi-core", |task| {
@@ -58,14 +58,114 @@ pub(crate) fn strategies() -> Vec<Strategy> {
         Strategy::new("exponential-sum-core", "sum of exponentials of firmware, fvi-core", |task| {
             exponential_sum(task, Engine::ExponentialSumCore)
         }),
+        Strategy::new("tiled", "plain sum of firmware, eight terms at a time, fvi-core", |task| {
+            require_short(task, task.length)?;
+            if task.channels > 1 {
+                return Err(Declined::sits_out("its number of channels is fixed in code, here at one"));
+            }
+            Ok(Made::of(match task.precision {
+                Precision::F64 => AnyMemory::F64(tiled(&task.weights, task.length)?),
+                Precision::F32 => AnyMemory::F32(tiled(&task.weights, task.length)?),
+            }))
+        }),
+        Strategy::new("any-step", "exponentials for steps of any length, here equal ones, fvi-fft", any_step)
+            .without_bound(),
     ]
+}
+
+/// Its size is fixed in code: the smallest of these that takes the samples.
+fn tiled<T: Engines>(weights: &[f64], length: usize) -> Result<Box<dyn Memory<T> + Send>, Declined> {
+    fn of<T: Engines, const B: usize>(weights: &[f64]) -> Result<Box<dyn Memory<T> + Send>, Declined> {
+        // Firmware has them in flash; here they stay until the program ends.
+        let table: &'static [T] = weights.iter().map(|&weight| T::of(weight)).collect::<Vec<_>>().leak();
+        Ok(Box::new(Tiled::<T, 1, B>::new(table, T::one(), Overflow::Refuse)?))
+    }
+    match length {
+        ..=256 => of::<T, 32>(weights),
+        257..=2048 => of::<T, 256>(weights),
+        2049..=16_384 => of::<T, 2048>(weights),
+        _ => Err(Declined::sits_out("its number of samples is fixed in code, here at no more than 16384")),
+    }
+}
+
+/// A memory for steps of any length on steps of one.
+struct EqualSteps {
+    memory: HostMemory<f64>,
+    step: f64,
+}
+
+impl Memory<f64> for EqualSteps {
+    fn channels(&self) -> usize {
+        self.memory.channels()
+    }
+
+    fn leading(&self) -> &[f64] {
+        self.memory.leading()
+    }
+
+    fn leading_is_constant(&self) -> bool {
+        self.memory.leading_is_constant()
+    }
+
+    fn len(&self) -> usize {
+        self.memory.len()
+    }
+
+    fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
+        self.memory.begin_step(self.step)?;
+        self.memory.next_term(term)
+    }
+
+    fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
+        self.memory.push(sample)
+    }
+
+    fn clear(&mut self) {
+        self.memory.clear();
+    }
+
+    fn bytes(&self) -> usize {
+        self.memory.bytes()
+    }
+}
+
+/// Of implicit Euler, which is Radau IIA with one stage.
+fn any_step(task: &Task) -> Result<Made, Declined> {
+    let Source::Transfer(transfer) = &task.kernel.source else {
+        return Err(Declined::sits_out(
+            "its exponentials are made from K(s), which a table of weights does not tell",
+        ));
+    };
+    if task.kernel.order.get() != 1 {
+        return Err(Declined::sits_out("it is for Runge–Kutta quadrature, of which BDF of order 1 is one"));
+    }
+    if task.precision == Precision::F32 {
+        return Err(Declined::sits_out("in single precision its terms are right to some hundred u"));
+    }
+    let family = ConvolutionFamily::RadauIia { stages: 1 };
+    let convolution = Convolution { family, ..Convolution::default() };
+    let history = History { engine: Some(Engine::AnyStep), threads: Some(1), ..History::default() };
+    let request = MemoryRequest {
+        end: Some(task.length as f64 * task.kernel.step),
+        convolution: &convolution,
+        transfer,
+        step_size: task.kernel.step,
+        coordinates: task.channels,
+        motions: 1,
+        samples: task.length,
+        given: true,
+        history: &history,
+    };
+    let memory = f64::memory(&request, &Tables::default())
+        .map_err(|error: EngineError| Declined::SitsOut(error.to_string()))?;
+    Ok(Made::of(AnyMemory::F64(Box::new(EqualSteps { memory, step: task.kernel.step }))))
 }
 
 fn single(weights: &[f64]) -> Vec<f32> {
     weights.iter().map(|&weight| weight as f32).collect()
 }
 
-/// As a run has it, for any weights.
+/// The engine `direct` as in a run, for any weights.
 fn direct<T: Engines>(weights: &[f64], task: &Task) -> Result<Box<dyn Memory<T> + Send>, ParameterError> {
     let mut table: Vec<T> = weights.iter().map(|&weight| T::of(weight)).collect();
     table.push(T::zero());
@@ -94,10 +194,10 @@ fn exponential_sum(task: &Task, engine: Engine) -> Result<Made, Declined> {
         coordinates: task.channels,
         motions: 1,
         samples: task.length,
-        given: true,
+        given: !task.kernel.on_increments,
         history: &history,
     };
-    // A kernel without such a table is none for this strategy.
+    // Without such a table for the kernel the strategy does not take part.
     let sits_out = |error: EngineError| Declined::SitsOut(error.to_string());
     let made = Made::of(match task.precision {
         Precision::F64 => {
@@ -110,22 +210,24 @@ fn exponential_sum(task: &Task, engine: Engine) -> Result<Made, Declined> {
     Ok(made)
 }
 
-/// Floating-point operations of a step of one of these, on average over a run.
+/// Mean number of floating-point operations per step of one of these strategies, over a run.
 ///
 /// Of a sum of exponentials they are those of its recursion: a product and a sum for each weight of the head,
 /// four for each exponential.
 pub(crate) fn flops(strategy: &str, task: &Task) -> Option<f64> {
     let steps = task.length as f64;
     let of_one = match strategy {
-        "direct" => steps - 1.0,
+        "direct" | "tiled" => steps - 1.0,
         "block-fft" => BlockFft::<f64>::operations(task.length) / steps,
         "real-time" => RealTime::<f64>::operations(task.length) / steps,
         "exponential-sum" | "exponential-sum-core" => {
             let Source::Transfer(transfer) = &task.kernel.source else { return None };
             let (order, step, tolerance) = (task.kernel.order, task.kernel.step, table_tolerance(task));
             let horizon = task.length.max(1 << 20);
+            let on_increments = task.kernel.on_increments;
             let kernel =
-                ExponentialKernel::of_transfer(transfer, order, false, step, horizon, tolerance).ok()?;
+                ExponentialKernel::of_transfer(transfer, order, on_increments, step, horizon, tolerance)
+                    .ok()?;
             (2 * kernel.head().len() + 4 * kernel.exponentials().len()) as f64
         }
         _ => return None,
@@ -136,7 +238,7 @@ pub(crate) fn flops(strategy: &str, task: &Task) -> Option<f64> {
 fn table_tolerance(task: &Task) -> f64 {
     match task.precision {
         Precision::F64 => task.tolerance,
-        // The table is not what limits single precision.
+        // In single precision the table should not limit the accuracy.
         Precision::F32 => task.tolerance.max(1e-9),
     }
 }

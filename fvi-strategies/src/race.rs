@@ -9,18 +9,18 @@ use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
 use fvi_fft::{Engines, WeightTable};
 
 use crate::contestant::{Contestant, Making, Run, Samples};
-use crate::plan::Plan;
+use crate::plan::{Conditions, Plan};
 use crate::precision::Precision;
 use crate::project::flops;
 use crate::record::{Absence, Kind, RaceRecord, Row};
 use crate::strategy::{Declined, Flops, Strategy, Task};
 
-/// A strategy that failed, or whose sums are not what was asked for.
+/// A strategy that failed, or whose sums were wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FoundOut {
     /// Name of the strategy.
     pub strategy: String,
-    /// The race, in a few words.
+    /// Short description of the race.
     pub race: String,
     /// The problem.
     pub reason: String,
@@ -29,31 +29,76 @@ pub struct FoundOut {
 /// Steps of each signal whose terms are compared with the plain sum in twice the precision; the others are
 /// compared with `block-fft`.
 const COMPARED_STEPS: usize = 50;
-/// Channels of these that are.
+/// Number of channels of these steps that are compared.
 const COMPARED_CHANNELS: usize = 3;
-/// Errors up to so many u are rounding, whatever the tolerance.
+/// Errors up to this multiple of u count as rounding and are accepted with any tolerance.
 const ROUNDING: f64 = 16.0;
-/// A median stands if half of its confidence interval is at most this part of it.
+/// A median counts as reliable if half the width of its confidence interval is at most this fraction of it.
 const STANDS: f64 = 0.05;
 
-struct Runner {
+/// A strategy in a race.
+pub(crate) struct Runner {
     promises: bool,
     contestant: Contestant,
     making: Making,
-    error_u: f64,
-    bytes: usize,
+    pub(crate) error_u: f64,
+    pub(crate) bytes: usize,
     flops: Option<f64>,
+    /// The terms that the run which is timed ends with, and how far from them a repetition may be.
+    last: Vec<(f64, f64)>,
+    /// Mean time of a step in each round without what the thread waited for a processor, in nanoseconds.
     means: Vec<f64>,
+    /// The shortest of them with it.
+    pub(crate) shortest_ns: f64,
+    /// Shortest time of each step, in nanoseconds with a reading of the clock; empty for what has no steps.
     steps: Vec<u32>,
 }
 
-/// Runs it; `None` if it was stopped.
+/// Results of a race.
+pub(crate) struct Measured {
+    pub(crate) runners: Vec<Runner>,
+    pub(crate) absent: Vec<Absence>,
+    rounds: usize,
+    clock: f64,
+}
+
+/// Runs a race of a plan; `None` if it was stopped.
 pub(crate) fn run(
     plan: &Plan,
     task: &Task,
     strategies: &[Strategy],
     stop: &AtomicBool,
 ) -> Option<RaceRecord> {
+    let measured = measure(&plan.conditions(), task, strategies, stop)?;
+    let clock = measured.clock;
+    let quadrature = task.kernel.quadrature_error(&task.weights);
+    let of = |runner: &Runner| match &runner.making.own_weights {
+        Some(weights) => task.kernel.quadrature_error(weights),
+        None => quadrature,
+    };
+    Some(RaceRecord {
+        kernel: task.kernel.name.clone(),
+        length: task.length,
+        channels: task.channels,
+        precision: task.precision,
+        tolerance: task.tolerance,
+        rounds: measured.rounds,
+        rows: measured
+            .runners
+            .into_iter()
+            .map(|runner| Row { quadrature: of(&runner), ..row(runner, task, clock) })
+            .collect(),
+        absent: measured.absent,
+    })
+}
+
+/// First measures the errors of every strategy, then the times, in turn; `None` if it was stopped.
+pub(crate) fn measure(
+    conditions: &Conditions<'_>,
+    task: &Task,
+    strategies: &[Strategy],
+    stop: &AtomicBool,
+) -> Option<Measured> {
     let stopped = || stop.load(Ordering::Relaxed);
     let mut absent = Vec::new();
     let mut leave = |strategy: &str, kind, reason: String| {
@@ -64,7 +109,7 @@ pub(crate) fn run(
         if stopped() {
             return None;
         }
-        let contestant = Contestant::new(strategy, plan.limit);
+        let contestant = Contestant::new(strategy, conditions.limit);
         match contestant.make(task) {
             Ok(Ok(making)) => runners.push(Runner {
                 promises: strategy.promises,
@@ -73,7 +118,9 @@ pub(crate) fn run(
                 error_u: 0.0,
                 bytes: 0,
                 flops: None,
+                last: Vec::new(),
                 means: Vec::new(),
+                shortest_ns: f64::INFINITY,
                 steps: vec![u32::MAX; task.length],
             }),
             Ok(Err(Declined::SitsOut(reason))) => leave(&strategy.name, Kind::SitsOut, reason),
@@ -81,7 +128,7 @@ pub(crate) fn run(
         }
     }
 
-    for &signal in &plan.signals {
+    for (index, &signal) in conditions.signals.iter().enumerate() {
         let compared = Compared::new(task, signal);
         let exact = compared.sums(task, &task.weights).unwrap_or_default();
         let mut own: Vec<(Arc<Vec<f64>>, Sums)> = Vec::new();
@@ -92,7 +139,7 @@ pub(crate) fn run(
                 Some(weights) => {
                     let known = own.iter().position(|(known, _)| known == weights);
                     let index = known.unwrap_or_else(|| {
-                        // The task has sums, so other weights have them.
+                        // Computing the sums of the task's weights succeeded, so it does for these.
                         let sums = compared.sums(task, weights).unwrap_or_default();
                         own.push((Arc::clone(weights), sums));
                         own.len() - 1
@@ -103,6 +150,13 @@ pub(crate) fn run(
             let error = exact.largest_error(&terms, compared.run.channels.len(), task.precision.unit())?;
             runner.error_u = runner.error_u.max(error);
             runner.bytes = bytes;
+            if index == 0 {
+                let known = &exact.all[exact.all.len() - compared.run.channels.len()..];
+                let room =
+                    |known: &MemoryTerm| (2.0 * error + ROUNDING) * task.precision.unit() * known.absolute;
+                let last = &terms[terms.len() - known.len()..];
+                runner.last = last.iter().zip(known).map(|(&term, known)| (term, room(known))).collect();
+            }
             if runner.flops.is_none() {
                 runner.flops = match &runner.making.flops {
                     Flops::Unknown => None,
@@ -113,39 +167,37 @@ pub(crate) fn run(
         })?;
     }
 
-    let run = Compared::new(task, plan.signals[0]).run;
+    let run = Compared::new(task, *conditions.signals.first()?).run;
     let begin = Instant::now();
-    let (fewest, most) = plan.rounds;
+    let (fewest, most) = conditions.rounds;
     let mut rounds = 0;
     while rounds < most && !runners.is_empty() {
         runners = keep(runners, &mut leave, stop, |runner| {
             let steps = std::mem::take(&mut runner.steps);
-            let (mean, steps) = runner.contestant.times(&run, steps)?;
-            runner.means.push(mean);
-            runner.steps = steps;
+            let timed = runner.contestant.times(&run, steps)?;
+            let other = timed.last.iter().zip(&runner.last);
+            if let Some((found, (term, _))) = other
+                .into_iter()
+                .find(|(found, (term, room))| !((*found - term).abs() <= *room || **found == *term))
+            {
+                return Err(format!("while it is timed its last term is {found:e}, where it was {term:e}"));
+            }
+            runner.means.push(timed.mean_ns);
+            runner.shortest_ns = runner.shortest_ns.min(timed.with_waiting_ns);
+            runner.steps = timed.steps;
             Ok(())
         })?;
         rounds += 1;
         let all_stand = runners.iter().all(|runner| Median::of(&runner.means).stands());
-        if rounds >= fewest && (all_stand || begin.elapsed() > plan.patience) {
+        if rounds >= fewest && (all_stand || begin.elapsed() > conditions.patience) {
             break;
         }
     }
-    let clock = clock_nanoseconds();
-    let rows = runners.into_iter().map(|runner| row(runner, task, clock)).collect();
-    Some(RaceRecord {
-        kernel: task.kernel.name.clone(),
-        length: task.length,
-        channels: task.channels,
-        precision: task.precision,
-        tolerance: task.tolerance,
-        rounds,
-        rows,
-        absent,
-    })
+    Some(Measured { runners, absent, rounds, clock: clock_nanoseconds() })
 }
 
-/// Does the same with every runner, those that fail leave; `None` if it was stopped.
+/// Calls `act` for every runner and passes those that fail to `leave`; returns the others, or `None` if the
+/// race was stopped.
 fn keep(
     runners: Vec<Runner>,
     leave: &mut impl FnMut(&str, Kind, String),
@@ -165,15 +217,35 @@ fn keep(
     Some(kept)
 }
 
+impl Measured {
+    /// Times of the single steps without that of the clock reading, in nanoseconds, shortest first.
+    pub(crate) fn steps_ns(&self, runner: &Runner) -> Vec<f64> {
+        sorted_steps(&runner.steps, self.clock)
+    }
+}
+
+impl Runner {
+    pub(crate) fn name(&self) -> &str {
+        &self.contestant.name
+    }
+}
+
+fn sorted_steps(steps: &[u32], clock: f64) -> Vec<f64> {
+    let mut steps = steps.to_vec();
+    steps.sort_unstable();
+    steps.into_iter().map(|step| (f64::from(step) - clock).max(0.0)).collect()
+}
+
+/// The time that the given fraction of the steps does not exceed; `None` without step times.
+pub(crate) fn quantile(sorted: &[f64], part: f64) -> Option<f64> {
+    let last = sorted.len().checked_sub(1)?;
+    sorted.get((part * last as f64).ceil() as usize).copied()
+}
+
 fn row(runner: Runner, task: &Task, clock: f64) -> Row {
     let median = Median::of(&runner.means);
-    let mut steps = runner.steps;
-    steps.sort_unstable();
-    let quantile = |part: f64| {
-        let last = steps.len().saturating_sub(1);
-        let step = steps.get((part * last as f64).ceil() as usize).copied().unwrap_or(0);
-        (f64::from(step) - clock).max(0.0)
-    };
+    let steps = sorted_steps(&runner.steps, clock);
+    let quantile = |part: f64| quantile(&steps, part).unwrap_or(0.0);
     let flops = runner.flops.or_else(|| flops(&runner.contestant.name, task));
     let allowed = (task.tolerance / task.precision.unit()).max(ROUNDING);
     Row {
@@ -190,11 +262,12 @@ fn row(runner: Runner, task: &Task, clock: f64) -> Row {
         setup_ns: runner.making.setup_ns,
         bytes: runner.bytes,
         flops,
+        quadrature: None,
         strategy: runner.contestant.name.clone(),
     }
 }
 
-/// A median, and between which of the numbers it lies with a probability of 95 %.
+/// A median with its 95 % confidence interval, whose ends are two of the numbers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Median {
     middle: f64,
@@ -210,7 +283,7 @@ impl Median {
         let Some(last) = count.checked_sub(1) else {
             return Self { middle: f64::NAN, low: f64::NAN, high: f64::NAN };
         };
-        // Of binomial order statistics, by the normal approximation.
+        // Ranks of the ends from binomial order statistics, in the normal approximation.
         let half = 0.98 * (count as f64).sqrt();
         let rank = (0.5 * count as f64 - half).floor().max(0.0) as usize;
         let rank = rank.min(last / 2);
@@ -226,13 +299,13 @@ impl Median {
     }
 }
 
-/// A signal, and the channels of it that are looked at.
+/// A signal with the channels that are compared.
 struct Compared {
     run: Run,
 }
 
-/// What the terms of a signal should be: in twice the precision at some steps, and to a few roundings at all,
-/// step by step, channel by channel.
+/// Reference terms of a signal: in twice the precision at some steps (`exact`), and by `block-fft` at all
+/// steps (`all`), step by step, channel by channel; `largest` is the largest Σ|w||x| among the exact ones.
 #[derive(Default)]
 struct Sums {
     exact: Vec<(usize, MemoryTerm)>,
@@ -253,7 +326,7 @@ impl Compared {
         Self { run: Run { samples: Arc::new(samples), channels: Arc::new(chosen) } }
     }
 
-    /// `None` where the weights are no kernel.
+    /// The reference terms for these weights; `None` where `block-fft` refuses the weights.
     fn sums(&self, task: &Task, weights: &[f64]) -> Option<Sums> {
         match &*self.run.samples {
             Samples::F64(samples) => self.sums_of(weights, samples, task.channels),
@@ -309,7 +382,8 @@ impl Sums {
         }
         let error = |term: f64, known: &MemoryTerm| {
             let error = (term - known.sum).abs();
-            // Where nothing is summed, transforms leave the rounding of what they have beside it.
+            // Where a term is (nearly) empty, transforms leave rounding errors in proportion to their other
+            // terms.
             if error <= unit * self.largest && known.absolute <= unit * self.largest {
                 return 0.0;
             }
@@ -317,8 +391,7 @@ impl Sums {
         };
         let exact = self.exact.iter().map(|(index, known)| error(terms[*index], known)).fold(0.0, f64::max);
         let all = terms.iter().zip(&self.all).map(|(&term, known)| error(term, known)).fold(0.0, f64::max);
-        // At steps that are not looked at closely only what is beyond the rounding of what they are compared
-        // with counts.
+        // At steps without an exact reference an error counts only if it exceeds the rounding of `block-fft`.
         Ok(if all > 2.0 * exact + 2.0 * ROUNDING { all } else { exact })
     }
 }

@@ -1,14 +1,14 @@
-//! What has been measured, as it is kept and written.
+//! Results of races, as they are stored and written.
 
 use serde::{Deserialize, Serialize};
 
 use crate::machine::Machine;
 use crate::precision::Precision;
 
-/// Everything that a lab has measured so far: the file that `--resume` goes on from.
+/// Everything that a lab has measured so far: the content of the file from which `--resume` continues.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// Text of the file of strategies, with what tells the weights of its kernels from others.
+    /// Text of the file of strategies, with hashes of the weights of its kernels.
     pub plan: String,
     /// Where it was measured.
     pub machine: Machine,
@@ -27,13 +27,13 @@ pub struct RaceRecord {
     pub channels: usize,
     /// Type of the samples.
     pub precision: Precision,
-    /// The error that was asked for, relative to Σ|w||x|.
+    /// Tolerated error, relative to Σ|w||x|.
     pub tolerance: f64,
     /// Interleaved rounds that were made.
     pub rounds: usize,
     /// Measurements.
     pub rows: Vec<Row>,
-    /// Who is not among them.
+    /// The strategies that were not measured.
     pub absent: Vec<Absence>,
 }
 
@@ -44,30 +44,34 @@ pub struct Row {
     pub strategy: String,
     /// Largest |r_k − sum| / Σ|w||x| over the signals, in units of u of the precision.
     pub error_u: f64,
-    /// Whether that is within the tolerance, or rounding.
+    /// Whether `error_u` is within the tolerance, or rounding.
     pub within: bool,
-    /// Whether it is meant to be: some methods have no bound.
+    /// Whether the method has an error bound, so that it should be within the tolerance.
     pub promised: bool,
-    /// Whether the sum is that of weights of its own.
+    /// Whether the strategy sums weights of its own, with which it is then compared.
     pub own_weights: bool,
     /// Median over the rounds of the mean time of a step.
     pub mean_ns: f64,
-    /// Between these is the median with a probability of 95 %.
+    /// 95 % confidence interval of `mean_ns`.
     pub between_ns: (f64, f64),
-    /// Whether half of that is at most 5 % of the median.
+    /// Whether half the width of that interval is at most 5 % of `mean_ns`.
     pub stands: bool,
     /// Median over the steps of the shortest time of each.
     pub p50_ns: f64,
-    /// 99.9 % quantile of a step.
+    /// 99.9 % quantile of the same times.
     pub p999_ns: f64,
-    /// Longest step.
+    /// Largest of the same times.
     pub worst_ns: f64,
-    /// Time to make it.
+    /// Time to construct the strategy.
     pub setup_ns: f64,
     /// Bytes of state, tables and buffers after a run.
     pub bytes: usize,
     /// Floating-point operations of a step on average, where they are counted.
     pub flops: Option<f64>,
+    /// Error of the weights themselves: |Σ w_n x_{N−n} − K(d/dt) t²| / Σ|w||x| on x = t² at the end of the
+    /// run, where K(d/dt) t² is known. No engine that sums them comes closer to the operator.
+    #[serde(default)]
+    pub quadrature: Option<f64>,
 }
 
 /// A strategy that was not measured.
@@ -75,24 +79,25 @@ pub struct Row {
 pub struct Absence {
     /// Name of the strategy.
     pub strategy: String,
-    /// Of what kind the reason is.
+    /// Kind of the reason.
     pub kind: Kind,
     /// Why.
     pub reason: String,
 }
 
-/// Kinds of reasons to be absent.
+/// Kinds of reasons for absence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// It is not for this task.
+    /// The strategy does not apply to this task.
     SitsOut,
-    /// It failed: cannot be made, refuses samples, hangs, dies, or gives numbers that are not finite.
+    /// It failed: it cannot be constructed, refuses samples, hangs, dies, or gives numbers that are not
+    /// finite.
     Failed,
 }
 
 impl RaceRecord {
-    /// Whether this is the race of these.
+    /// Whether this is the race with these parameters.
     pub(crate) fn is_of(
         &self,
         kernel: &str,
@@ -106,7 +111,7 @@ impl RaceRecord {
             && self.tolerance == tolerance
     }
 
-    /// The race in a few words.
+    /// Short description of the race.
     pub(crate) fn words(&self) -> String {
         format!(
             "{}, {} steps, {} channel{}, {}, tolerance {:e}",
@@ -139,7 +144,7 @@ const COLUMNS: [&str; 14] = [
 ];
 
 impl Record {
-    /// `strategies.csv`: one row for each strategy in each race; flops are empty where nobody counts.
+    /// `strategies.csv`: one row for each strategy in each race; flops are empty where they are not counted.
     pub(crate) fn table(&self) -> Result<String, csv::Error> {
         let mut table = csv::Writer::from_writer(Vec::new());
         table.write_record(COLUMNS)?;

@@ -1,10 +1,12 @@
-//! What runs in a race, and what it is asked to serve.
+//! The strategies of a race, and the tasks that they are given.
 
 use std::error::Error;
 use std::sync::Arc;
 
-use fvi_core::Memory;
+use fvi_core::{BdfOrder, Memory, ParameterError};
+use fvi_fft::baseline::OfflineFft;
 use fvi_rivals::Operations;
+use fvi_scenario::numerics::exponential_table::SMALLEST_TOLERANCE;
 
 use crate::kernel::Kernel;
 use crate::precision::Precision;
@@ -17,15 +19,32 @@ pub struct Task {
     pub weights: Arc<Vec<f64>>,
     /// Number of steps.
     pub length: usize,
-    /// Number of channels, on each of which the weights act alike.
+    /// Number of channels, each convolved with the same weights.
     pub channels: usize,
     /// Type of the samples.
     pub precision: Precision,
-    /// Largest error that is wanted, relative to Σ|w||x|.
+    /// Tolerated error, relative to Σ|w||x|.
     pub tolerance: f64,
 }
 
 impl Task {
+    /// The kernel s^β by a backward differentiation formula at step 1 in the form used by the memory of a
+    /// run, whose weights act on differences for β ≥ 0.1: one channel in double precision, exact to rounding.
+    ///
+    /// # Errors
+    /// If the exponent is not greater than −1 and less than 2.
+    pub fn of_a_run(order: BdfOrder, exponent: f64, length: usize) -> Result<Self, ParameterError> {
+        let kernel = Kernel::of_a_run(order, exponent)?;
+        Ok(Self {
+            weights: Arc::new(kernel.weights(length)?),
+            kernel: Arc::new(kernel),
+            length,
+            channels: 1,
+            precision: Precision::F64,
+            tolerance: SMALLEST_TOLERANCE,
+        })
+    }
+
     /// Name of the kernel.
     pub fn kernel(&self) -> &str {
         &self.kernel.name
@@ -42,10 +61,12 @@ impl Task {
     }
 }
 
-/// A memory in one of the precisions.
+/// A memory in one of the precisions, or the offline transform, which is not a memory.
 pub(crate) enum AnyMemory {
     F64(Box<dyn Memory<f64> + Send>),
     F32(Box<dyn Memory<f32> + Send>),
+    /// An offline transform of samples known beforehand, one channel; it has no steps.
+    Offline(Box<OfflineFft>),
 }
 
 impl AnyMemory {
@@ -53,11 +74,12 @@ impl AnyMemory {
         match self {
             Self::F64(memory) => memory.channels(),
             Self::F32(memory) => memory.channels(),
+            Self::Offline(_) => 1,
         }
     }
 }
 
-/// How operations are known.
+/// Source of the number of operations.
 #[derive(Clone, Debug, Default)]
 pub(crate) enum Flops {
     #[default]
@@ -65,7 +87,7 @@ pub(crate) enum Flops {
     Counted(Operations),
 }
 
-/// Why something else went wrong than a memory can say.
+/// Returns the reason of a failure that a [`MemoryError`](fvi_core::MemoryError) cannot express.
 pub(crate) type Trouble = Arc<dyn Fn() -> Option<String> + Send + Sync>;
 
 /// A strategy that has been made for a task.
@@ -86,24 +108,32 @@ impl Made {
         Self { memory, own_weights: None, flops: Flops::Unknown, trouble: None }
     }
 
+    /// The memory, if it is one in double precision.
+    pub fn into_memory(self) -> Option<Box<dyn Memory<f64> + Send>> {
+        match self.memory {
+            AnyMemory::F64(memory) => Some(memory),
+            AnyMemory::F32(_) | AnyMemory::Offline(_) => None,
+        }
+    }
+
     /// A memory that counts its operations itself.
     pub fn counted(self, operations: Operations) -> Self {
         Self { flops: Flops::Counted(operations), ..self }
     }
 
-    /// A memory that sums weights of its own in place of those of the task, as another discretisation of the
-    /// same operator does: its error is that of their sum.
+    /// A memory that sums weights of its own in place of those of the task, such as another discretisation of
+    /// the same operator: its error is measured against the sum with these weights.
     pub fn summing(self, weights: Vec<f64>) -> Self {
         Self { own_weights: Some(Arc::new(weights)), ..self }
     }
 }
 
-/// Why a strategy is not there.
+/// Why a strategy does not take part.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Declined {
-    /// It is not for this task.
+    /// It does not apply to this task.
     SitsOut(String),
-    /// It cannot be made.
+    /// It cannot be constructed.
     Failed(String),
 }
 
@@ -127,13 +157,13 @@ pub(crate) type Maker = Arc<dyn Fn(&Task) -> Result<Made, Declined> + Send + Syn
 pub struct Strategy {
     pub(crate) name: String,
     pub(crate) description: String,
-    /// Whether its error is meant to be within the tolerance.
+    /// Whether the method has an error bound, so that its error should be within the tolerance.
     pub(crate) promises: bool,
     pub(crate) make: Maker,
 }
 
 impl Strategy {
-    /// A strategy with a description in a few words.
+    /// A strategy with a name, a short description, and its constructor for a task.
     pub fn new(
         name: impl Into<String>,
         description: impl Into<String>,
@@ -142,10 +172,19 @@ impl Strategy {
         Self { name: name.into(), description: description.into(), promises: true, make: Arc::new(make) }
     }
 
-    /// A strategy whose method has no bound on its error: to be beyond the tolerance is no fault of it.
+    /// The strategy marked as one without an error bound: exceeding the tolerance is then not reported as a
+    /// failure.
     #[must_use]
     pub fn without_bound(self) -> Self {
         Self { promises: false, ..self }
+    }
+
+    /// Constructs the strategy for a task, outside of a race.
+    ///
+    /// # Errors
+    /// Why the strategy does not take part.
+    pub fn make(&self, task: &Task) -> Result<Made, Declined> {
+        (self.make)(task)
     }
 
     /// Its name.
@@ -154,10 +193,10 @@ impl Strategy {
     }
 }
 
-/// Largest number of products of a plain sum over a run, for all channels: beyond, it sits out.
+/// Largest number of products of a plain sum over a run, for all channels: beyond, it does not take part.
 const MOST_PRODUCTS: f64 = (1u64 << 31) as f64;
 
-/// For sums over the whole history: declines runs that would take seconds each.
+/// For plain sums: declines runs that would take seconds each.
 pub(crate) fn require_short(task: &Task, window: usize) -> Result<(), Declined> {
     let products = task.length as f64 * window.min(task.length) as f64 * task.channels as f64;
     if products <= MOST_PRODUCTS {

@@ -10,11 +10,11 @@ use std::time::{Duration, Instant};
 
 use rayon_core::{ThreadPool, ThreadPoolBuilder};
 
-/// For how long threads that are done stay awake: steps often follow each other within this time, and to wake
-/// a thread up takes 25 to 80 µs, as long as a short step.
+/// Time for which idle threads stay awake: steps often follow each other within it, and to wake a thread up
+/// takes 25 to 80 µs, as long as a short step.
 const AWAKE: Duration = Duration::from_micros(500);
 
-/// Threads that work together.
+/// Threads that work together, as one pool.
 #[derive(Clone)]
 struct Group {
     pool: Arc<ThreadPool>,
@@ -27,26 +27,26 @@ impl Group {
     }
 }
 
-/// Flag that threads look at while they stay awake.
+/// Counters by which idle threads see whether to stay awake.
 #[derive(Default)]
 struct Watch {
-    /// How often they were called.
+    /// Number of times that the group was borrowed.
     calls: AtomicUsize,
-    /// How many stay awake.
+    /// Number of threads that are idle and awake.
     awake: AtomicUsize,
 }
 
-/// Threads that nobody needs at the moment, in groups.
+/// Groups of threads that are not in use.
 struct Idle {
-    /// The process that they belong to.
+    /// The process in which they were created.
     process: u32,
     groups: Vec<Group>,
 }
 
 static IDLE: Mutex<Idle> = Mutex::new(Idle { process: 0, groups: Vec::new() });
 
-/// The idle threads of this process, if they can be had at once. Others hold them for a moment only, but a
-/// process may have been forked in such a moment: there nobody gives them back.
+/// The idle threads of this process, if the lock is free at once. It is held for a moment only, but a process
+/// may have been forked in such a moment: there it is never released.
 fn idle() -> Option<MutexGuard<'static, Idle>> {
     const ATTEMPTS: usize = 100;
     let mut idle = (0..ATTEMPTS).find_map(|_| {
@@ -57,19 +57,19 @@ fn idle() -> Option<MutexGuard<'static, Idle>> {
         idle
     })?;
     if idle.process != process::id() {
-        // A forked process has the names of its parent's threads, but not the threads. Not even their end can
-        // be waited for.
+        // A forked process has the handles of its parent's threads, but not the threads. Dropping the handles
+        // would wait for threads that do not exist.
         mem::forget(mem::take(&mut idle.groups));
         idle.process = process::id();
     }
     Some(idle)
 }
 
-/// Threads that belong to one piece of work until it is done.
+/// Threads borrowed for one piece of work.
 pub(crate) struct Helpers(Group);
 
 impl Helpers {
-    /// So many threads, made if none of that number are idle; `None` if this machine has no more to give.
+    /// `threads` threads, created if no group of that size is idle; `None` if the system cannot create them.
     pub(crate) fn borrow(threads: usize) -> Option<Self> {
         let take = |mut idle: MutexGuard<'_, Idle>| {
             let place = idle.groups.iter().rposition(|group| group.has(threads))?;
@@ -82,7 +82,7 @@ impl Helpers {
         Some(Self(group))
     }
 
-    /// Whether those that would be borrowed are awake.
+    /// Whether the threads that would be borrowed are awake.
     pub(crate) fn are_awake(threads: usize) -> bool {
         let awake = |group: &Group| group.watch.awake.load(Ordering::Relaxed) == threads;
         idle().is_some_and(|idle| idle.groups.iter().rfind(|group| group.has(threads)).is_some_and(awake))
@@ -92,8 +92,8 @@ impl Helpers {
         &self.0.pool
     }
 
-    /// What a helper does when its work is done: it stays awake until the next call, for some time. Another
-    /// thread that waits for the processor has it first.
+    /// Task of a helper after its work: it stays awake until the next call, for a limited time, and yields to
+    /// other threads that wait for the processor.
     pub(crate) fn stay_awake(&self) -> impl FnOnce() + Clone + Send + 'static {
         let watch = Arc::clone(&self.0.watch);
         let last = watch.calls.load(Ordering::Relaxed);

@@ -1,4 +1,4 @@
-//! Work that several threads share.
+//! Sharing of work among threads.
 //!
 //! ```
 //! let mut squares = [0; 1000];
@@ -20,16 +20,16 @@ use std::time::{Duration, Instant};
 
 use helpers::Helpers;
 
-/// For how long a thread that is done looks whether the others are, before it sleeps until they are: about
-/// what it takes to fall asleep and wake up.
+/// Time for which a thread that is done polls the others before it sleeps until they are done: about the time
+/// it takes to fall asleep and wake up.
 const PATIENCE: Duration = Duration::from_micros(20);
 
-/// Hands parts of a piece of work to so many threads, the calling one among them, and returns when all parts
-/// are done.
+/// Divides the parts of a piece of work among the given number of threads, the calling one included, and
+/// returns when all parts are done.
 ///
-/// A thread begins with a stretch of parts that is its own, the same ones whenever there are as many, so that
-/// it finds in the cache of its processor what it has left there; then it takes what others have not begun.
-/// Threads that cannot be had leave their share to the others.
+/// A thread begins with a range of parts of its own, the same one for the same number of parts, so that it
+/// finds their data in the cache of its processor; then it takes parts that no other thread has begun. If
+/// threads cannot be created, the others do their share.
 ///
 /// # Panics
 /// If a part does.
@@ -57,12 +57,12 @@ pub fn share<I: Send>(threads: usize, parts: impl IntoIterator<Item = I>, work: 
                 begun.fetch_add(1, Ordering::Relaxed);
                 run(thread);
                 done.fetch_add(1, Ordering::Relaxed);
-                // The thread goes on with this by itself; the caller does not wait for it.
+                // The thread runs this after the work; the caller does not wait for it.
                 rayon_core::spawn(stay_awake);
             });
         }
         run(0);
-        // Who has not begun waits for a processor, perhaps for this one.
+        // A thread that has not begun waits for a processor, perhaps for this one.
         if begun.load(Ordering::Relaxed) == threads {
             let since = Instant::now();
             while done.load(Ordering::Relaxed) < threads && since.elapsed() < PATIENCE {
@@ -72,8 +72,8 @@ pub fn share<I: Send>(threads: usize, parts: impl IntoIterator<Item = I>, work: 
     });
 }
 
-/// Whether the threads that would [`share`] a piece of work are still awake from the last one. Then some ten
-/// microseconds of work are worth sharing; to wake a thread up may take 80 µs.
+/// Whether the threads that would [`share`] a piece of work are still awake from the last one. Then work of
+/// some ten microseconds is worth sharing; to wake a thread up may take 80 µs.
 pub fn are_awake(threads: usize) -> bool {
     threads > 1 && Helpers::are_awake(threads - 1)
 }
@@ -97,7 +97,7 @@ mod tests {
         }
     }
 
-    /// The threads that do three parts, each of which waits for the others.
+    /// The threads that run three parts, each of which waits for the others.
     fn who() -> Vec<thread::ThreadId> {
         let (together, seen) = (Barrier::new(3), Mutex::new(vec![thread::current().id(); 3]));
         share(3, 0..3, |part| {
@@ -109,9 +109,9 @@ mod tests {
 
     #[test]
     fn threads_are_awake_for_some_time_after_work_and_not_before() {
-        // No other test has five.
+        // No other test uses a group of five.
         assert!(![0, 1, 5].into_iter().any(are_awake));
-        // On a busy machine they may fall asleep before they are looked at, but not always.
+        // On a busy machine they may fall asleep before the check, but not always.
         let found = (0..1000).any(|_| {
             share(5, 0..5, |_| thread::yield_now());
             (0..100).any(|_| {
@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn as_many_threads_as_were_asked_for_work_at_once_and_stay() {
         let all: HashSet<_> = (0..50).flat_map(|_| who()).collect();
-        // Other tests of this program have helpers of their own, which they may leave behind.
+        // Other tests of this program use helpers too, which may be reused here.
         assert!(who().into_iter().collect::<HashSet<_>>().len() == 3 && all.len() < 20, "{all:?}");
         assert!(all.contains(&thread::current().id()));
     }

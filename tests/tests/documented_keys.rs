@@ -1,7 +1,8 @@
-//! Every key that a scenario may have is explained in its reference, `scenarios/README.md`.
+//! Every key that a scenario may have is explained in its reference, `scenarios/README.md`, and those that
+//! Python takes as arguments are all in one table.
 
 use fvi_host::language::Problem;
-use fvi_host::scenario::Scenario;
+use fvi_host::scenario::{KEYS, Scenario};
 use std::collections::BTreeSet;
 
 /// A complete scenario but for the table that is asked.
@@ -98,4 +99,14 @@ fn the_reference_explains_every_key_of_a_scenario() {
             .extend(keys.into_iter().filter(|key| !explained(key)).map(|key| format!("{key} of {header}")));
     }
     assert!(missing.is_empty(), "not in scenarios/README.md: {missing:?}");
+}
+
+#[test]
+fn the_table_of_keys_has_those_that_the_readers_take() {
+    for (table, listed) in KEYS {
+        let readers = TABLES.iter().filter(|(header, _)| *header == format!("[{table}]"));
+        let taken: BTreeSet<String> = readers.flat_map(|(header, content)| keys(header, content)).collect();
+        let listed: BTreeSet<String> = listed.iter().map(|&key| key.to_owned()).collect();
+        assert_eq!(listed, taken, "[{table}]");
+    }
 }

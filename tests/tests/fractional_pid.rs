@@ -5,6 +5,7 @@ use fvi_core::{
     AntiWindup, BdfOrder, ConvolutionWeights, DerivativeFilter, ExponentialPid, ExponentialSum,
     FractionalPid, PidGains, PidInputs, PidLaw, PidSettings, Real, RungeKutta, VariableStepMemory,
 };
+use fvi_host::numerics::aligned::Aligned;
 use fvi_host::numerics::exponential_table::ExponentialKernel;
 use fvi_host::numerics::rate_table::rate_table;
 
@@ -26,22 +27,13 @@ fn settings<T: Real>(lambda: f64, mu: f64, sample: Option<f64>) -> PidSettings<T
     }
 }
 
-type Sum<T> = ExponentialSum<T, Vec<T>, Vec<T>>;
+type Sum<T> = ExponentialSum<T, Aligned<T>, Vec<T>>;
 
 /// A table of a kernel of backward differences, on increments where there is one.
 fn sum<T: Real>(law: &PidLaw<T>, exponent: f64, horizon: usize, tolerance: f64) -> Sum<T> {
     let order = BdfOrder::GRUNWALD_LETNIKOV;
     let made = if exponent > 0.0 { ExponentialKernel::bdf_on_increments } else { ExponentialKernel::bdf };
     let table = made(order, exponent, 1.0, horizon, tolerance).unwrap().table::<T>();
-    let table = fvi_core::ExponentialTable {
-        stages: table.stages,
-        head: table.head.as_ref().to_vec(),
-        exponentials: table.exponentials.as_ref().to_vec(),
-        slow_blocks: table.slow_blocks,
-        far_blocks: table.far_blocks,
-        horizon: table.horizon,
-        step_size: table.step_size,
-    };
     let state = vec![T::of(0.0); table.borrow().state_len(1)];
     let of_integral = law.integral_kernel().unwrap();
     let kernel = match of_integral.symbol().growth() == exponent {

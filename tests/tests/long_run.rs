@@ -58,15 +58,6 @@ fn a_million_steps_of_a_pendulum_do_not_depend_on_the_engine() {
     .unwrap()
     .table::<f64>();
     let state = vec![0.0; table.borrow().state_len(1)];
-    let table = fvi_core::ExponentialTable {
-        stages: 1,
-        head: table.head.as_ref().to_vec(),
-        exponentials: table.exponentials.as_ref().to_vec(),
-        slow_blocks: table.slow_blocks,
-        far_blocks: 0,
-        horizon: table.horizon,
-        step_size: 1.0,
-    };
     let (exponential, small) = run(ExponentialSum::new(table, 1.0, 1, state).unwrap());
     let (block, _) = run(BlockFft::planned(kernel(), 1, samples).unwrap());
     let (real_time, large) = run(RealTime::planned(kernel(), 1, samples, Pacing::Paced).unwrap());

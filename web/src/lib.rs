@@ -1,9 +1,10 @@
-//! fvi-core for a page in the browser: what JavaScript calls, and the memory that it reads and writes.
+//! fvi-core for a page in the browser: the functions that JavaScript calls, and the memory that it reads and
+//! writes.
 //!
 //! JavaScript writes [`Settings`] as numbers at [`settings`], calls [`motion`], [`controlled`] or
-//! [`response`], and reads rows of numbers at [`rows`] and [`answer`]. There is no allocator: everything lies
-//! in one place of fixed size.
-// With std on a host, where clippy looks at it.
+//! [`response`], and reads rows of numbers at [`rows`] and [`answer`]. There is no allocator: all data is in
+//! one static object.
+// With std on a host, for clippy.
 #![cfg_attr(target_arch = "wasm32", no_std)]
 
 mod oscillator;
@@ -12,7 +13,7 @@ use core::cell::UnsafeCell;
 
 use oscillator::{Refusal, Row, SAMPLES, Settings, Tables};
 
-/// Everything that outlives a call.
+/// All data that persists between calls.
 struct Room {
     settings: Settings,
     tables: Tables,
@@ -21,11 +22,11 @@ struct Room {
     refusal: Option<Refusal>,
 }
 
-/// The room of a module, which has one thread.
+/// The data of a module, which has one thread.
 struct Alone(UnsafeCell<Room>);
 
-// SAFETY: a module made without threads is entered by one thread only, and no function here is entered twice
-// at a time, because none calls JavaScript.
+// SAFETY: a module compiled without threads is entered by one thread only, and no function here is
+// re-entered, because none calls JavaScript.
 unsafe impl Sync for Alone {}
 
 static ROOM: Alone = Alone(UnsafeCell::new(Room {
@@ -37,7 +38,7 @@ static ROOM: Alone = Alone(UnsafeCell::new(Room {
 }));
 
 fn room() -> &'static mut Room {
-    // SAFETY: see `Alone`; every exported function asks once and keeps nothing.
+    // SAFETY: see `Alone`; every exported function calls this once and keeps no reference.
     unsafe { &mut *ROOM.0.get() }
 }
 
@@ -47,7 +48,7 @@ fn panicked(_: &core::panic::PanicInfo<'_>) -> ! {
     core::arch::wasm32::unreachable()
 }
 
-/// Where the settings lie: the numbers of [`Settings`] in its order.
+/// Address of the settings: the fields of [`Settings`] as numbers, in order.
 #[unsafe(no_mangle)]
 extern "C" fn settings() -> *mut Settings {
     &raw mut room().settings
@@ -59,7 +60,7 @@ extern "C" fn settings_len() -> usize {
     size_of::<Settings>() / size_of::<f64>()
 }
 
-/// Where rows of three numbers lie: position, momentum, and the force from outside.
+/// Address of the rows of three numbers each: position, momentum, and external force.
 #[unsafe(no_mangle)]
 extern "C" fn rows() -> *const Row {
     room().rows.as_ptr()
@@ -71,8 +72,8 @@ extern "C" fn most_steps() -> usize {
     SAMPLES - 1
 }
 
-/// Computes the oscillator under its constant force; returns the number of rows. They are fewer than steps
-/// and one where something was refused.
+/// Computes the oscillator under its constant force; returns the number of rows. It is less than the number
+/// of steps plus one if an error occurred.
 #[unsafe(no_mangle)]
 extern "C" fn motion() -> usize {
     let Room { settings, tables, rows, refusal, .. } = room();
@@ -90,8 +91,8 @@ extern "C" fn controlled() -> usize {
     written
 }
 
-/// Computes P(iω) and C(iω) P(iω) at ω in radians per unit of time; returns where their real and imaginary
-/// parts lie, or null where something was refused.
+/// Computes P(iω) and C(iω) P(iω) at ω in radians per unit of time; returns the address of their real and
+/// imaginary parts, or null on an error.
 #[unsafe(no_mangle)]
 extern "C" fn response(omega: f64) -> *const f64 {
     let Room { settings, answer, refusal, .. } = room();
@@ -107,8 +108,7 @@ extern "C" fn response(omega: f64) -> *const f64 {
     }
 }
 
-/// The text of the last refusal: what (0) or the values that are allowed (1); of length 0 if nothing was
-/// refused.
+/// Text of the last error: the setting or event (0), or the allowed values (1); empty if there was no error.
 fn refused(part: usize) -> &'static str {
     match (&room().refusal, part) {
         (Some(refusal), 0) => refusal.what,
@@ -117,19 +117,19 @@ fn refused(part: usize) -> &'static str {
     }
 }
 
-/// Where the text lies: what was refused (0), or the values that are allowed (1).
+/// Address of the text of the last error: the setting or event (0), or the allowed values (1).
 #[unsafe(no_mangle)]
 extern "C" fn refused_text(part: usize) -> *const u8 {
     refused(part).as_ptr()
 }
 
-/// Length of that text in bytes of UTF-8; 0 if nothing was refused.
+/// Length of that text in bytes of UTF-8; 0 if there was no error.
 #[unsafe(no_mangle)]
 extern "C" fn refused_len(part: usize) -> usize {
     refused(part).len()
 }
 
-/// The value that was refused; not a number where that says nothing.
+/// The value that was refused; NaN if the error has no value.
 #[unsafe(no_mangle)]
 extern "C" fn refused_value() -> f64 {
     room().refusal.as_ref().map_or(f64::NAN, |refusal| refusal.value)

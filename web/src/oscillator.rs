@@ -7,13 +7,13 @@ use fvi_core::{
     ParameterError, PidError, PidGains, PidLaw, PidSettings, Quadratic, StepError, System, TimeForce,
 };
 
-/// Samples that a memory holds: those of 2048 steps and of their beginning.
+/// Samples that a memory holds: those at the beginning and at the ends of 2048 steps.
 pub(crate) const SAMPLES: usize = 2049;
 
-/// Position, momentum, and the force from outside over the step that follows.
+/// Position, momentum, and external force over the following step.
 pub(crate) type Row = [f64; 3];
 
-/// What is computed, in numbers only: JavaScript writes them one after another.
+/// Input of a computation; all fields are numbers, which JavaScript writes one after another.
 ///
 /// ```text
 /// plant        m q̈ + ρ D^β q + k q = F + u
@@ -30,17 +30,17 @@ pub(crate) struct Settings {
     pub(crate) damping: f64,
     /// β, the order of the damping, 0 ≤ β < 2.
     pub(crate) damping_order: f64,
-    /// Order of the backward differentiation formula behind the weights of D^β, 1…6.
+    /// Order of the backward differentiation formula for the weights of D^β, 1…6.
     pub(crate) bdf_order: f64,
-    /// h, which is the time between the ticks of the controller, too.
+    /// h, which is also the sampling time of the controller.
     pub(crate) step_size: f64,
     /// Number of steps, at most [`SAMPLES`] − 1.
     pub(crate) steps: f64,
-    /// q(0). D^β is Caputo's.
+    /// q(0). D^β is the Caputo derivative.
     pub(crate) position: f64,
     /// q̇(0)
     pub(crate) velocity: f64,
-    /// F, from t = 0 on; none under a controller.
+    /// F, from t = 0 on; ignored with a controller.
     pub(crate) force: f64,
     /// K_p
     pub(crate) proportional: f64,
@@ -136,9 +136,9 @@ impl Tables {
 
 /// Why something was not computed.
 pub(crate) struct Refusal {
-    /// The setting, or what happened.
+    /// Name of the setting, or the event.
     pub(crate) what: &'static str,
-    /// Its value, not a number where it has none.
+    /// Its value; NaN if there is none.
     pub(crate) value: f64,
     /// The values that are allowed, or empty.
     pub(crate) allowed: &'static str,
@@ -196,7 +196,7 @@ impl From<PidError> for Refusal {
 /// A memory of all samples.
 type Ring<'w> = FixedDirect<'w, f64, 1, SAMPLES>;
 
-/// w_n/w₀ of D^`exponent` for so many samples, or the sums of them, as `fvi run` makes them.
+/// w_n/w₀ of D^`exponent` for the length of the table, or their partial sums, computed as in `fvi run`.
 fn tabulate(
     table: &mut [f64; SAMPLES],
     order: BdfOrder,
@@ -212,7 +212,7 @@ fn tabulate(
     Ok(table)
 }
 
-/// Makes the plant: an oscillator by the midpoint rule, damped at its node.
+/// Creates the plant: an oscillator integrated by the midpoint rule, damped at its node.
 macro_rules! plant {
     ($settings:expr, $table:expr, $steps:expr, $force:expr) => {{
         let (settings, force): (&Settings, f64) = ($settings, $force);
@@ -289,8 +289,8 @@ pub(crate) fn controlled(
     Ok(())
 }
 
-/// The plant P(iω) = 1/(m (iω)² + ρ (iω)^β + k) and the loop C P, C being that of the controller as it ticks:
-/// their real and imaginary parts.
+/// The plant P(iω) = 1/(m (iω)² + ρ (iω)^β + k) and the loop C P, with C of the sampled controller: their
+/// real and imaginary parts.
 pub(crate) fn response(settings: &Settings, omega: f64) -> Result<[f64; 4], Refusal> {
     settings.check_damping_order()?;
     let law = settings.law()?;

@@ -16,12 +16,12 @@
     (1 + ((head) + ((head) > 2 ? (head) - 2 : 0) + 1 + (exponentials) + 4 * (far_blocks)) * (channels))
 
 /*
- Kind of memory: a ring that takes as many samples as it holds and then refuses.
+ Kind of memory: a ring that takes as many samples as it has room for and then refuses further ones.
  */
 #define FVI_FULL_MEMORY 0
 
 /*
- Kind of memory: a ring that drops the oldest sample. The sum then lacks its far end.
+ Kind of memory: a ring that drops the oldest sample. The sum is then truncated at the largest lags.
  */
 #define FVI_SHORT_MEMORY 1
 
@@ -33,13 +33,14 @@
 
 /*
  Added to the kind of a memory: its weights are for increments, sums w_0 + … + w_n of those for values
- (fvi_increment_weights_bdf), and lose less to rounding. Steppers know the increments without subtraction.
+ (fvi_increment_weights_bdf), and the rounding error is smaller. Steppers have the increments without a
+ subtraction.
  */
 #define FVI_ON_INCREMENTS 256
 
 /*
- Added to FVI_EXPONENTIAL_SUM: past the horizon of its table the memory goes on and forgets, where it
- otherwise refuses samples.
+ Added to FVI_EXPONENTIAL_SUM: past the horizon of its table the memory continues and drops older samples;
+ without it, it refuses samples there.
  */
 #define FVI_FORGET_PAST_HORIZON 512
 
@@ -66,37 +67,37 @@
 #define FVI_CAPUTO_WITH_RISE 2
 
 /*
- Words of an operator.
+ Number of 64-bit words of an operator.
  */
 #define FVI_OPERATOR_WORDS 24
 
 /*
- Words of a stepper for one coordinate.
+ Number of 64-bit words of a stepper for one coordinate.
  */
 #define FVI_STEPPER_WORDS_1 48
 
 /*
- Words of a stepper for two coordinates.
+ Number of 64-bit words of a stepper for two coordinates.
  */
 #define FVI_STEPPER_WORDS_2 61
 
 /*
- Words of a stepper for three coordinates.
+ Number of 64-bit words of a stepper for three coordinates.
  */
 #define FVI_STEPPER_WORDS_3 79
 
 /*
- Words of a stepper for four coordinates.
+ Number of 64-bit words of a stepper for four coordinates.
  */
 #define FVI_STEPPER_WORDS_4 101
 
 /*
- Words of a stepper for five coordinates.
+ Number of 64-bit words of a stepper for five coordinates.
  */
 #define FVI_STEPPER_WORDS_5 126
 
 /*
- Words of a stepper for six coordinates.
+ Number of 64-bit words of a stepper for six coordinates.
  */
 #define FVI_STEPPER_WORDS_6 156
 
@@ -112,12 +113,12 @@
 #define FVI_PID_SERIES 1
 
 /*
- The derivative is of c r - y, zero before the first tick.
+ The derivative is that of c r - y, taken as zero before the first tick.
  */
 #define FVI_PID_OF_VALUES 0
 
 /*
- The derivative is of c r - y less its first value.
+ The derivative is that of c r - y minus its first value.
  */
 #define FVI_PID_FROM_REST 1
 
@@ -127,7 +128,7 @@
 #define FVI_PID_OF_RATE 2
 
 /*
- Nothing against windup.
+ No anti-windup.
  */
 #define FVI_PID_NO_ANTI_WINDUP 0
 
@@ -142,52 +143,53 @@
 #define FVI_PID_CONDITIONAL 2
 
 /*
- A change of gains moves the output not at all on its first tick.
+ A change of gains does not change the output at its first tick.
  */
 #define FVI_PID_BUMPLESS 0
 
 /*
- A change of gains moves the output by the proportional term.
+ A change of gains changes the output at its first tick by the proportional term only.
  */
 #define FVI_PID_EXCEPT_PROPORTIONAL 1
 
 /*
- A change of gains moves the output.
+ A change of gains changes the output freely.
  */
 #define FVI_PID_BUMPS 2
 
 /*
- The actuator did as it was told.
+ The actuator applied the last output.
  */
 #define FVI_PID_FOLLOWED 0
 
 /*
- The actuator did what `applied` says.
+ The actuator applied the value `applied`.
  */
 #define FVI_PID_APPLIED 1
 
 /*
- The actuator is at a limit that the controller does not know: the integral only shrinks.
+ The actuator is at a limit unknown to the controller: the integral can only decrease in magnitude.
  */
 #define FVI_PID_LIMITED 2
 
 /*
- Words of a controller.
+ Number of 64-bit words of a controller.
  */
 #define FVI_PID_WORDS 96
 
 /*
- What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that
- sets up an object with an exponential sum may have emptied its buffer, and one that sets up a controller
- those of its memories, whose weights it looks at by samples.
+ The status returned by a call. Any status but FVI_STATUS_OK means that the call has changed nothing, with
+ two exceptions: a call that sets up an object with an exponential sum may have cleared its buffer, and one
+ that sets up a controller may have cleared the buffers of its memories, since it tests their weights with
+ samples.
  */
 typedef enum FviStatus {
   /*
-   Done.
+   Success.
    */
   FVI_STATUS_OK = 0,
   /*
-   A pointer that must not be NULL is.
+   A pointer is NULL that must not be.
    */
   FVI_STATUS_NULL = 1,
   /*
@@ -195,15 +197,15 @@ typedef enum FviStatus {
    */
   FVI_STATUS_MISALIGNED = 2,
   /*
-   A number is infinite or not a number: a parameter, a sample, what a callback wrote, or the result.
+   A number is infinite or NaN: a parameter, a sample, a value written by a callback, or the result.
    */
   FVI_STATUS_NOT_FINITE = 3,
   /*
-   A parameter is outside what is allowed.
+   A parameter is outside its range.
    */
   FVI_STATUS_OUT_OF_RANGE = 4,
   /*
-   A buffer has another size than the call needs.
+   A buffer does not have the size that the call needs.
    */
   FVI_STATUS_WRONG_SIZE = 5,
   /*
@@ -215,11 +217,11 @@ typedef enum FviStatus {
    */
   FVI_STATUS_NOT_POSITIVE = 7,
   /*
-   The state was never set up, or belongs to something else.
+   The state was never set up, or belongs to another kind of object.
    */
   FVI_STATUS_NOT_INITIALISED = 8,
   /*
-   The memory holds as many samples as it can, or its table reaches no further.
+   The memory is full, or the horizon of its table is reached.
    */
   FVI_STATUS_MEMORY_FULL = 9,
   /*
@@ -231,7 +233,7 @@ typedef enum FviStatus {
    */
   FVI_STATUS_SINGULAR = 11,
   /*
-   Saved bytes are cut off, damaged, or the state of another object.
+   Saved bytes are incomplete, damaged, or the state of another object.
    */
   FVI_STATUS_WRONG_STATE = 12,
 } FviStatus;
@@ -242,11 +244,11 @@ typedef enum FviStatus {
 typedef struct FviStepper FviStepper;
 
 /*
- A memory: which, for which kernel, and on which buffer.
+ A memory: its kind, its kernel, and its buffer.
 
  Tables and buffer stay in use until the last call on the object that was set up with them; the buffer must
  belong to that object alone. The kernel is `scale` times the table. A new object has an empty memory,
- whatever the buffer held.
+ whatever the content of the buffer.
  */
 typedef struct FviMemory {
   /*
@@ -255,8 +257,8 @@ typedef struct FviMemory {
    */
   uint32_t kind;
   /*
-   Factor of all weights: 1 for weights that hold the step size, h^(-exponent) for a table made for
-   h = 1. fvi_memory_scale_bdf finds it.
+   Factor of all weights: 1 for weights that contain the step size, h^(-exponent) for a table made for h
+   = 1. fvi_memory_scale_bdf computes it.
    */
   float scale;
   /*
@@ -274,25 +276,25 @@ typedef struct FviMemory {
    */
   const float *exponentials;
   /*
-   Exponential sum: how many numbers those are.
+   Exponential sum: number of floats in `exponentials`.
    */
   size_t exponential_count;
   /*
-   Exponential sum: how many blocks, from the first, hold slow exponentials.
+   Exponential sum: number of blocks, from the first, with slow exponentials.
    */
   size_t slow_blocks;
   /*
-   Exponential sum: how many of these, from the first, have sums of three parts.
+   Exponential sum: number of these, from the first, whose sums are stored in three parts.
    */
   size_t far_blocks;
   /*
-   Exponential sum: largest lag at which the table holds; so many samples are taken. FVI_ENDLESS for a
-   table without an end.
+   Exponential sum: largest lag at which the table is accurate, and largest number of samples.
+   FVI_ENDLESS for a table without an end.
    */
   uint64_t horizon;
   /*
-   Exponential sum: the step size that the weights hold, with which the scale must be 1; 1 for a table
-   that any step size may scale. 0 if that is not known.
+   Exponential sum: the step size contained in the weights; the scale must then be 1. 1 for a table that
+   may be scaled to any step size, 0 if it is not known.
    */
   double step_size;
   /*
@@ -306,13 +308,13 @@ typedef struct FviMemory {
 } FviMemory;
 
 /*
- A fractional operator on a stream: takes a sample x_k, gives back Σ_{n=0}^{k} w_n x_{k−n}.
+ A fractional operator on a stream: takes a sample x_k and returns Σ_{n=0}^{k} w_n x_{k−n}.
 
  Set all words to zero before the first call.
  */
 typedef struct FviOperator {
   /*
-   The state; not for the caller.
+   Internal state; not to be accessed by the caller.
    */
   uint64_t words[FVI_OPERATOR_WORDS];
 } FviOperator;
@@ -322,7 +324,7 @@ typedef struct FviOperator {
  */
 typedef struct FviStepper1 {
   /*
-   The state; not for the caller. Set all to zero before the first call.
+   Internal state; not to be accessed by the caller. Set all words to zero before the first call.
    */
   uint64_t words[FVI_STEPPER_WORDS_1];
 } FviStepper1;
@@ -347,8 +349,8 @@ typedef void (*FviForce)(void *context, float time, const float *position, float
  variational integrator.
 
  The number of coordinates n is that of the function that sets it up. Matrices are n×n numbers row by row.
- Everything but the tables and buffer of the memory and what `context` points to may go once the stepper is
- set up.
+ After the stepper is set up, only the tables and the buffer of the memory and the object behind `context`
+ must remain valid.
  */
 typedef struct FviSystem {
   /*
@@ -400,7 +402,7 @@ typedef struct FviSystem {
    */
   FviForce force;
   /*
-   Handed to the callbacks as it is.
+   Passed to the callbacks unchanged.
    */
   void *context;
 } FviSystem;
@@ -410,7 +412,7 @@ typedef struct FviSystem {
  */
 typedef struct FviStepper2 {
   /*
-   The state; not for the caller. Set all to zero before the first call.
+   Internal state; not to be accessed by the caller. Set all words to zero before the first call.
    */
   uint64_t words[FVI_STEPPER_WORDS_2];
 } FviStepper2;
@@ -420,7 +422,7 @@ typedef struct FviStepper2 {
  */
 typedef struct FviStepper3 {
   /*
-   The state; not for the caller. Set all to zero before the first call.
+   Internal state; not to be accessed by the caller. Set all words to zero before the first call.
    */
   uint64_t words[FVI_STEPPER_WORDS_3];
 } FviStepper3;
@@ -430,7 +432,7 @@ typedef struct FviStepper3 {
  */
 typedef struct FviStepper4 {
   /*
-   The state; not for the caller. Set all to zero before the first call.
+   Internal state; not to be accessed by the caller. Set all words to zero before the first call.
    */
   uint64_t words[FVI_STEPPER_WORDS_4];
 } FviStepper4;
@@ -440,7 +442,7 @@ typedef struct FviStepper4 {
  */
 typedef struct FviStepper5 {
   /*
-   The state; not for the caller. Set all to zero before the first call.
+   Internal state; not to be accessed by the caller. Set all words to zero before the first call.
    */
   uint64_t words[FVI_STEPPER_WORDS_5];
 } FviStepper5;
@@ -450,7 +452,7 @@ typedef struct FviStepper5 {
  */
 typedef struct FviStepper6 {
   /*
-   The state; not for the caller. Set all to zero before the first call.
+   Internal state; not to be accessed by the caller. Set all words to zero before the first call.
    */
   uint64_t words[FVI_STEPPER_WORDS_6];
 } FviStepper6;
@@ -462,13 +464,14 @@ typedef struct FviStepper6 {
  */
 typedef struct FviPid {
   /*
-   The state; not for the caller.
+   Internal state; not to be accessed by the caller.
    */
   uint64_t words[FVI_PID_WORDS];
 } FviPid;
 
 /*
- A law. Zero members are those of a plain loop: no limits, no filter, setpoint weights as they are.
+ A control law. Members that are zero mean: no limits, no filter, default orders; the setpoint weights are
+ used as given.
  */
 typedef struct FviPidSettings {
   /*
@@ -488,7 +491,7 @@ typedef struct FviPidSettings {
    */
   double filter_time;
   /*
-   Order of that filter; 0 stands for 1, other orders want a memory.
+   Order of that filter; 0 stands for 1, other orders need a memory.
    */
   double filter_order;
   /*
@@ -508,7 +511,7 @@ typedef struct FviPidSettings {
    */
   float kd;
   /*
-   Series form: N.
+   Series form: the filter ratio N.
    */
   float filter_ratio;
   /*
@@ -516,11 +519,11 @@ typedef struct FviPidSettings {
    */
   float setpoint_weights[2];
   /*
-   The least output and the largest; two zeros for none. Infinities are allowed.
+   The smallest and the largest output; two zeros for no limits. Infinities are allowed.
    */
   float limits[2];
   /*
-   How far the output moves in a unit of time; 0 for any.
+   Largest rate of change of the output per unit of time; 0 for no limit.
    */
   float rate_limit;
   /*
@@ -566,7 +569,7 @@ typedef struct FviPidInputs {
    */
   uint32_t actuator;
   /*
-   Output of the tick before as the actuator applied it.
+   Output of the previous tick as the actuator applied it.
    */
   float applied;
 } FviPidInputs;
@@ -582,13 +585,13 @@ const char *fvi_status_text(int32_t status);
 
 /*
  Compares the weights of a memory with those of D^exponent by a backward differentiation formula at a step
- size, and sets the scale that makes them the same, and FVI_ON_INCREMENTS where they are sums.
+ size, sets the scale for which they agree, and sets FVI_ON_INCREMENTS if they are weights for increments.
 
- So a table that holds its step size is never scaled a second time, and one made for h = 1 is scaled as it
- must be. `order` is 1…6; −1 < exponent < 2. The first eight weights are compared. Returns FVI_STATUS_NULL,
+ A table that contains its step size is not scaled a second time; one made for h = 1 gets the right scale.
+ `order` is 1…6; −1 < exponent < 2. The first eight weights are compared. Returns FVI_STATUS_NULL,
  FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, or FVI_STATUS_OUT_OF_RANGE if a parameter is out of range,
- the weights are those of another operator, or the table says that it holds another step size; the memory
- then is as before.
+ the weights are those of another operator, or the table contains another step size; the memory is then
+ unchanged.
 
  # Safety
  `memory` must be as its type describes, and writable.
@@ -622,21 +625,21 @@ enum FviStatus fvi_operator_init(struct FviOperator *operation,
 enum FviStatus fvi_operator_push(struct FviOperator *operation, float sample, float *result);
 
 /*
- Writes what fvi_operator_push would write; the operator stays as it is.
+ Writes what fvi_operator_push would write, without changing the operator.
 
- Returns the same.
+ Returns what fvi_operator_push returns.
 
  # Safety
- As there.
+ As for fvi_operator_push.
  */
 enum FviStatus fvi_operator_peek(struct FviOperator *operation, float sample, float *result);
 
 /*
- Takes a sample for each of two operators, or none: a tick of both.
+ Takes a sample for each of two operators; on an error neither takes its sample.
 
  Writes the two values to `results`. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
  FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, FVI_STATUS_MEMORY_FULL, or FVI_STATUS_OUT_OF_RANGE if
- the two are one; then neither operator nor `results` has changed.
+ both are the same operator; then neither operator nor `results` has changed.
 
  # Safety
  `first` and `second` must be zeroed or set up, `samples` readable and `results` writable for two numbers.
@@ -647,7 +650,7 @@ enum FviStatus fvi_operator_push_two(struct FviOperator *first,
                                      float *results);
 
 /*
- Forgets all samples.
+ Removes all samples.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
 
@@ -660,9 +663,9 @@ enum FviStatus fvi_operator_clear(struct FviOperator *operation);
  Writes the convolution-quadrature weights w_0 … w_{count−1} of D^exponent for a step size.
 
  `order` is that of the backward differentiation formula, 1…6; −1 < exponent < 2; negative for fractional
- integrals. The weights hold the step size: the scale of the memory is 1. Computed in double precision, in
- software on parts that have none. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE or
- FVI_STATUS_OUT_OF_RANGE.
+ integrals. The weights contain the step size, so that the scale of the memory is 1. They are computed in
+ double precision, which is emulated in software on processors without it. Returns FVI_STATUS_NULL,
+ FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE or FVI_STATUS_OUT_OF_RANGE.
 
  # Safety
  `weights` must be writable for `count` numbers.
@@ -759,10 +762,10 @@ enum FviStatus fvi_stepper_init_6(struct FviStepper6 *storage,
 
 /*
  Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`; the
- fractional force acts at κ q_k + (1−κ) q_{k+1}, where the potential does, instead of the end of the step.
+ fractional force acts at κ q_k + (1−κ) q_{k+1}, like the potential, instead of at the end of the step.
 
  With κ = ½ the momentum is of order 2 too, and with weights of order 1 or 2 every step size is stable. The
- memory takes a sample a step and none at t = 0. Returns what fvi_stepper_init_1 returns.
+ memory takes one sample in each step and none at t = 0. Returns what fvi_stepper_init_1 returns.
 
  # Safety
  `storage` and `stepper` must be writable, `system` as its type describes.
@@ -840,7 +843,7 @@ enum FviStatus fvi_stepper_init_at_node_6(struct FviStepper6 *storage,
  Makes one step with the input u, n numbers held over the step, or NULL for none.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE,
- FVI_STATUS_MEMORY_FULL, FVI_STATUS_NOT_CONVERGED or FVI_STATUS_SINGULAR; then the stepper is as it was,
+ FVI_STATUS_MEMORY_FULL, FVI_STATUS_NOT_CONVERGED or FVI_STATUS_SINGULAR; then the stepper is unchanged,
  and the step may be tried again.
 
  # Safety
@@ -863,13 +866,12 @@ enum FviStatus fvi_stepper_step(struct FviStepper *stepper, const float *input);
 enum FviStatus fvi_stepper_state(const struct FviStepper *stepper, float *position, float *momentum, uint64_t *steps);
 
 /*
- Saves an operator: writes what it remembers to `bytes` and the number of bytes to `written`. With a
- capacity of 0 it only says how many it would take at present; rings take more as they fill.
+ Saves an operator: writes its state to `bytes` and the number of bytes to `written`. With a capacity of 0
+ only the number of bytes that are needed at present is written; for rings it grows as they fill.
 
- The bytes are the same on every machine. Nothing guards against bits that change while they are stored;
- where that can happen, keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
- FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or FVI_STATUS_WRONG_SIZE if the capacity is too
- small; then nothing is written.
+ The bytes are the same on every machine. They contain no checksum; where stored bits can change, add one.
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
+ FVI_STATUS_WRONG_SIZE if the capacity is too small; then nothing is written.
 
  # Safety
  `operation` must be zeroed or set up, `capacity` bytes and `written` writable.
@@ -878,10 +880,10 @@ enum FviStatus fvi_operator_save(const struct FviOperator *operation, uint8_t *b
 
 /*
  Restores what fvi_operator_save wrote, into an operator that was set up with the same memory and start: it
- goes on with the same bits. Of the `count` bytes those behind the state are ignored.
+ then continues bit-identically. Bytes after the state, up to `count`, are ignored.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
- FVI_STATUS_WRONG_STATE if the bytes are not the state of such an operator; then it is as it was.
+ FVI_STATUS_WRONG_STATE if the bytes are not the state of such an operator, which is then unchanged.
 
  # Safety
  `operation` must be zeroed or set up, `count` bytes readable.
@@ -889,14 +891,14 @@ enum FviStatus fvi_operator_save(const struct FviOperator *operation, uint8_t *b
 enum FviStatus fvi_operator_restore(struct FviOperator *operation, const uint8_t *bytes, size_t count);
 
 /*
- Saves a stepper for one coordinate: writes step, position, momentum and what its memory holds to `bytes`,
- and the number of bytes to `written`. With a capacity of 0 it only says how many it would take at present;
- rings take more as they fill.
+ Saves a stepper for one coordinate: writes step, position, momentum and the state of its memory to
+ `bytes`, and the number of bytes to `written`. With a capacity of 0 only the number of bytes that are
+ needed at present is written; for rings it grows as they fill.
 
- The bytes are the same on every machine. Nothing guards against bits that change while they are stored;
- where that can happen, keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
- FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or FVI_STATUS_WRONG_SIZE if the capacity is too small
- or the stepper has another number of coordinates; then nothing is written.
+ The bytes are the same on every machine. They contain no checksum; where stored bits can change, add one.
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
+ FVI_STATUS_WRONG_SIZE if the capacity is too small or the stepper has another number of coordinates; then
+ nothing is written.
 
  # Safety
  `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage,
@@ -905,13 +907,13 @@ enum FviStatus fvi_operator_restore(struct FviOperator *operation, const uint8_t
 enum FviStatus fvi_stepper_save_1(const struct FviStepper *stepper, uint8_t *bytes, size_t capacity, size_t *written);
 
 /*
- Restores what fvi_stepper_save_1 wrote, into a stepper that was set up alike: it goes on with the same
- bits. System, scheme and damping order are not compared. Of the `count` bytes those behind the state are
- ignored.
+ Restores what fvi_stepper_save_1 wrote, into a stepper set up in the same way, which then continues
+ bit-identically. System, scheme and damping order are not compared. Bytes after the state, up to `count`,
+ are ignored.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE,
  FVI_STATUS_WRONG_SIZE if the stepper has another number of coordinates, or FVI_STATUS_WRONG_STATE if the
- bytes are not the state of such a stepper; then it is as it was.
+ bytes are not the state of such a stepper, which is then unchanged.
 
  # Safety
  `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage,
@@ -1002,11 +1004,12 @@ enum FviStatus fvi_stepper_restore_6(struct FviStepper *stepper, const uint8_t *
 /*
  Sets up a controller on empty memories.
 
- The memory of the integral is of D^-lambda for lambda < 1, else of D^(1 - lambda): of lambda = 1 a ring of
- the one weight 1. That of the derivative is of D^mu, or D^(mu - 1) of a rate; NULL without a derivative.
- That of the filter is of D^filter_order; NULL where the order is 1 or there is none. They are compared
- with these kernels. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE,
- FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if something is wrong with a pointer, a number or a size.
+ The kernel of the integral's memory is D^-lambda for lambda < 1, else D^(1 - lambda), which for lambda = 1
+ is a ring with the single weight 1. That of the derivative's memory is D^mu, or D^(mu - 1) for a rate;
+ NULL without a derivative. That of the filter's memory is D^filter_order; NULL where the order is 1 or
+ there is no filter. The memories are compared with these kernels. Returns FVI_STATUS_NULL,
+ FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if
+ something is wrong with a pointer, a number or a size.
 
  # Safety
  `controller` must be writable, `settings` readable, the memories as their type describes or NULL.
@@ -1029,17 +1032,18 @@ enum FviStatus fvi_pid_init(struct FviPid *controller,
 enum FviStatus fvi_pid_tick(struct FviPid *controller, float setpoint, float measured, float *output);
 
 /*
- Makes a tick with all that it may be told, and writes the output.
+ Makes a tick with all inputs, and writes the output.
 
- Returns what fvi_pid_tick does, and FVI_STATUS_OUT_OF_RANGE for another actuator than there is.
+ Returns what fvi_pid_tick does, and FVI_STATUS_OUT_OF_RANGE for an unknown value of `actuator`.
 
  # Safety
- As there; `inputs` must be readable.
+ As for fvi_pid_tick; `inputs` must be readable.
  */
 enum FviStatus fvi_pid_tick_with(struct FviPid *controller, const struct FviPidInputs *inputs, float *output);
 
 /*
- Sets the output by hand, from the next tick on, within limits and rate; the integral forgets.
+ Sets the output by hand, from the next tick on, within limits and rate limit; the memory of the integral
+ is cleared.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED or FVI_STATUS_NOT_FINITE.
 
@@ -1049,7 +1053,8 @@ enum FviStatus fvi_pid_tick_with(struct FviPid *controller, const struct FviPidI
 enum FviStatus fvi_pid_manual(struct FviPid *controller, float output);
 
 /*
- Gives the output back to the law; the next tick has the output of the tick before.
+ Returns the output to automatic control, without a jump: the output of the next tick equals that of the
+ previous one.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
 
@@ -1059,8 +1064,8 @@ enum FviStatus fvi_pid_manual(struct FviPid *controller, float output);
 enum FviStatus fvi_pid_automatic(struct FviPid *controller);
 
 /*
- Changes the gains, from the next tick on; `bumpless` of the settings says what must not move. In the
- series form they are kp, 1/T_i and T_d.
+ Changes the gains, from the next tick on; `bumpless` of the settings selects how the output may change. In
+ the series form they are kp, 1/T_i and T_d.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, or
  FVI_STATUS_OUT_OF_RANGE if a gain is not allowed, or a derivative lacks its memory.
@@ -1071,7 +1076,7 @@ enum FviStatus fvi_pid_automatic(struct FviPid *controller);
 enum FviStatus fvi_pid_set_gains(struct FviPid *controller, float kp, float ki, float kd);
 
 /*
- Forgets everything; the gains stay.
+ Restores the state after set-up, with empty memories and in automatic mode; the gains are kept.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
 
@@ -1081,8 +1086,8 @@ enum FviStatus fvi_pid_set_gains(struct FviPid *controller, float kp, float ki, 
 enum FviStatus fvi_pid_reset(struct FviPid *controller);
 
 /*
- Saves a controller with all that its memories hold, as fvi_operator_save does an operator. The law is not
- part of it.
+ Saves the state of a controller with its memories, as fvi_operator_save does for an operator. The law is
+ not part of it.
 
  # Safety
  `controller` must be zeroed or set up, `capacity` bytes and `written` writable.
@@ -1090,8 +1095,8 @@ enum FviStatus fvi_pid_reset(struct FviPid *controller);
 enum FviStatus fvi_pid_save(const struct FviPid *controller, uint8_t *bytes, size_t capacity, size_t *written);
 
 /*
- Restores what fvi_pid_save wrote, into a controller that was set up alike, as fvi_operator_restore does an
- operator.
+ Restores what fvi_pid_save wrote, into a controller set up in the same way, as fvi_operator_restore does
+ for an operator.
 
  # Safety
  `controller` must be zeroed or set up, `count` bytes readable.

@@ -2,8 +2,8 @@
 //! fractionally damped systems.
 //!
 //! All state is the caller's, of a size known at compile time; nothing is allocated, nothing unwinds, and
-//! every call that can be wrong returns a status and leaves the state as it was. The header `fvi.h` is
-//! generated from this crate.
+//! every call that can fail returns a status and leaves the state unchanged in that case. The header `fvi.h`
+//! is generated from this crate.
 #![no_std]
 
 mod memory;
@@ -25,8 +25,8 @@ pub use status::*;
 pub use stepper::*;
 pub use weights::*;
 
-/// Calls a function that does not exist: a program that could panic does not link. No call can, in an
-/// optimised build.
+/// Calls a function that does not exist: a program that could panic does not link. In an optimised build no
+/// call of this interface can panic.
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     unsafe extern "C" {

@@ -1,4 +1,4 @@
-//! A memory as C describes it, and as the core knows it.
+//! Memories: their description in C, and the memories of the core made from it.
 
 use core::mem::take;
 
@@ -11,38 +11,39 @@ use crate::pointer::{reference, slice, slice_mut};
 use crate::ring::BufferRing;
 use crate::status::{FviStatus, status};
 
-/// Kind of memory: a ring that takes as many samples as it holds and then refuses.
+/// Kind of memory: a ring that takes as many samples as it has room for and then refuses further ones.
 pub const FVI_FULL_MEMORY: u32 = 0;
-/// Kind of memory: a ring that drops the oldest sample. The sum then lacks its far end.
+/// Kind of memory: a ring that drops the oldest sample. The sum is then truncated at the largest lags.
 pub const FVI_SHORT_MEMORY: u32 = 1;
 /// Kind of memory: a head of weights and a sum of decaying exponentials. No ring, the same cost at every
 /// step.
 pub const FVI_EXPONENTIAL_SUM: u32 = 2;
 
 /// Added to the kind of a memory: its weights are for increments, sums w_0 + … + w_n of those for values
-/// (fvi_increment_weights_bdf), and lose less to rounding. Steppers know the increments without subtraction.
+/// (fvi_increment_weights_bdf), and the rounding error is smaller. Steppers have the increments without a
+/// subtraction.
 pub const FVI_ON_INCREMENTS: u32 = 0x100;
 
-/// Added to FVI_EXPONENTIAL_SUM: past the horizon of its table the memory goes on and forgets, where it
-/// otherwise refuses samples.
+/// Added to FVI_EXPONENTIAL_SUM: past the horizon of its table the memory continues and drops older samples;
+/// without it, it refuses samples there.
 pub const FVI_FORGET_PAST_HORIZON: u32 = 0x200;
 
 /// Horizon of a table of exponentials without an end.
 pub const FVI_ENDLESS: u64 = u64::MAX;
 
-/// A memory: which, for which kernel, and on which buffer.
+/// A memory: its kind, its kernel, and its buffer.
 ///
 /// Tables and buffer stay in use until the last call on the object that was set up with them; the buffer must
 /// belong to that object alone. The kernel is `scale` times the table. A new object has an empty memory,
-/// whatever the buffer held.
+/// whatever the content of the buffer.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct FviMemory {
     /// FVI_FULL_MEMORY, FVI_SHORT_MEMORY or FVI_EXPONENTIAL_SUM; with FVI_ON_INCREMENTS for weights on
     /// increments, and for an exponential sum with FVI_FORGET_PAST_HORIZON.
     pub kind: u32,
-    /// Factor of all weights: 1 for weights that hold the step size, h^(-exponent) for a table made for
-    /// h = 1. fvi_memory_scale_bdf finds it.
+    /// Factor of all weights: 1 for weights that contain the step size, h^(-exponent) for a table made for h
+    /// = 1. fvi_memory_scale_bdf computes it.
     pub scale: f32,
     /// Weights w_0, w_1, … of a ring; the head of an exponential sum.
     pub weights: *const f32,
@@ -52,17 +53,17 @@ pub struct FviMemory {
     /// Exponential sum: the exponentials in blocks of four, four decays and four coefficients each. Rings
     /// ignore this and the next five.
     pub exponentials: *const f32,
-    /// Exponential sum: how many numbers those are.
+    /// Exponential sum: number of floats in `exponentials`.
     pub exponential_count: usize,
-    /// Exponential sum: how many blocks, from the first, hold slow exponentials.
+    /// Exponential sum: number of blocks, from the first, with slow exponentials.
     pub slow_blocks: usize,
-    /// Exponential sum: how many of these, from the first, have sums of three parts.
+    /// Exponential sum: number of these, from the first, whose sums are stored in three parts.
     pub far_blocks: usize,
-    /// Exponential sum: largest lag at which the table holds; so many samples are taken. FVI_ENDLESS for a
-    /// table without an end.
+    /// Exponential sum: largest lag at which the table is accurate, and largest number of samples.
+    /// FVI_ENDLESS for a table without an end.
     pub horizon: u64,
-    /// Exponential sum: the step size that the weights hold, with which the scale must be 1; 1 for a table
-    /// that any step size may scale. 0 if that is not known.
+    /// Exponential sum: the step size contained in the weights; the scale must then be 1. 1 for a table that
+    /// may be scaled to any step size, 0 if it is not known.
     pub step_size: f64,
     /// The buffer. Ring: one sample per step and channel. Exponential sum: FVI_EXPONENTIAL_NUMBERS.
     pub buffer: *mut f32,
@@ -71,13 +72,13 @@ pub struct FviMemory {
 }
 
 /// Compares the weights of a memory with those of D^exponent by a backward differentiation formula at a step
-/// size, and sets the scale that makes them the same, and FVI_ON_INCREMENTS where they are sums.
+/// size, sets the scale for which they agree, and sets FVI_ON_INCREMENTS if they are weights for increments.
 ///
-/// So a table that holds its step size is never scaled a second time, and one made for h = 1 is scaled as it
-/// must be. `order` is 1…6; −1 < exponent < 2. The first eight weights are compared. Returns FVI_STATUS_NULL,
+/// A table that contains its step size is not scaled a second time; one made for h = 1 gets the right scale.
+/// `order` is 1…6; −1 < exponent < 2. The first eight weights are compared. Returns FVI_STATUS_NULL,
 /// FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, or FVI_STATUS_OUT_OF_RANGE if a parameter is out of range,
-/// the weights are those of another operator, or the table says that it holds another step size; the memory
-/// then is as before.
+/// the weights are those of another operator, or the table contains another step size; the memory is then
+/// unchanged.
 ///
 /// # Safety
 /// `memory` must be as its type describes, and writable.
@@ -98,7 +99,7 @@ pub unsafe extern "C" fn fvi_memory_scale_bdf(
         let sums = kind & 0xff == FVI_EXPONENTIAL_SUM;
         let (scale, acts_on) = kernel.scale_of(weights, sums && exponential_count == 0)?;
         let is_one = (scale - 1.0).abs() <= 64.0 * f32::EPSILON;
-        // Weights that say which step size they hold must be those of this one as they are.
+        // Weights made for a known step size must be those of this step size without scaling.
         let says = sums && held != 0.0 && held != 1.0;
         if says && ((held / step_size - 1.0).abs() > 4.0 * f64::from(f32::EPSILON) || !is_one) {
             return Err(FviStatus::OutOfRange);
@@ -122,7 +123,7 @@ pub(crate) enum AnyMemory<const C: usize> {
 
 impl<const C: usize> AnyMemory<C> {
     /// # Safety
-    /// Tables and buffer must be as [`FviMemory`] says.
+    /// Tables and buffer must be as described for [`FviMemory`].
     pub(crate) unsafe fn new(memory: &FviMemory) -> Result<Self, FviStatus> {
         // SAFETY: passed on.
         let weights = unsafe { slice(memory.weights, memory.weight_count) }?;
@@ -172,7 +173,7 @@ impl<const C: usize> AnyMemory<C> {
     }
 }
 
-/// Hands a call to the memory there is.
+/// Forwards a call to the memory of the enum.
 macro_rules! each {
     ($memory:expr, $name:ident => $call:expr) => {
         match $memory {
@@ -189,6 +190,10 @@ impl<const C: usize> Memory<f32> for AnyMemory<C> {
 
     fn acts_on(&self) -> ActsOn {
         each!(self, memory => memory.acts_on())
+    }
+
+    fn expect_jumps(&mut self) {
+        each!(self, memory => memory.expect_jumps());
     }
 
     fn leading(&self) -> &[f32] {

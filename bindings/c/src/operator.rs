@@ -16,16 +16,16 @@ pub const FVI_CAPUTO: u32 = 1;
 /// and 2.
 pub const FVI_CAPUTO_WITH_RISE: u32 = 2;
 
-/// Words of an operator.
+/// Number of 64-bit words of an operator.
 pub const FVI_OPERATOR_WORDS: usize = 24;
 
-/// A fractional operator on a stream: takes a sample x_k, gives back Σ_{n=0}^{k} w_n x_{k−n}.
+/// A fractional operator on a stream: takes a sample x_k and returns Σ_{n=0}^{k} w_n x_{k−n}.
 ///
 /// Set all words to zero before the first call.
 #[repr(C)]
 #[derive(Debug)]
 pub struct FviOperator {
-    /// The state; not for the caller.
+    /// Internal state; not to be accessed by the caller.
     pub words: [u64; FVI_OPERATOR_WORDS],
 }
 
@@ -92,12 +92,12 @@ pub unsafe extern "C" fn fvi_operator_push(
     })())
 }
 
-/// Writes what fvi_operator_push would write; the operator stays as it is.
+/// Writes what fvi_operator_push would write, without changing the operator.
 ///
-/// Returns the same.
+/// Returns what fvi_operator_push returns.
 ///
 /// # Safety
-/// As there.
+/// As for fvi_operator_push.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fvi_operator_peek(
     operation: *mut FviOperator,
@@ -115,11 +115,11 @@ pub unsafe extern "C" fn fvi_operator_peek(
     })())
 }
 
-/// Takes a sample for each of two operators, or none: a tick of both.
+/// Takes a sample for each of two operators; on an error neither takes its sample.
 ///
 /// Writes the two values to `results`. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
 /// FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, FVI_STATUS_MEMORY_FULL, or FVI_STATUS_OUT_OF_RANGE if
-/// the two are one; then neither operator nor `results` has changed.
+/// both are the same operator; then neither operator nor `results` has changed.
 ///
 /// # Safety
 /// `first` and `second` must be zeroed or set up, `samples` readable and `results` writable for two numbers.
@@ -149,7 +149,7 @@ pub unsafe extern "C" fn fvi_operator_push_two(
     })())
 }
 
-/// Forgets all samples.
+/// Removes all samples.
 ///
 /// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
 ///

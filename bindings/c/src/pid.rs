@@ -17,35 +17,36 @@ pub const FVI_PID_PARALLEL: u32 = 0;
 /// is T_d.
 pub const FVI_PID_SERIES: u32 = 1;
 
-/// The derivative is of c r - y, zero before the first tick.
+/// The derivative is that of c r - y, taken as zero before the first tick.
 pub const FVI_PID_OF_VALUES: u32 = 0;
-/// The derivative is of c r - y less its first value.
+/// The derivative is that of c r - y minus its first value.
 pub const FVI_PID_FROM_REST: u32 = 1;
 /// The derivative is D^(mu - 1) of a measured rate of y; c is 0.
 pub const FVI_PID_OF_RATE: u32 = 2;
 
-/// Nothing against windup.
+/// No anti-windup.
 pub const FVI_PID_NO_ANTI_WINDUP: u32 = 0;
 /// Back-calculation with a tracking time.
 pub const FVI_PID_BACK_CALCULATION: u32 = 1;
 /// Conditional integration.
 pub const FVI_PID_CONDITIONAL: u32 = 2;
 
-/// A change of gains moves the output not at all on its first tick.
+/// A change of gains does not change the output at its first tick.
 pub const FVI_PID_BUMPLESS: u32 = 0;
-/// A change of gains moves the output by the proportional term.
+/// A change of gains changes the output at its first tick by the proportional term only.
 pub const FVI_PID_EXCEPT_PROPORTIONAL: u32 = 1;
-/// A change of gains moves the output.
+/// A change of gains changes the output freely.
 pub const FVI_PID_BUMPS: u32 = 2;
 
-/// The actuator did as it was told.
+/// The actuator applied the last output.
 pub const FVI_PID_FOLLOWED: u32 = 0;
-/// The actuator did what `applied` says.
+/// The actuator applied the value `applied`.
 pub const FVI_PID_APPLIED: u32 = 1;
-/// The actuator is at a limit that the controller does not know: the integral only shrinks.
+/// The actuator is at a limit unknown to the controller: the integral can only decrease in magnitude.
 pub const FVI_PID_LIMITED: u32 = 2;
 
-/// A law. Zero members are those of a plain loop: no limits, no filter, setpoint weights as they are.
+/// A control law. Members that are zero mean: no limits, no filter, default orders; the setpoint weights are
+/// used as given.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct FviPidSettings {
@@ -57,7 +58,7 @@ pub struct FviPidSettings {
     pub mu: f64,
     /// Time of the derivative's filter in the parallel form; 0 for none.
     pub filter_time: f64,
-    /// Order of that filter; 0 stands for 1, other orders want a memory.
+    /// Order of that filter; 0 stands for 1, other orders need a memory.
     pub filter_order: f64,
     /// Back-calculation: the tracking time.
     pub tracking_time: f64,
@@ -67,13 +68,13 @@ pub struct FviPidSettings {
     pub ki: f32,
     /// See kp.
     pub kd: f32,
-    /// Series form: N.
+    /// Series form: the filter ratio N.
     pub filter_ratio: f32,
     /// b and c of the parallel form.
     pub setpoint_weights: [f32; 2],
-    /// The least output and the largest; two zeros for none. Infinities are allowed.
+    /// The smallest and the largest output; two zeros for no limits. Infinities are allowed.
     pub limits: [f32; 2],
-    /// How far the output moves in a unit of time; 0 for any.
+    /// Largest rate of change of the output per unit of time; 0 for no limit.
     pub rate_limit: f32,
     /// FVI_PID_PARALLEL or FVI_PID_SERIES.
     pub form: u32,
@@ -99,11 +100,11 @@ pub struct FviPidInputs {
     pub feed_forward: f32,
     /// FVI_PID_FOLLOWED, FVI_PID_APPLIED or FVI_PID_LIMITED.
     pub actuator: u32,
-    /// Output of the tick before as the actuator applied it.
+    /// Output of the previous tick as the actuator applied it.
     pub applied: f32,
 }
 
-/// Words of a controller.
+/// Number of 64-bit words of a controller.
 pub const FVI_PID_WORDS: usize = 96;
 
 /// A fractional PID controller.
@@ -112,7 +113,7 @@ pub const FVI_PID_WORDS: usize = 96;
 #[repr(C)]
 #[derive(Debug)]
 pub struct FviPid {
-    /// The state; not for the caller.
+    /// Internal state; not to be accessed by the caller.
     pub words: [u64; FVI_PID_WORDS],
 }
 
@@ -188,11 +189,12 @@ fn law(settings: &FviPidSettings) -> Result<PidLaw<f32>, FviStatus> {
 
 /// Sets up a controller on empty memories.
 ///
-/// The memory of the integral is of D^-lambda for lambda < 1, else of D^(1 - lambda): of lambda = 1 a ring of
-/// the one weight 1. That of the derivative is of D^mu, or D^(mu - 1) of a rate; NULL without a derivative.
-/// That of the filter is of D^filter_order; NULL where the order is 1 or there is none. They are compared
-/// with these kernels. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE,
-/// FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if something is wrong with a pointer, a number or a size.
+/// The kernel of the integral's memory is D^-lambda for lambda < 1, else D^(1 - lambda), which for lambda = 1
+/// is a ring with the single weight 1. That of the derivative's memory is D^mu, or D^(mu - 1) for a rate;
+/// NULL without a derivative. That of the filter's memory is D^filter_order; NULL where the order is 1 or
+/// there is no filter. The memories are compared with these kernels. Returns FVI_STATUS_NULL,
+/// FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if
+/// something is wrong with a pointer, a number or a size.
 ///
 /// # Safety
 /// `controller` must be writable, `settings` readable, the memories as their type describes or NULL.
@@ -205,7 +207,7 @@ pub unsafe extern "C" fn fvi_pid_init(
     filter: *const FviMemory,
 ) -> FviStatus {
     /// # Safety
-    /// As [`FviMemory`] says, or NULL.
+    /// As described for [`FviMemory`], or NULL.
     unsafe fn memory(memory: *const FviMemory) -> Result<Option<AnyMemory<1>>, FviStatus> {
         if memory.is_null() {
             return Ok(None);
@@ -251,12 +253,12 @@ pub unsafe extern "C" fn fvi_pid_tick(
     })())
 }
 
-/// Makes a tick with all that it may be told, and writes the output.
+/// Makes a tick with all inputs, and writes the output.
 ///
-/// Returns what fvi_pid_tick does, and FVI_STATUS_OUT_OF_RANGE for another actuator than there is.
+/// Returns what fvi_pid_tick does, and FVI_STATUS_OUT_OF_RANGE for an unknown value of `actuator`.
 ///
 /// # Safety
-/// As there; `inputs` must be readable.
+/// As for fvi_pid_tick; `inputs` must be readable.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fvi_pid_tick_with(
     controller: *mut FviPid,
@@ -284,7 +286,8 @@ pub unsafe extern "C" fn fvi_pid_tick_with(
     })())
 }
 
-/// Sets the output by hand, from the next tick on, within limits and rate; the integral forgets.
+/// Sets the output by hand, from the next tick on, within limits and rate limit; the memory of the integral
+/// is cleared.
 ///
 /// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED or FVI_STATUS_NOT_FINITE.
 ///
@@ -299,7 +302,8 @@ pub unsafe extern "C" fn fvi_pid_manual(controller: *mut FviPid, output: f32) ->
     })())
 }
 
-/// Gives the output back to the law; the next tick has the output of the tick before.
+/// Returns the output to automatic control, without a jump: the output of the next tick equals that of the
+/// previous one.
 ///
 /// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
 ///
@@ -315,8 +319,8 @@ pub unsafe extern "C" fn fvi_pid_automatic(controller: *mut FviPid) -> FviStatus
     })())
 }
 
-/// Changes the gains, from the next tick on; `bumpless` of the settings says what must not move. In the
-/// series form they are kp, 1/T_i and T_d.
+/// Changes the gains, from the next tick on; `bumpless` of the settings selects how the output may change. In
+/// the series form they are kp, 1/T_i and T_d.
 ///
 /// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, or
 /// FVI_STATUS_OUT_OF_RANGE if a gain is not allowed, or a derivative lacks its memory.
@@ -337,7 +341,7 @@ pub unsafe extern "C" fn fvi_pid_set_gains(controller: *mut FviPid, kp: f32, ki:
     })())
 }
 
-/// Forgets everything; the gains stay.
+/// Restores the state after set-up, with empty memories and in automatic mode; the gains are kept.
 ///
 /// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
 ///
@@ -353,8 +357,8 @@ pub unsafe extern "C" fn fvi_pid_reset(controller: *mut FviPid) -> FviStatus {
     })())
 }
 
-/// Saves a controller with all that its memories hold, as fvi_operator_save does an operator. The law is not
-/// part of it.
+/// Saves the state of a controller with its memories, as fvi_operator_save does for an operator. The law is
+/// not part of it.
 ///
 /// # Safety
 /// `controller` must be zeroed or set up, `capacity` bytes and `written` writable.
@@ -375,8 +379,8 @@ pub unsafe extern "C" fn fvi_pid_save(
     })())
 }
 
-/// Restores what fvi_pid_save wrote, into a controller that was set up alike, as fvi_operator_restore does an
-/// operator.
+/// Restores what fvi_pid_save wrote, into a controller set up in the same way, as fvi_operator_restore does
+/// for an operator.
 ///
 /// # Safety
 /// `controller` must be zeroed or set up, `count` bytes readable.

@@ -1,4 +1,4 @@
-//! From the caller's pointers to slices and references, after the checks that can be made.
+//! Conversion of the caller's pointers to slices and references, with the checks that are possible.
 
 use crate::status::FviStatus;
 
@@ -13,7 +13,7 @@ pub(crate) fn check<T>(pointer: *const T) -> Result<(), FviStatus> {
     }
 }
 
-/// Checks that `count` numbers are a possible object.
+/// Checks that `count` numbers do not exceed the largest possible object.
 fn check_size<T>(count: usize) -> Result<(), FviStatus> {
     match count.checked_mul(size_of::<T>()) {
         Some(bytes) if bytes <= isize::MAX as usize => Ok(()),
@@ -32,7 +32,7 @@ pub(crate) unsafe fn reference<'a, T>(pointer: *const T) -> Result<&'a T, FviSta
     Ok(unsafe { &*pointer })
 }
 
-/// `count` numbers to read; none need no pointer.
+/// `count` numbers to read; with `count` 0 the pointer is ignored.
 ///
 /// # Safety
 /// If the pointer is not NULL and aligned, `count` initialised numbers must lie there that nobody changes

@@ -2,7 +2,7 @@
 
 use fvi_core::Ring;
 
-/// Samples of one channel, newest first from `newest` on and around the end of the buffer.
+/// Samples of one channel in a circular buffer, newest first, beginning at index `newest`.
 #[derive(Debug)]
 pub(crate) struct BufferRing {
     buffer: &'static mut [f32],

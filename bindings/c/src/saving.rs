@@ -8,7 +8,7 @@ use crate::status::{FviStatus, status};
 use crate::stepper::{AtMainNodes, AtNode, Calls, FviStepper, Machine};
 use crate::stored::kept;
 
-/// Where the state of an object goes to: `capacity` bytes, and their number.
+/// Destination of a saved state: `capacity` bytes, and the address for the number of bytes written.
 #[derive(Clone, Copy)]
 pub(crate) struct ByteBuffer {
     pub(crate) bytes: *mut u8,
@@ -17,7 +17,7 @@ pub(crate) struct ByteBuffer {
 }
 
 impl ByteBuffer {
-    /// Saves a state of `size` bytes, or with no capacity only says its size.
+    /// Saves a state of `size` bytes; with a capacity of 0 it only writes the size.
     ///
     /// # Safety
     /// As [`fvi_operator_save`].
@@ -53,13 +53,12 @@ pub(crate) unsafe fn give(
     Ok(restore(&mut StateReader::new(bytes))?)
 }
 
-/// Saves an operator: writes what it remembers to `bytes` and the number of bytes to `written`. With a
-/// capacity of 0 it only says how many it would take at present; rings take more as they fill.
+/// Saves an operator: writes its state to `bytes` and the number of bytes to `written`. With a capacity of 0
+/// only the number of bytes that are needed at present is written; for rings it grows as they fill.
 ///
-/// The bytes are the same on every machine. Nothing guards against bits that change while they are stored;
-/// where that can happen, keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
-/// FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or FVI_STATUS_WRONG_SIZE if the capacity is too
-/// small; then nothing is written.
+/// The bytes are the same on every machine. They contain no checksum; where stored bits can change, add one.
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
+/// FVI_STATUS_WRONG_SIZE if the capacity is too small; then nothing is written.
 ///
 /// # Safety
 /// `operation` must be zeroed or set up, `capacity` bytes and `written` writable.
@@ -81,10 +80,10 @@ pub unsafe extern "C" fn fvi_operator_save(
 }
 
 /// Restores what fvi_operator_save wrote, into an operator that was set up with the same memory and start: it
-/// goes on with the same bits. Of the `count` bytes those behind the state are ignored.
+/// then continues bit-identically. Bytes after the state, up to `count`, are ignored.
 ///
 /// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
-/// FVI_STATUS_WRONG_STATE if the bytes are not the state of such an operator; then it is as it was.
+/// FVI_STATUS_WRONG_STATE if the bytes are not the state of such an operator, which is then unchanged.
 ///
 /// # Safety
 /// `operation` must be zeroed or set up, `count` bytes readable.
@@ -160,14 +159,14 @@ unsafe fn restore<const N: usize>(
     }
 }
 
-/// Saves a stepper for one coordinate: writes step, position, momentum and what its memory holds to `bytes`,
-/// and the number of bytes to `written`. With a capacity of 0 it only says how many it would take at present;
-/// rings take more as they fill.
+/// Saves a stepper for one coordinate: writes step, position, momentum and the state of its memory to
+/// `bytes`, and the number of bytes to `written`. With a capacity of 0 only the number of bytes that are
+/// needed at present is written; for rings it grows as they fill.
 ///
-/// The bytes are the same on every machine. Nothing guards against bits that change while they are stored;
-/// where that can happen, keep a checksum beside them. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED,
-/// FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or FVI_STATUS_WRONG_SIZE if the capacity is too small
-/// or the stepper has another number of coordinates; then nothing is written.
+/// The bytes are the same on every machine. They contain no checksum; where stored bits can change, add one.
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE, or
+/// FVI_STATUS_WRONG_SIZE if the capacity is too small or the stepper has another number of coordinates; then
+/// nothing is written.
 ///
 /// # Safety
 /// `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage,
@@ -183,13 +182,13 @@ pub unsafe extern "C" fn fvi_stepper_save_1(
     status(unsafe { save::<1>(stepper, ByteBuffer { bytes, capacity, written }) })
 }
 
-/// Restores what fvi_stepper_save_1 wrote, into a stepper that was set up alike: it goes on with the same
-/// bits. System, scheme and damping order are not compared. Of the `count` bytes those behind the state are
-/// ignored.
+/// Restores what fvi_stepper_save_1 wrote, into a stepper set up in the same way, which then continues
+/// bit-identically. System, scheme and damping order are not compared. Bytes after the state, up to `count`,
+/// are ignored.
 ///
 /// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_OUT_OF_RANGE,
 /// FVI_STATUS_WRONG_SIZE if the stepper has another number of coordinates, or FVI_STATUS_WRONG_STATE if the
-/// bytes are not the state of such a stepper; then it is as it was.
+/// bytes are not the state of such a stepper, which is then unchanged.
 ///
 /// # Safety
 /// `stepper` must come from fvi_stepper_init_n or fvi_stepper_init_at_node_n or point to zeroed storage,

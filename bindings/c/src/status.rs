@@ -7,37 +7,38 @@ use fvi_core::{
     StateError, StepError,
 };
 
-/// What a call returns. Anything but FVI_STATUS_OK means that the call has changed nothing; only a call that
-/// sets up an object with an exponential sum may have emptied its buffer, and one that sets up a controller
-/// those of its memories, whose weights it looks at by samples.
+/// The status returned by a call. Any status but FVI_STATUS_OK means that the call has changed nothing, with
+/// two exceptions: a call that sets up an object with an exponential sum may have cleared its buffer, and one
+/// that sets up a controller may have cleared the buffers of its memories, since it tests their weights with
+/// samples.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FviStatus {
-    /// Done.
+    /// Success.
     Ok = 0,
-    /// A pointer that must not be NULL is.
+    /// A pointer is NULL that must not be.
     Null = 1,
     /// A pointer is not aligned as its type requires.
     Misaligned = 2,
-    /// A number is infinite or not a number: a parameter, a sample, what a callback wrote, or the result.
+    /// A number is infinite or NaN: a parameter, a sample, a value written by a callback, or the result.
     NotFinite = 3,
-    /// A parameter is outside what is allowed.
+    /// A parameter is outside its range.
     OutOfRange = 4,
-    /// A buffer has another size than the call needs.
+    /// A buffer does not have the size that the call needs.
     WrongSize = 5,
     /// A matrix is not symmetric.
     NotSymmetric = 6,
     /// The mass is not positive definite, or the damping not positive semidefinite.
     NotPositive = 7,
-    /// The state was never set up, or belongs to something else.
+    /// The state was never set up, or belongs to another kind of object.
     NotInitialised = 8,
-    /// The memory holds as many samples as it can, or its table reaches no further.
+    /// The memory is full, or the horizon of its table is reached.
     MemoryFull = 9,
     /// Newton's method did not converge.
     NotConverged = 10,
     /// The Jacobian of the step is singular.
     Singular = 11,
-    /// Saved bytes are cut off, damaged, or the state of another object.
+    /// Saved bytes are incomplete, damaged, or the state of another object.
     WrongState = 12,
 }
 

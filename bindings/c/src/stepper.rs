@@ -1,9 +1,9 @@
 //! The stepper: fractionally damped systems of one to six coordinates, with callbacks for the potential.
 //!
-//! There is a function for each number of coordinates and place of the damping, so that a program links the
-//! one that it calls: 20 to 42 kB of flash on a Cortex-M4F. One function that takes the number would link
-//! them all, 286 kB; saving through the stepper's table of calls would add 9 kB to every program that never
-//! saves.
+//! There is a function for each number of coordinates and place of the damping, so that a program links only
+//! those that it calls: 20 to 42 kB of flash each on a Cortex-M4F. A single function with the number as
+//! parameter would link all of them, 286 kB; saving through the stepper's table of calls would add 9 kB to
+//! every program that never saves.
 
 use core::ffi::c_void;
 
@@ -19,17 +19,17 @@ use crate::pointer::{check, reference, slice, slice_mut};
 use crate::status::{FviStatus, status};
 use crate::stored::{Storable, keep, kept, words};
 
-/// Words of a stepper for one coordinate.
+/// Number of 64-bit words of a stepper for one coordinate.
 pub const FVI_STEPPER_WORDS_1: usize = 48;
-/// Words of a stepper for two coordinates.
+/// Number of 64-bit words of a stepper for two coordinates.
 pub const FVI_STEPPER_WORDS_2: usize = 61;
-/// Words of a stepper for three coordinates.
+/// Number of 64-bit words of a stepper for three coordinates.
 pub const FVI_STEPPER_WORDS_3: usize = 79;
-/// Words of a stepper for four coordinates.
+/// Number of 64-bit words of a stepper for four coordinates.
 pub const FVI_STEPPER_WORDS_4: usize = 101;
-/// Words of a stepper for five coordinates.
+/// Number of 64-bit words of a stepper for five coordinates.
 pub const FVI_STEPPER_WORDS_5: usize = 126;
-/// Words of a stepper for six coordinates.
+/// Number of 64-bit words of a stepper for six coordinates.
 pub const FVI_STEPPER_WORDS_6: usize = 156;
 
 /// Writes ∇U(q), n numbers, to `gradient`.
@@ -46,8 +46,8 @@ pub type FviForce =
 /// variational integrator.
 ///
 /// The number of coordinates n is that of the function that sets it up. Matrices are n×n numbers row by row.
-/// Everything but the tables and buffer of the memory and what `context` points to may go once the stepper is
-/// set up.
+/// After the stepper is set up, only the tables and the buffer of the memory and the object behind `context`
+/// must remain valid.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct FviSystem {
@@ -75,7 +75,7 @@ pub struct FviSystem {
     pub hessian: FviHessian,
     /// External force, or NULL.
     pub force: FviForce,
-    /// Handed to the callbacks as it is.
+    /// Passed to the callbacks unchanged.
     pub context: *mut c_void,
 }
 
@@ -89,7 +89,7 @@ pub struct FviStepper {
 #[repr(C)]
 #[derive(Debug)]
 pub struct FviStepper1 {
-    /// The state; not for the caller. Set all to zero before the first call.
+    /// Internal state; not to be accessed by the caller. Set all words to zero before the first call.
     pub words: [u64; FVI_STEPPER_WORDS_1],
 }
 
@@ -97,7 +97,7 @@ pub struct FviStepper1 {
 #[repr(C)]
 #[derive(Debug)]
 pub struct FviStepper2 {
-    /// The state; not for the caller. Set all to zero before the first call.
+    /// Internal state; not to be accessed by the caller. Set all words to zero before the first call.
     pub words: [u64; FVI_STEPPER_WORDS_2],
 }
 
@@ -105,7 +105,7 @@ pub struct FviStepper2 {
 #[repr(C)]
 #[derive(Debug)]
 pub struct FviStepper3 {
-    /// The state; not for the caller. Set all to zero before the first call.
+    /// Internal state; not to be accessed by the caller. Set all words to zero before the first call.
     pub words: [u64; FVI_STEPPER_WORDS_3],
 }
 
@@ -113,7 +113,7 @@ pub struct FviStepper3 {
 #[repr(C)]
 #[derive(Debug)]
 pub struct FviStepper4 {
-    /// The state; not for the caller. Set all to zero before the first call.
+    /// Internal state; not to be accessed by the caller. Set all words to zero before the first call.
     pub words: [u64; FVI_STEPPER_WORDS_4],
 }
 
@@ -121,7 +121,7 @@ pub struct FviStepper4 {
 #[repr(C)]
 #[derive(Debug)]
 pub struct FviStepper5 {
-    /// The state; not for the caller. Set all to zero before the first call.
+    /// Internal state; not to be accessed by the caller. Set all words to zero before the first call.
     pub words: [u64; FVI_STEPPER_WORDS_5],
 }
 
@@ -129,7 +129,7 @@ pub struct FviStepper5 {
 #[repr(C)]
 #[derive(Debug)]
 pub struct FviStepper6 {
-    /// The state; not for the caller. Set all to zero before the first call.
+    /// Internal state; not to be accessed by the caller. Set all words to zero before the first call.
     pub words: [u64; FVI_STEPPER_WORDS_6],
 }
 
@@ -143,7 +143,7 @@ pub(crate) struct Callbacks {
 }
 
 impl<const N: usize> Potential<f32, N> for Callbacks {
-    /// The interface has no energy and never asks for it.
+    /// The interface has no energy, so this is never called.
     fn value(&self, _: &SVector<f32, N>) -> f32 {
         f32::NAN
     }
@@ -189,11 +189,11 @@ pub(crate) type Stepper<const N: usize, S> = Integrator<
 /// The low-order scheme, damped at the main nodes.
 pub(crate) type AtMainNodes = Galerkin<f32, 1, 1>;
 
-/// The same, damped at its node.
+/// The low-order scheme, damped at its node.
 pub(crate) type AtNode = NodeGalerkin<f32, 1, 1>;
 
-/// What there is to call, whatever the number of coordinates: so a program links only the steppers that it
-/// sets up.
+/// Function pointers independent of the number of coordinates, so that a program links only the steppers that
+/// it sets up.
 #[derive(Clone, Copy)]
 pub(crate) struct Calls {
     /// Number of coordinates, negative where the damping is at the node.
@@ -202,7 +202,7 @@ pub(crate) struct Calls {
     state: unsafe fn(*mut u64, *mut f32, *mut f32, *mut u64) -> Result<(), FviStatus>,
 }
 
-/// A stepper as it lies in its storage. It begins with the calls, so that they can be found without knowing
+/// A stepper in its storage. It begins with the function pointers, so that they can be found without knowing
 /// N.
 #[repr(C)]
 pub(crate) struct Machine<const N: usize, S: Scheme<f32, Fixed<N>>> {
@@ -218,7 +218,7 @@ impl<const N: usize, S: Scheme<f32, Fixed<N>>> Storable for Machine<N, S> {
     const TAG: u64 = Calls::TAG;
 }
 
-/// N² numbers as coefficients, diagonal where they are.
+/// Converts N² numbers to coefficients, to diagonal ones if possible.
 ///
 /// # Safety
 /// As [`slice`].
@@ -312,7 +312,7 @@ unsafe fn state<const N: usize, S: Scheme<f32, Fixed<N>>>(
 ) -> Result<(), FviStatus> {
     // SAFETY: the calls lead here only from a `Machine<N, S>`.
     let state = unsafe { kept::<Machine<N, S>>(storage) }?.stepper.state();
-    // Everything is checked before anything is written.
+    // All arguments are checked before anything is written.
     if !steps.is_null() {
         check(steps)?;
     }
@@ -449,10 +449,10 @@ pub unsafe extern "C" fn fvi_stepper_init_6(
 }
 
 /// Sets up a stepper for one coordinate at t = 0 in `storage` and writes its address to `stepper`; the
-/// fractional force acts at κ q_k + (1−κ) q_{k+1}, where the potential does, instead of the end of the step.
+/// fractional force acts at κ q_k + (1−κ) q_{k+1}, like the potential, instead of at the end of the step.
 ///
 /// With κ = ½ the momentum is of order 2 too, and with weights of order 1 or 2 every step size is stable. The
-/// memory takes a sample a step and none at t = 0. Returns what fvi_stepper_init_1 returns.
+/// memory takes one sample in each step and none at t = 0. Returns what fvi_stepper_init_1 returns.
 ///
 /// # Safety
 /// `storage` and `stepper` must be writable, `system` as its type describes.
@@ -554,7 +554,7 @@ pub unsafe extern "C" fn fvi_stepper_init_at_node_6(
 /// Makes one step with the input u, n numbers held over the step, or NULL for none.
 ///
 /// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE,
-/// FVI_STATUS_MEMORY_FULL, FVI_STATUS_NOT_CONVERGED or FVI_STATUS_SINGULAR; then the stepper is as it was,
+/// FVI_STATUS_MEMORY_FULL, FVI_STATUS_NOT_CONVERGED or FVI_STATUS_SINGULAR; then the stepper is unchanged,
 /// and the step may be tried again.
 ///
 /// # Safety

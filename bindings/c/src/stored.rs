@@ -1,4 +1,4 @@
-//! Values in storage of the caller, behind a tag that says what they are.
+//! Values in storage of the caller, preceded by a tag with their type.
 
 use core::mem::MaybeUninit;
 
@@ -7,11 +7,11 @@ use crate::status::FviStatus;
 
 /// Values that may lie in storage of the caller.
 pub(crate) trait Storable: Sized {
-    /// Tells the types apart, and all of them from storage that was never set up.
+    /// Identifies the type; differs from the content of storage that was never set up.
     const TAG: u64;
 }
 
-/// How a value lies there.
+/// Layout of a value in the storage.
 #[repr(C)]
 struct Stored<V> {
     tag: u64,

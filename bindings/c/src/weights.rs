@@ -1,4 +1,4 @@
-//! Weights made at start-up, for those who have no table in flash.
+//! Weights computed at start-up, for programs without a table in flash.
 
 use fvi_core::{BdfOrder, ConvolutionWeights};
 
@@ -8,9 +8,9 @@ use crate::status::{FviStatus, status};
 /// Writes the convolution-quadrature weights w_0 … w_{count−1} of D^exponent for a step size.
 ///
 /// `order` is that of the backward differentiation formula, 1…6; −1 < exponent < 2; negative for fractional
-/// integrals. The weights hold the step size: the scale of the memory is 1. Computed in double precision, in
-/// software on parts that have none. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE or
-/// FVI_STATUS_OUT_OF_RANGE.
+/// integrals. The weights contain the step size, so that the scale of the memory is 1. They are computed in
+/// double precision, which is emulated in software on processors without it. Returns FVI_STATUS_NULL,
+/// FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE or FVI_STATUS_OUT_OF_RANGE.
 ///
 /// # Safety
 /// `weights` must be writable for `count` numbers.

@@ -1,13 +1,13 @@
-"""fvi beside pycaputo on the Bagley–Torvik equation: error, seconds and megabytes, as a table and a picture.
+"""fvi and pycaputo on the Bagley–Torvik equation: error, seconds and megabytes, as a table and a picture.
 
     x'' + D^1.5 x + x = f(t) ,  x(0) = x'(0) = 0 ,  0 ≤ t ≤ 1 ,  with the solution x = t³ .
 
     python bagley_torvik.py [--steps 1000 10000] [--out DIR]
 
-pycaputo solves systems of order one half: its trapezoidal rule gets the four derivatives of order ½ as its unknowns, and their
-linear equations solved in one product, as its documentation advises where a better solver than the general one is known. Each
-run has a process of its own, so that its memory is its own; seconds are those of the steps, the memory is the most that the
-process takes above what it took before them.
+pycaputo solves systems of order one half: for its trapezoidal rule the four successive derivatives of order ½ are the unknowns,
+and their linear equations are solved by a matrix product, as its documentation recommends where a better solver than the general
+one is known. Each run has its own process, so that memory can be attributed to it. Seconds are those of the steps; memory is the
+peak of the process minus its memory before the steps.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""What the package costs: ratios within one process, delays and bytes, each against what is allowed.
+"""Overheads of the package: ratios within one process, delays and bytes, each compared with its limit.
 
     python costs.py [--out DIR]
 """
@@ -22,7 +22,7 @@ PENDULUM = {
     "initial": {"position": [2.0], "momentum": [0.0]},
     "time": {"step": 0.01, "steps": 10**6},
 }
-# Two processes have nothing in common that could hold them up, and the machine may be busy with other things.
+# Two processes share nothing that could block them, but the machine may have other load.
 FORK = multiprocessing.get_context("fork")
 
 
@@ -33,7 +33,7 @@ def seconds(call):
 
 
 def ratios(call, other, times=15):
-    """Ratios of the times of two calls that are made in turn, so that both meet the same neighbours on the machine."""
+    """Ratios of the times of two calls that alternate, so that both run under the same load of the machine."""
     pairs = [(seconds(call), seconds(other)) for _ in range(times)]
     return [pair[0] / pair[1] for pair in pairs]
 
@@ -57,7 +57,7 @@ def derivatives():
 
 
 def errors():
-    """Largest error of a derivative in units of u Σ|w||x|, beside that of the transform."""
+    """Largest error of a derivative in units of u Σ|w||x|, and that of the transform."""
     rng = np.random.default_rng(2)
     x, order = rng.standard_normal(10**6) * np.exp(-np.arange(10**6) / 5e4), 0.5
     w = fvi.weights(exponent=order, step=1.0, count=x.size)

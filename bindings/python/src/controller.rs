@@ -19,7 +19,7 @@ fn locked(mutex: &Mutex<SumPid<f64>>) -> MutexGuard<'_, SumPid<f64>> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The error about a key of the controller, by the name of the argument.
+/// Converts the path of a controller's key in an error to the name of the argument.
 fn about(error: &InputError) -> Failure {
     let key = error.key().trim_start_matches("controller.").to_owned();
     let key = if key == "lambda" { "lam".to_owned() } else { key };
@@ -37,7 +37,7 @@ fn refused(error: PidError) -> Failure {
 
 #[pymethods]
 impl FractionalPid {
-    /// From a scenario in JSON with one controller, whose steps are the most ticks that are made.
+    /// A controller from a scenario in JSON with one controller; `length` is the largest number of samples.
     #[new]
     fn new(document: &str, length: usize) -> PyResult<Self> {
         guarded(|| {

@@ -1,4 +1,4 @@
-//! Scenarios and problems as Python gives them: the path of a file, or a dictionary with the keys of one.
+//! Scenarios and problems given in Python: the path of a file, or a dictionary with its keys.
 
 use crate::errors::Failure;
 use fvi_host::language::{Document, InputError};
@@ -11,8 +11,8 @@ use std::path::PathBuf;
 pub(crate) enum Source {
     /// A file.
     File(PathBuf),
-    /// The contents of one, with the name it has in titles, the directory in which files it names are sought,
-    /// and those of them that are at hand.
+    /// The keys of a file, with its name in titles, the directory of the files that it names, and the
+    /// contents of those of them that are given.
     Keys { name: String, directory: PathBuf, keys: Tree, attached: Vec<(String, Vec<u8>)> },
 }
 
@@ -34,13 +34,13 @@ impl Source {
         }
     }
 
-    /// The problem with the document.
+    /// The failure for an error in the document.
     pub(crate) fn failure(&self, error: &InputError) -> Failure {
         Failure::of_document(error, self.is_file())
     }
 }
 
-/// Name, directory, keys, and files at hand by the names that the keys have for them.
+/// Name, directory, keys, and the given contents of files by the names that the keys use for them.
 type KeysInPython<'py> = (String, PathBuf, Bound<'py, PyDict>, Bound<'py, PyDict>);
 
 impl<'py> FromPyObject<'_, 'py> for Source {
@@ -94,8 +94,8 @@ impl Tree {
 }
 
 impl Tree {
-    /// The document that says the same, its keys in their order: a sweep goes through its axes in it. (The
-    /// serialiser of the TOML library puts tables behind all other values.)
+    /// The equivalent TOML document with its keys in the same order, which is that of the axes of a sweep.
+    /// (The serialiser of the TOML library puts tables behind all other values.)
     pub(crate) fn to_toml(&self) -> String {
         let mut text = String::new();
         if let Self::Table(entries) = self {

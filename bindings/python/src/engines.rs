@@ -35,7 +35,7 @@ fn bad_state(error: fvi_core::StateError) -> Failure {
     Failure::Input { key: "state".to_owned(), value: String::new(), message: format!("state: {error}") }
 }
 
-/// The engine and its settings: tolerance and states belong to sums of exponentials, as in a scenario.
+/// The engine with its settings, as in a scenario; tolerance and states apply to sums of exponentials only.
 fn settings(
     engine: Option<&str>,
     family: &str,

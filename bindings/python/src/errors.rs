@@ -1,4 +1,4 @@
-//! Errors on their way to Python.
+//! Conversion of errors to Python exceptions.
 
 use fvi_core::ParameterError;
 use pyo3::exceptions::{PyMemoryError, PyOSError, PyRuntimeError};
@@ -12,20 +12,20 @@ pub(crate) type Outcome<T> = Result<T, Failure>;
 
 /// Why a call ends without a result.
 pub(crate) enum Failure {
-    /// The input cannot be used: key or argument, value, and what is said about it.
+    /// The input cannot be used: key or argument, value, and message.
     Input { key: String, value: String, message: String },
-    /// There is no room in memory.
+    /// The memory needed is not available.
     NoRoom(String),
     /// The computation failed.
     Failed(String),
     /// A file cannot be written.
     File(String),
-    /// Code of the caller raised an exception, or a signal did.
+    /// The caller's code, or a signal handler, raised an exception.
     Raised(PyErr),
 }
 
 impl Failure {
-    /// Of a scenario or problem. Places are told where there is a file in which to look for them.
+    /// The failure for an error in a scenario or problem, with its place if the document is a file.
     pub(crate) fn of_document(error: &fvi_host::language::InputError, in_file: bool) -> Self {
         let (key, value) = (error.key().to_owned(), error.value().to_owned());
         let mut message = if in_file {
@@ -44,7 +44,7 @@ impl Failure {
         Self::Input { key, value, message }
     }
 
-    /// Of an argument.
+    /// The failure for an invalid argument.
     pub(crate) fn argument(key: &str, value: impl ToString, allowed: &str) -> Self {
         let value = value.to_string();
         let message = format!("{key} = {value}: not allowed; allowed: {allowed}");
@@ -76,7 +76,7 @@ impl From<Failure> for PyErr {
     }
 }
 
-/// Calls the library; a panic in it, which is a mistake of the library, becomes a `RuntimeError`.
+/// Calls the library; a panic, which is a bug of the library, becomes a `RuntimeError`.
 pub(crate) fn guarded<T>(call: impl FnOnce() -> Outcome<T>) -> PyResult<T> {
     match catch_unwind(AssertUnwindSafe(call)) {
         Ok(outcome) => outcome.map_err(PyErr::from),
@@ -88,7 +88,7 @@ pub(crate) fn guarded<T>(call: impl FnOnce() -> Outcome<T>) -> PyResult<T> {
     }
 }
 
-/// Panics, so that a test sees what becomes of it; not there in a release.
+/// Panics, for a test of how panics are converted; not present in a release.
 #[cfg(debug_assertions)]
 #[pyfunction]
 pub(crate) fn _panic() -> PyResult<()> {

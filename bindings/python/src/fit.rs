@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Data, model and deviations of a column.
 type ColumnInPython<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// t or omega, which of them, and the columns of a table of data.
+/// For a table of data: values of the independent variable, its name (t or omega), and the columns.
 type TableInPython<'py> = (Bound<'py, PyArray1<f64>>, &'static str, Vec<ColumnInPython<'py>>);
 
 /// Records of models, the best one, scenarios, report and tables.

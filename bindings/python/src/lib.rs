@@ -1,7 +1,7 @@
-//! The compiled half of the Python package `fvi`: what crosses from Rust to Python and back.
+//! The compiled part of the Python package `fvi`: the interface between Rust and Python.
 //!
-//! Python code in `python/fvi` checks arguments and shapes results; this module hands them to fvi-host. No
-//! panic leaves it.
+//! Python code in `python/fvi` checks arguments and formats results; this module calls fvi-host. Panics
+//! become exceptions.
 
 mod controller;
 mod derivative;
@@ -53,6 +53,8 @@ mod _fvi {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("KEYS", fvi_host::scenario::KEYS.map(|(table, keys)| (table, keys.to_vec())))?;
+        module.add("DATA_KEYS", fvi_host::lab::fit::DATA_KEYS)?;
         #[cfg(debug_assertions)]
         module.setattr("_panic", wrap_pyfunction!(super::errors::_panic, module)?)?;
         Ok(())

@@ -1,4 +1,4 @@
-//! Loads, as the midpoint rule takes them.
+//! Loads as impulses for the midpoint rule.
 
 use crate::documents::Source;
 use crate::errors::{Failure, guarded};
@@ -9,7 +9,7 @@ use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
-/// The forces of a scenario, which depend on the time alone, over steps of one length.
+/// The forces of a scenario that depend on time only, over equal steps.
 #[pyclass(frozen, module = "fvi._fvi")]
 pub(crate) struct Loads {
     model: Mutex<Model<f64>>,
@@ -30,8 +30,8 @@ impl Loads {
     }
 
     /// For `count` steps from step `first` on, h ∫ (1 − τ) F dτ and h ∫ τ F dτ over the step, each a number
-    /// for each coordinate: what the midpoint rule adds to the momenta at both ends. By the value at the
-    /// midpoint where F is smooth.
+    /// for each coordinate: the contributions of F to the momenta at both ends of a step. Where F is smooth,
+    /// its value at the midpoint is used.
     fn impulses<'py>(
         &self,
         py: Python<'py>,

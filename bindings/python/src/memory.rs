@@ -28,7 +28,7 @@ pub(crate) fn operate(
     memory.push(sample)
 }
 
-/// Takes over a whole state; on an error the memory is as before.
+/// Restores a complete state; on an error the memory is unchanged.
 pub(crate) fn restore(memory: &mut HostMemory<f64>, state: &[u8]) -> Result<(), StateError> {
     let mut check = StateReader::new(state);
     memory.check_state(&mut check)?;
@@ -36,7 +36,8 @@ pub(crate) fn restore(memory: &mut HostMemory<f64>, state: &[u8]) -> Result<(), 
     memory.restore(&mut StateReader::new(state))
 }
 
-/// s^exponent, or the kernel with these keys and K(0) in it: one of the two is there.
+/// Transfer function s^exponent, or that of the kernel with these keys, including K(0); one of the two
+/// arguments is given.
 pub(crate) fn transfer(exponent: Option<f64>, kernel: Option<Tree>) -> Outcome<TransferFunction> {
     match kernel {
         None => Ok(TransferFunction::power(exponent.unwrap_or(f64::NAN))?),
@@ -50,13 +51,13 @@ fn of_keys(keys: Tree) -> Outcome<TransferFunction> {
         .map_err(|error| Failure::of_document(&error, false))
 }
 
-/// The keys of a kernel.
+/// Converts the keys of a kernel.
 pub(crate) fn keys(kernel: Option<&Bound<'_, PyDict>>) -> PyResult<Option<Tree>> {
     kernel.map(|kernel| Tree::of(kernel.as_any())).transpose()
 }
 
-/// What is known of a kernel: the power of s with which it grows, its spring K(0), and a sentence on where it
-/// is not passive.
+/// Properties of a kernel: the exponent of its growth for large s, its spring K(0), and a sentence on where
+/// it is not passive, if so.
 #[pyfunction]
 pub(crate) fn kernel_facts(kernel: &Bound<'_, PyDict>) -> PyResult<(f64, f64, Option<String>)> {
     let keys = keys(Some(kernel))?.unwrap_or(Tree::Table(Vec::new()));
@@ -67,8 +68,8 @@ pub(crate) fn kernel_facts(kernel: &Bound<'_, PyDict>) -> PyResult<(f64, f64, Op
     })
 }
 
-/// The memory of a kernel for `channels` sequences of `samples` samples: values, if they are `given` as they
-/// are, or what the kernel takes fewest digits from.
+/// The memory of a kernel for `channels` sequences of `samples` samples. With `given` the samples are the
+/// values themselves, otherwise the differences for which rounding is smallest.
 pub(crate) fn memory(
     convolution: &Convolution,
     transfer: &TransferFunction,
@@ -92,7 +93,7 @@ pub(crate) fn memory(
             given,
             history,
         };
-        // Exponent and step are looked at before the engine is.
+        // Exponent and step are checked before the engine.
         let _ = request.kernel()?;
         request.build().map_err(|error| match error {
             EngineError::Parameter(error) => error.into(),
@@ -102,7 +103,7 @@ pub(crate) fn memory(
     };
     if channels > MANY {
         let (one, two) = (build(1)?, build(2)?);
-        // Nobody stops a program whose memory has run out.
+        // An allocation failure would abort the process.
         let each = two.bytes().saturating_sub(one.bytes()).max(size_of::<f64>());
         require(each.saturating_mul(channels))
             .map_err(|error| Failure::NoRoom(format!("channels = {channels}: {error}")))?;
@@ -110,10 +111,10 @@ pub(crate) fn memory(
     build(channels)
 }
 
-/// Channels from which on the room for them is looked at beforehand.
+/// Number of channels from which on the available memory is checked beforehand.
 const MANY: usize = 1 << 16;
 
-/// A refusal of a memory that is full, or of a sample of another shape.
+/// The failure for a full memory, or a sample of the wrong shape.
 pub(crate) fn refused(error: MemoryError) -> Failure {
     match error {
         MemoryError::Full { capacity } => Failure::Failed(format!(

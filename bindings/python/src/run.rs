@@ -23,9 +23,9 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// What a motion hands to Python: the name of its load case, t, q, p, energy, its columns by their names, the
-/// derivatives of q and p by each parameter, how it ended, and the summary, both as JSON: the latter is long
-/// where there are many coordinates, and seldom looked at.
+/// Result of a motion for Python: name of its load case, t, q, p, energy, further columns by name,
+/// derivatives of q and p with respect to each parameter, and as JSON how it ended and the whole summary. The
+/// latter is long for many coordinates and parsed on demand only.
 type Motion<'py> = (
     String,
     Bound<'py, PyArray1<f64>>,
@@ -38,7 +38,7 @@ type Motion<'py> = (
     String,
 );
 
-/// Runs a scenario and keeps the rows that `fvi run` would write: those of its one motion, or with `cases`
+/// Runs a scenario and returns the rows that `fvi run` would write: those of its one motion, or with `cases`
 /// those of each load case.
 #[pyfunction]
 #[pyo3(signature = (source, *, engine = None, precision = "f64", progress = None, terms = None, cases = false,
@@ -76,8 +76,8 @@ pub(crate) fn run<'py>(
     let in_code = terms.is_some() || events.iter().any(Option::is_some);
     let spent = || spent + begin.elapsed().as_secs_f64();
     let (names, motions, raised, standing) = match in_code {
-        // Code of the caller's is called several times a step: the interpreter hands over between its
-        // instructions anyway.
+        // The caller's functions are called several times a step, so that the interpreter can switch threads
+        // between their instructions.
         true => {
             let slot = ErrorSlot::default();
             guarded(|| {
@@ -199,7 +199,7 @@ impl Prepared {
     }
 }
 
-/// Where a run has got to, for one that goes on.
+/// State of a run from which another run can continue.
 #[pyclass(frozen, module = "fvi._fvi")]
 pub(crate) struct Standing {
     standing: HostStanding,
@@ -218,18 +218,19 @@ impl Standing {
     }
 }
 
-/// Where in a step the positions of a past are wanted beside its beginning; none where these say all.
+/// Fractions of a step at which the positions of a past are needed in addition to the beginning of the step;
+/// empty where the latter suffice.
 #[pyfunction]
 pub(crate) fn past_nodes(py: Python<'_>, source: Source) -> PyResult<Vec<f64>> {
     py.detach(|| guarded(|| Ok(sample_fractions(&read(&source, None)?))))
 }
 
-/// The scenario of a source, of one motion.
+/// Reads the scenario of a source, which must not have load cases.
 pub(crate) fn read(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
     read_knowing(source, engine, None)
 }
 
-/// The scenario of a source, of one motion, with matrices that are known already.
+/// Like [`read`], with matrices that have been read already.
 fn read_knowing(source: &Source, engine: Option<Engine>, known: Option<&KnownMatrices>) -> Outcome<Scenario> {
     let scenario = read_cases(source, engine, known)?;
     scenario
@@ -238,7 +239,7 @@ fn read_knowing(source: &Source, engine: Option<Engine>, known: Option<&KnownMat
     Ok(scenario)
 }
 
-/// The scenario of a source, which must have load cases.
+/// Reads the scenario of a source, which must have load cases.
 fn read_its_cases(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> {
     let scenario = read_cases(source, engine, None)?;
     if scenario.cases.is_empty() {
@@ -249,7 +250,7 @@ fn read_its_cases(source: &Source, engine: Option<Engine>) -> Outcome<Scenario> 
     Ok(scenario)
 }
 
-/// The scenario of a source, which may have load cases.
+/// Reads the scenario of a source, which may have load cases.
 fn read_cases(source: &Source, engine: Option<Engine>, known: Option<&KnownMatrices>) -> Outcome<Scenario> {
     let scenario = source.document().and_then(|document| match known {
         Some(known) => Scenario::knowing(document, known),
@@ -262,10 +263,11 @@ fn read_cases(source: &Source, engine: Option<Engine>, known: Option<&KnownMatri
     Ok(scenario)
 }
 
-/// Bytes of memories up to which a result is made to go on from without being asked.
+/// Size of the memories in bytes up to which a result always keeps the state for a continuation.
 const SMALL: usize = 16_000_000;
 
-/// Names of load cases, what was computed of each, what stopped it, and where it has got to.
+/// Names of the load cases, rows and summary of each, the exception that stopped the run, and its final
+/// state.
 type Computed = (Vec<String>, Vec<(Rows, RunSummary)>, Option<PyErr>, Option<HostStanding>);
 
 fn compute(
@@ -325,21 +327,21 @@ fn compute(
 struct Rows {
     coordinates: usize,
     time: Vec<f64>,
-    /// Row by row, N numbers each.
+    /// q of each row, N numbers each.
     position: Vec<f64>,
     momentum: Vec<f64>,
     energy: Vec<f64>,
     columns: Columns,
-    /// Row by row, the numbers of the columns.
+    /// Values of the columns of each row.
     of_columns: Vec<f64>,
     derivatives: Vec<f64>,
 }
 
 impl Rows {
-    /// Room for those of each load case of a scenario.
+    /// Empty rows for each load case of a scenario.
     fn of_cases(scenario: &Scenario) -> Outcome<Vec<Self>> {
         let coordinates = scenario.written_coordinates().len();
-        // They grow where nobody knows how many there will be.
+        // They grow where the number of steps is not known.
         let steps = scenario.time.steps_known().unwrap_or_default();
         let rows = match scenario.output.times.len() {
             0 => (steps / scenario.output.every).saturating_add(2),
@@ -377,7 +379,7 @@ impl Rows {
         (0..copies).map(one).collect()
     }
 
-    /// As arrays, with the record of the run.
+    /// Converts the rows to arrays, with the summary of the run.
     fn into_python<'py>(self, py: Python<'py>, name: String, summary: &RunSummary) -> PyResult<Motion<'py>> {
         let json = |value: Result<String, serde_json::Error>| {
             value.map_err(|error| Failure::Failed(error.to_string()))

@@ -5,15 +5,15 @@ use crate::errors::{Failure, guarded};
 use crate::run::{engine, read};
 use crate::watch::Watch;
 use fvi_core::{BdfOrder, ParameterError};
-use fvi_host::lab::compare_engines::{Comparison, ComparisonError, Contender};
 use fvi_host::lab::converge::{ConvergeError, Grids, converge as measure};
 use fvi_host::lab::two_point::{ProblemFile, Status};
+use fvi_strategies::engines::{Comparison, ComparisonError, strategies};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Solves a two-point problem: t, x, v, and what is reported of the solution.
+/// Solves a two-point problem: t, x, v, and the report on the solution.
 #[pyfunction]
 #[expect(clippy::type_complexity, reason = "three arrays and a table")]
 pub(crate) fn extremal<'py>(
@@ -149,7 +149,7 @@ pub(crate) fn compare_engines<'py>(
             }
             let comparison = Comparison { lengths, kernels, repetitions };
             let mut watch = Watch::new(None);
-            let result = comparison.run(&Contender::all(), &mut |_| {
+            let result = comparison.run(&strategies(), &mut |_| {
                 watch.tick(0, 1_usize);
             });
             if let Some(error) = watch.into_raised() {

@@ -1,4 +1,4 @@
-//! Sweeps: made here on threads, or elsewhere run by run.
+//! Sweeps: run on threads of this process, or run by run in other processes.
 
 use crate::documents::Source;
 use crate::errors::{Failure, Outcome, guarded};
@@ -21,8 +21,8 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Names and texts of sweep and scenario, the directory of the latter, and the files that they name, as
-/// Python sends them to other processes.
+/// Names and texts of sweep and scenario, the directory of the scenario, and the contents of the files that
+/// they name, for sending to other processes.
 type PartsInPython = ((String, String), (String, String), String, Vec<(String, Py<PyBytes>)>);
 
 /// A sweep that has been read and checked.
@@ -30,13 +30,13 @@ type PartsInPython = ((String, String), (String, String), String, Vec<(String, P
 pub(crate) struct Sweep {
     sweep: Arc<HostSweep>,
     precision: Precision,
-    /// Those of all runs that are made here for another process.
+    /// Tables shared by all runs that this process makes for another one.
     tables: Tables,
-    /// What functions of the runs have raised.
+    /// The first exception raised by a function of the runs.
     raised: ErrorSlot,
 }
 
-/// Error text, without places where there is no file to look for them.
+/// The failure for an error, without its place where there is no file.
 fn unusable(error: &InputError, sources: &[&Source]) -> Failure {
     let in_file = sources.iter().any(|source| match source {
         Source::File(path) => path.display().to_string() == error.file(),
@@ -63,7 +63,7 @@ impl From<SweepError> for Failure {
 
 #[pymethods]
 impl Sweep {
-    /// `scenario` takes the place of the one that the sweep names, and `terms` act in every run.
+    /// `scenario` replaces the one that the sweep names; `terms` are added to every run.
     #[new]
     #[pyo3(signature = (source, scenario, precision, terms = None))]
     fn new(
@@ -117,7 +117,7 @@ impl Sweep {
         })
     }
 
-    /// Data from which another process can make runs.
+    /// The data that another process needs to make runs.
     fn parts(&self, py: Python<'_>) -> PyResult<PartsInPython> {
         let Parts { sweep, scenario, directory, files } =
             py.detach(|| guarded(|| Ok(self.sweep.parts()?)))?;
@@ -140,7 +140,7 @@ impl Sweep {
         self.sweep.runs()
     }
 
-    /// Makes runs to be sent back: number, record, and the file of the trajectory if it is kept.
+    /// Makes runs for another process: index, record, and the trajectory file if it is kept.
     fn make_elsewhere<'py>(
         &self,
         py: Python<'py>,
@@ -196,7 +196,7 @@ impl Sweep {
         told(py, &summary)
     }
 
-    /// The rows of the table that are there: of one shard, or of all that have been gathered.
+    /// The rows of the table that exist: of one shard, or of all gathered shards.
     fn rows<'py>(
         &self,
         py: Python<'py>,
@@ -217,7 +217,7 @@ impl Sweep {
         Ok(table)
     }
 
-    /// Opens the records in a directory, for runs that are made elsewhere.
+    /// Opens the records in a directory, for runs made by other processes.
     fn open(&self, py: Python<'_>, directory: PathBuf, shard: Option<&str>) -> PyResult<Ledger> {
         let options = self.options(directory, shard)?;
         let ledger = py.detach(|| guarded(|| Ok(HostLedger::open(&self.sweep, options)?)))?;
@@ -247,11 +247,11 @@ fn told<'py>(py: Python<'py>, summary: &SweepSummary) -> PyResult<Bound<'py, PyD
     Ok(dict)
 }
 
-/// The records of a sweep whose runs are made elsewhere.
+/// The records of a sweep whose runs are made by other processes.
 #[pyclass(frozen, module = "fvi._fvi", name = "Ledger")]
 pub(crate) struct Ledger {
     sweep: Arc<HostSweep>,
-    /// Nothing once it is closed.
+    /// `None` once it is closed.
     ledger: Mutex<Option<HostLedger>>,
 }
 
@@ -277,7 +277,7 @@ fn closed() -> Failure {
 
 #[pymethods]
 impl Ledger {
-    /// Runs that are not done.
+    /// Indices of the runs that are not done.
     fn missing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<usize>>> {
         Ok(self.with(py, HostLedger::missing)?.into_pyarray(py))
     }
@@ -288,7 +288,7 @@ impl Ledger {
         self.with(py, |ledger| Ok(ledger.share()))
     }
 
-    /// Takes a run in; false if it is none of the sweep or was damaged on the way.
+    /// Stores the record of a run; false if it does not belong to the sweep or was damaged in transmission.
     fn take(&self, py: Python<'_>, run: usize, record: &[u8], trajectory: Option<&[u8]>) -> PyResult<bool> {
         let made = MadeRun { run, record: record.to_vec(), trajectory: trajectory.map(<[u8]>::to_vec) };
         self.with(py, |ledger| ledger.take(&self.sweep, &made))

@@ -9,27 +9,27 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyFloat, PyList, PyTuple};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// The functions, as the Python half of the package names them.
+/// The functions, under the names of the Python part of the package.
 #[derive(FromPyObject)]
 pub(crate) struct Callables {
     /// U(q), ∇U(q) and ∂²U/∂q².
     value: Option<Py<PyAny>>,
     gradient: Option<Py<PyAny>>,
     hessian: Option<Py<PyAny>>,
-    /// F(t, q), ∂F/∂q and ∂F/∂v; a force that takes no position is F(t), one that takes a velocity
-    /// F(t, q, v), as its derivatives are.
+    /// F(t, q), ∂F/∂q and ∂F/∂v. A force without position is F(t), one with velocity F(t, q, v); the
+    /// derivatives take the same arguments.
     force: Option<Py<PyAny>>,
     jacobian: Option<Py<PyAny>>,
     velocity_jacobian: Option<Py<PyAny>>,
     takes_position: bool,
     takes_velocity: bool,
-    /// Where ∂²U/∂q² has entries, of which the Hessian then gives one number each, row and column one behind
-    /// the other; none: row by row.
+    /// Positions of the structural nonzeros of ∂²U/∂q², as pairs row, column; the Hessian then returns one
+    /// number for each. `None`: it returns the full matrix, row by row.
     places: Option<Vec<u32>>,
 }
 
 impl Callables {
-    /// The same functions once more.
+    /// A clone of the functions.
     pub(crate) fn again(&self) -> Self {
         Python::attach(|py| {
             let again =
@@ -49,7 +49,7 @@ impl Callables {
     }
 }
 
-/// Where the first exception of a function waits until the step it spoils has ended.
+/// Holds the first exception raised by a function until the failing step has ended.
 #[derive(Clone, Default)]
 pub(crate) struct ErrorSlot(Arc<Mutex<Option<PyErr>>>);
 
@@ -67,12 +67,12 @@ impl ErrorSlot {
     }
 }
 
-/// [`Callables`] as the library wants them.
+/// [`Callables`] with the interface that the library requires.
 pub(crate) struct PythonTerms {
     callables: Callables,
     size: usize,
     slot: ErrorSlot,
-    /// Largest |F_i| since the energy guard last looked.
+    /// Largest |F_i| since the last query of the energy guard.
     largest: Vec<f64>,
     answer: Vec<f64>,
     nearby: Vec<f64>,
@@ -86,7 +86,7 @@ impl PythonTerms {
         Self { callables, size, slot, largest, answer: Vec::new(), nearby, difference }
     }
 
-    /// Refuses functions that fail, or are not finite, where the run begins.
+    /// Refuses functions that fail, or return values that are not finite, at the initial state.
     pub(crate) fn look_at_the_start(
         &mut self,
         time: f64,
@@ -95,7 +95,7 @@ impl PythonTerms {
     ) -> Outcome<()> {
         let value = self.potential(position);
         let mut restoring = vec![0.0; self.size];
-        // Where the velocity takes a solution of equations the first step looks at the force.
+        // If the velocity requires the solution of equations, the force is first checked in the first step.
         let velocity = if self.callables.takes_velocity { velocity } else { Some(&[][..]) };
         if let Some(velocity) = velocity {
             self.add_restoring_force_in_motion(Moment::inside(time), position, velocity, &mut restoring);
@@ -119,12 +119,12 @@ impl PythonTerms {
         }
     }
 
-    /// Calls a function and keeps its numbers in `answer`, `count` of them; NaN if it fails.
+    /// Calls a function and stores its `count` values in `answer`; NaN if it fails.
     fn call(&mut self, which: Which, time: Option<f64>, position: Option<&[f64]>, count: usize) {
         self.call_moving(which, time, position, None, count);
     }
 
-    /// As [`call`](Self::call), with a velocity behind the position.
+    /// As [`call`](Self::call), with the velocity as a further argument.
     fn call_moving(
         &mut self,
         which: Which,
@@ -172,15 +172,15 @@ impl PythonTerms {
         }
     }
 
-    /// The force at a time, a position and a velocity, if it takes them, in `answer`.
+    /// Writes the force to `answer`, at a time, a position and, if it takes one, a velocity.
     fn force(&mut self, time: f64, position: &[f64], velocity: &[f64]) {
         let position = self.callables.takes_position.then_some(position);
         let velocity = self.callables.takes_velocity.then_some(velocity);
         self.call_moving(Which::Force, Some(time), position, velocity, self.size);
     }
 
-    /// Differences of what `look` leaves in `answer`, one coordinate at a time, added to `stiffness` with a
-    /// sign.
+    /// Adds, with a sign, finite differences of the values that `look` writes to `answer`, one coordinate at
+    /// a time, to `stiffness`.
     fn add_differences(
         &mut self,
         position: &[f64],
@@ -195,7 +195,7 @@ impl PythonTerms {
         for column in 0..self.size {
             let step = f64::EPSILON.sqrt() * position[column].abs().max(1.0);
             nearby[column] = position[column] + step;
-            // What was really added.
+            // The change after rounding.
             let step = nearby[column] - position[column];
             look(self, &nearby);
             for row in 0..self.size {
@@ -332,7 +332,7 @@ impl OwnTerms for PythonTerms {
     }
 }
 
-/// A function of (t, q, p) that an event watches.
+/// The function (t, q, p) of an event.
 pub(crate) fn watched(function: Py<PyAny>, slot: ErrorSlot) -> SharedFunction {
     SharedFunction::new(move |time, position, momentum| {
         if slot.is_full() {
@@ -358,8 +358,7 @@ pub(crate) fn watched(function: Py<PyAny>, slot: ErrorSlot) -> SharedFunction {
 
 /// The `count` numbers that a function has returned.
 fn numbers(name: &str, returned: &Bound<'_, PyAny>, count: usize, to: &mut Vec<f64>) -> PyResult<()> {
-    // What functions return as a rule is read without a call back to NumPy, which costs as much as a short
-    // function.
+    // The usual return types are read without a call to NumPy, which would cost as much as a short function.
     if count == 1
         && let Ok(number) = returned.cast::<PyFloat>()
     {
@@ -371,7 +370,7 @@ fn numbers(name: &str, returned: &Bound<'_, PyAny>, count: usize, to: &mut Vec<f
     }
     to.clear();
     let py = returned.py();
-    // Subclasses may mean something else by the same bytes, such as numbers that are missing.
+    // Subclasses may give the same bytes another meaning, such as masked values.
     let array = match returned.cast_exact::<PyArrayDyn<f64>>() {
         Ok(array) => array.clone(),
         Err(_) => {
@@ -388,7 +387,7 @@ fn numbers(name: &str, returned: &Bound<'_, PyAny>, count: usize, to: &mut Vec<f
         );
         return Err(Failure::Input { key: name.to_owned(), value: String::new(), message }.into());
     }
-    // Row by row, however the array lies in memory.
+    // Row by row, whatever the memory order of the array.
     if array.is_c_contiguous() {
         to.extend(array.to_vec().map_err(|error| Failure::Failed(error.to_string()))?);
     } else {
@@ -397,7 +396,7 @@ fn numbers(name: &str, returned: &Bound<'_, PyAny>, count: usize, to: &mut Vec<f
     Ok(())
 }
 
-/// Reads a list of floats, or of lists of floats of one length; false for whatever else it is.
+/// Reads a list of floats, or of lists of floats of equal lengths; false for any other object.
 fn of_lists(given: &Bound<'_, PyAny>, to: &mut Vec<f64>) -> bool {
     let Ok(list) = given.cast::<PyList>() else { return false };
     let mut rows = None;

@@ -6,7 +6,8 @@ use fvi_host::lab::tune::{TuningProblem, tune as find};
 use pyo3::prelude::*;
 use std::sync::atomic::AtomicBool;
 
-/// ω, plant, loop and sampled loop in parts, and t, y, u, y under a load.
+/// Rows of ω and real and imaginary parts of plant, loop and sampled loop; and rows t, y, u, y after a load
+/// step.
 type Curves = (Vec<[f64; 7]>, Vec<[f64; 4]>);
 
 /// Tunes a controller: `tune.json` as text, `[controller]` as text, and the curves.

@@ -1,21 +1,20 @@
-//! What happens while Rust computes: signals, and the caller's progress function.
+//! Signals and the caller's progress function during a computation in Rust.
 
 use pyo3::prelude::*;
 use std::time::{Duration, Instant};
 
-/// Between two looks at signals.
+/// Time between two checks for signals.
 const LOOK: Duration = Duration::from_millis(20);
-/// Between two calls of the progress function.
+/// Time between two calls of the progress function.
 const REPORT: Duration = Duration::from_millis(100);
 
-/// Looks at signals every now and then, tells the caller how far the work is, and keeps the exception that
-/// either raises.
+/// Checks for signals at intervals, calls the progress function, and keeps the exception that either raises.
 pub(crate) struct Watch {
     progress: Option<Py<PyAny>>,
     raised: Option<PyErr>,
     looked: Instant,
     reported: Instant,
-    /// Pieces of work until the next look at the clock, and how many there were between the last two.
+    /// Pieces of work until the next reading of the clock (`left`), and between two readings.
     left: u32,
     stride: u32,
 }
@@ -26,8 +25,8 @@ impl Watch {
         Self { progress, raised: None, looked: now, reported: now, left: 1, stride: 1 }
     }
 
-    /// Hears that `done` of `all` pieces of work are done (`None`: nobody knows of how many); whether to go
-    /// on.
+    /// Reports that `done` of `all` pieces of work are done (`None`: unknown number); returns whether to
+    /// continue.
     pub(crate) fn tick(&mut self, done: usize, all: impl Into<Option<usize>>) -> bool {
         let all = all.into();
         self.left = self.left.saturating_sub(1);
@@ -35,8 +34,7 @@ impl Watch {
         if self.left > 0 && !last {
             return true;
         }
-        // So many pieces at a time that the clock is read about once in a few milliseconds, however long a
-        // piece takes.
+        // The number of pieces between two readings adapts so that the clock is read every few milliseconds.
         let since = self.looked.elapsed();
         self.stride =
             if since < LOOK / 8 { (2 * self.stride).min(1 << 20) } else { (self.stride / 2).max(1) };
@@ -47,8 +45,8 @@ impl Watch {
         self.look(done, all)
     }
 
-    /// The same for work whose pieces may take long, and which calls again meanwhile: the clock is read at
-    /// every call.
+    /// Like [`tick`](Self::tick), for work with long pieces that calls repeatedly during a piece: the clock
+    /// is read at every call.
     pub(crate) fn hear(&mut self, done: usize, all: usize) -> bool {
         if self.looked.elapsed() < LOOK && done < all {
             self.raised.is_none()

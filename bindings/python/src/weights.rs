@@ -87,7 +87,7 @@ fn matrices<const R: usize>(
     Ok(numbers)
 }
 
-/// A quadrature from its words, as in `[convolution]`.
+/// A quadrature from its names, as in `[convolution]`.
 pub(crate) fn convolution(family: &str, order: usize, stages: Option<usize>) -> Outcome<Convolution> {
     let staged = |range: std::ops::RangeInclusive<usize>, allowed: &str| match stages {
         Some(stages) if range.contains(&stages) => Ok(stages),

@@ -24,7 +24,7 @@ ZENER = fvi.Kernel.symbol("0.4 + (3*s)^0.6/(1 + (3*s)^0.6)")
 
 
 def dampers(beam):
-    """Dampers between neighbouring cross-sections: a column each, in other ranks' hands than its rows."""
+    """Dampers between neighbouring cross-sections: a column each, on other ranks than its rows."""
     matrix = PETSc.Mat().createAIJ(((beam.local, beam.size), (None, DAMPERS)), nnz=(2, 2), comm=beam.stiffness.getComm())
     first, end = matrix.getOwnershipRange()
     for column in range(DAMPERS):
@@ -44,7 +44,7 @@ def along(beam, function):
 
 
 def everything(beam, convert=lambda given: given):
-    """Arguments with all that a run may have; `convert` makes of PETSc's objects what one machine takes."""
+    """Arguments with every kind of term; `convert` turns PETSc objects into arguments for one machine."""
     K = beam.stiffness
     times = np.array([0.0, 17.3, 40.2, 90.0]), np.array([0.0, 1.0, -1.0, 0.5])
     diagonal = along(beam, lambda x: 1e-4 * (x > 0.5))
@@ -88,7 +88,7 @@ def on_one_machine(given):
         return given.getArray().copy()
     starts, columns, values = given.getValuesCSR()
     matrix = scipy.sparse.csr_matrix((values, columns, starts), shape=given.getSize())
-    # Assembly adds in another order above the diagonal than below.
+    # Assembly adds in different orders above and below the diagonal.
     return (matrix + matrix.T) / 2 if matrix.shape[0] == matrix.shape[1] else matrix
 
 
@@ -126,7 +126,8 @@ def compare(directory):
 
 
 def run(directory, steps, *how):
-    """The small problem into files, as far as it comes; `how` says which rank (−1: all) gets which signal after how many steps."""
+    """Runs the small problem with output files until it ends or is stopped; `how` gives the rank (−1: all), the signal, and the
+    step after which it is sent."""
     beam = Beam(WORLD, 20, 3)
     arguments = everything(beam)
     if how:
@@ -178,7 +179,7 @@ def numbers_of_ranks(directory):
 
 
 def refusals(directory):
-    """Arguments that cannot be used: what every rank says to each."""
+    """Invalid arguments: the error on every rank for each of them."""
     beam = Beam(WORLD, 4, 2)
     good = dict(mass=beam.mass, stiffness=beam.stiffness, position=0.0, step=0.1, steps=3)
     other = Beam(WORLD, 5, 2)
@@ -316,7 +317,7 @@ def refusals(directory):
         fvi.Memory.push = push
         for option in chosen:
             options.delValue(option)
-    # Its context would outlive the interpreter.
+    # Its context would be destroyed after the interpreter.
     shell.destroy()
     everyone = WORLD.tompi4py().gather(said)
     if RANK == 0:
@@ -346,7 +347,7 @@ def traffic(directory):
 
 
 def integrate_without_residual(**arguments):
-    """The iterations are counted, not enough: the residual is allowed to be what it is."""
+    """For a fixed number of iterations: the residual is not checked."""
     from fvi.petsc import _step
 
     most, _step.MOST_CORRECTIONS = _step.MOST_CORRECTIONS, 0

@@ -1,4 +1,4 @@
-"""What people write elsewhere: taken where its meaning is clear, refused with the name to use where not."""
+"""Argument forms common in other libraries: accepted where the meaning is clear, otherwise refused with the right name."""
 
 import numpy as np
 import pytest
@@ -44,6 +44,16 @@ def test_names_of_other_packages_are_refused_with_the_one_to_use(name, instead):
     assert refused.value.key == name and f"`{instead}`" in str(refused.value)
     with pytest.raises(fvi.InputError, match="no such argument"):
         fvi.run({"system": {"mass": [1.0]}}, **{name: [0.0, 1.0]})
+
+
+def test_keys_of_the_program_are_arguments():
+    with pytest.raises(fvi.InputError) as refused:
+        fvi.integrate(**COMMON, threads=0)
+    assert refused.value.key == "threads"
+    with pytest.raises(fvi.InputError, match="no such key; did you mean threads?") as refused:
+        fvi.integrate(**COMMON, thread=1)
+    for name in ("scheme", "degree", "convolution", "stages", "engine", "horizon", "states", "grid", "must_hit", "memory_energy"):
+        assert f" {name}," in str(refused.value), name
 
 
 def test_coordinates_may_be_a_range_a_slice_or_a_tuple():

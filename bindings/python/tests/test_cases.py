@@ -1,4 +1,4 @@
-"""Load cases integrated together: each is what it is alone, and the files of the program hold the same bits."""
+"""Load cases integrated together: each equals its run alone, and is bit-identical to the files of the program."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Runs into a directory, and runs that go on."""
+"""Runs into a directory, and resumed runs."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ class Enough(Exception):
 
 
 def test_an_interrupted_run_goes_on_to_the_same_bits(tmp_path):
-    # Long enough for the callback, which is called every so many milliseconds, to be heard before the end.
+    # Long enough for the callback, which is called at intervals of milliseconds, to be called before the end.
     steps = 1_000_000
     whole = fvi.run(PENDULUM, steps=steps, engine="exponential-sum", every=100, out=tmp_path / "whole")
     assert same(whole, fvi.run(PENDULUM, steps=steps, engine="exponential-sum", every=100))

@@ -1,4 +1,4 @@
-"""Sweeps on a cluster of Dask's: local, of two processes that are reached over TCP, under ill treatment."""
+"""Sweeps on a local Dask cluster of two processes reached over TCP, with failures provoked."""
 
 import os
 import select
@@ -24,7 +24,7 @@ SWEEP = {
 
 
 class Cable:
-    """Hands on what is sent to an address, until it is cut; then again for new connections."""
+    """Forwards traffic to an address until it is cut; then again for new connections."""
 
     def __init__(self, address):
         self.there = address
@@ -72,7 +72,7 @@ class Cable:
 
 @pytest.fixture(scope="module")
 def cluster():
-    # Loggers tell of lost connections at length.
+    # Loggers report lost connections at length.
     settings = {"distributed.comm.timeouts.connect": "20s", "distributed.admin.tick.limit": "60s"}
     import dask
 
@@ -84,7 +84,7 @@ def cluster():
 
 @pytest.fixture(autouse=True)
 def tasks_of_one_run(monkeypatch):
-    """Many short tasks: what happens to a sweep happens in its middle, however fast the machine is."""
+    """Many short tasks: so that failures occur in the middle of a sweep, however fast the machine is."""
     monkeypatch.setattr("fvi._cluster.TASK_SECONDS", 0.0)
 
 

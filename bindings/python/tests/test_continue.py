@@ -1,4 +1,4 @@
-"""Runs that go on from results, and motions that begin with a past or at another time."""
+"""Runs that continue from results, and motions that begin with a past or at another time."""
 
 import copy
 import pickle
@@ -33,7 +33,7 @@ def rows(result):
 
 
 def assert_goes_on(parts, whole):
-    """Whether results, each of which goes on from the one before, have the rows of one."""
+    """Asserts that results, each continuing from the one before, together have the rows of a single run."""
     joined = [np.concatenate([column[index > 0 :] for index, column in enumerate(columns)]) for columns in zip(*map(rows, parts))]
     for mine, one in zip(joined, rows(whole)):
         assert np.array_equal(mine, one)
@@ -41,7 +41,7 @@ def assert_goes_on(parts, whole):
 
 @pytest.mark.parametrize("scheme", SCHEMES, ids=name_of)
 def test_results_go_on_to_the_bits_of_one_run(scheme):
-    # Without a word about the engine the shorter run has another than the longer: the same to rounding.
+    # Without `engine` the shorter run uses another engine than the longer one: equal to rounding.
     short, long = (fvi.integrate(**SYSTEM, **scheme, steps=steps) for steps in (100, 300))
     assert np.abs(fvi.integrate(continue_from=short, steps=200).q - long.q[100:]).max() < 1e-12
     scheme = {**scheme, "engine": "block-fft"}
@@ -52,19 +52,19 @@ def test_results_go_on_to_the_bits_of_one_run(scheme):
     if scheme.get("convolution") is None:
         assert_goes_on([first, second, third], whole)
     else:
-        # Weights that are no recursion are made for a number of samples.
+        # Weights without a recursion are computed for a given number of samples.
         assert np.abs(np.concatenate([second.q[1:], third.q[1:]]) - whole.q[101:]).max() < 1e-13
     assert third.success and third.summary["steps"] == 300
-    # What a state alone leads to is something else.
+    # Starting from the state alone gives a different motion.
     from_state = fvi.integrate(**{**SYSTEM, "position": first.q[-1], "velocity": first.v[-1]}, **scheme, steps=50)
     assert np.abs(from_state.q - second.q).max() > 1e-4
-    # The first may be gone on from again.
+    # It is possible to continue from the first one again.
     assert np.array_equal(fvi.integrate(continue_from=first, steps=50).q, second.q)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_every_engine_goes_on_to_the_bits_of_one_run_with_its_tables(engine):
-    # A table of exponentials is made for a number of samples, and so is what is spread over the steps.
+    # Tables of exponentials, and the schedule of work spread over the steps, depend on the number of samples.
     keys = dict(engine=engine, **(dict(horizon=4096) if engine.startswith("exp") else {}))
     whole = fvi.integrate(**SYSTEM, **keys, steps=700)
     first = fvi.integrate(**SYSTEM, **keys, steps=300)
@@ -157,7 +157,7 @@ def nodes_of(scheme):
 @pytest.mark.parametrize("derivative", ["caputo", "riemann-liouville"])
 @pytest.mark.parametrize("scheme", SCHEMES, ids=name_of)
 def test_a_past_is_what_a_longer_run_remembers(scheme, derivative):
-    """The second half of a run is that of one that is told the first half."""
+    """The second half of a run equals a run that has the first half as its past."""
     keys = dict(SYSTEM, **scheme, damping=[fvi.Damping(0.5, [0.4, 0.3], derivative), fvi.Damping(1.4, [0.1, 0.0], derivative)])
     del keys["velocity"]
     steps, h = 80, 0.05
@@ -179,7 +179,7 @@ def test_a_past_is_what_a_longer_run_remembers(scheme, derivative):
         with pytest.raises(fvi.InputError, match="function of t"):
             fvi.integrate(**more, past=(whole.t[:steps], whole.q[:steps]), **momentum)
     assert np.allclose(half.t, whole.t[end], rtol=0.0, atol=1e-13)
-    # Inside of steps collocation has stages a little beside the polynomial that `times` shows.
+    # Within a step the stages of collocation differ slightly from the polynomial that `times` evaluates.
     bound = 1e-8 if scheme.get("scheme") == "collocation" else 1e-11
     assert np.abs(half.q - whole.q[end]).max() < bound and np.abs(half.p - whole.p[end]).max() < bound
     without = fvi.integrate(**more | {"position": whole.q[steps]}, **momentum)
@@ -195,7 +195,7 @@ def test_every_engine_takes_a_past(engine):
 
 
 def test_the_force_of_a_past_is_the_derivative_of_its_function():
-    # Held at rest after a ramp: what the damper exerts is D^β of the ramp, known in closed form.
+    # Held at rest after a ramp: the damper's force is D^β of the ramp, known in closed form.
     beta, h = 0.5, 1e-3
     r = fvi.integrate(mass=[1e9], damping=fvi.Damping(beta, [1e6]), position=[1.0], past=(-1.0, lambda t: 1.0 + t), step=h, steps=50)
     force = -np.diff(r.p[:, 0]) / h / 1e6

@@ -1,4 +1,4 @@
-"""Functions wherever they may stand: Hessians on their patterns, events, scenarios' dictionaries, sweeps."""
+"""Functions in all places where they are allowed: Hessians with patterns, events, dictionaries of scenarios, sweeps."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""Gyroscopic forces: what they conserve, the order of schemes, and where they cannot stand."""
+"""Gyroscopic forces: conserved quantities, the order of schemes, and where they are refused."""
 
 import numpy as np
 import pytest

@@ -105,7 +105,7 @@ def test_large_sparse_systems_stay_sparse_and_move_as_their_modes():
     k = frequencies[mode - 1] ** 2
     one = fvi.integrate(mass=[1.0], stiffness=[k], damping=fvi.Damping(0.6, [0.02 * k]), position=[1.0], every=10, **common)
     assert np.abs(large.q - one.q * shape[[0, 250]]).max() < 1e-10
-    # Arrays with so many rows go the same way, and without a choice all coordinates are there.
+    # Arrays with as many rows are treated in the same way, and by default all coordinates are in the result.
     dense = fvi.integrate(
         mass=np.eye(size), stiffness=stiffness.toarray(), damping=fvi.Damping(0.6, 0.02 * stiffness), position=shape, **common
     )
@@ -264,7 +264,7 @@ def test_no_part_of_what_a_function_returns_is_dropped(answer):
 
 def test_parameters_with_defaults_are_a_functions_own():
     plain = fvi.integrate(stiffness=STIFFNESS, force=["0.5*sin(t)", "2*q0"], **COMMON)
-    # As functions in a loop are written; the position is no amplitude.
+    # As functions in a loop are written; the default argument is not taken for the position.
     time_alone = fvi.integrate(stiffness=STIFFNESS, force=lambda t, a=0.5: [a * np.sin(t), 0.0], **COMMON)
     assert np.allclose(
         time_alone.q, fvi.integrate(stiffness=STIFFNESS, force=["0.5*sin(t)", "0"], **COMMON).q, rtol=0.0, atol=1e-12

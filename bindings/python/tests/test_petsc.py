@@ -1,4 +1,4 @@
-"""fvi.petsc under mpiexec: `petsc_cases.py` holds what the ranks do."""
+"""fvi.petsc under mpiexec: `petsc_cases.py` contains the code of the ranks."""
 
 import importlib.util
 import json
@@ -24,12 +24,12 @@ under_mpi = pytest.mark.skipif(
 
 
 def ranks(count, case, *words):
-    """Runs a case on so many ranks; returns the exit code and what was said."""
+    """Runs a case on a number of ranks; returns the exit code and the output."""
     given = {
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
         "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
         "OMPI_MCA_rmaps_base_oversubscribe": "1",
-        # Ranks share processors here, with each other and with whatever else runs.
+        # Ranks share processors here with each other and with other processes.
         "OMPI_MCA_mpi_yield_when_idle": "1",
         "OMP_NUM_THREADS": "1",
     }
@@ -40,7 +40,7 @@ def ranks(count, case, *words):
     try:
         said, _ = process.communicate(timeout=SECONDS)
     except subprocess.TimeoutExpired:
-        # It ends its ranks.
+        # mpiexec ends its ranks.
         process.send_signal(signal.SIGTERM)
         said, _ = process.communicate(timeout=30)
         pytest.fail(f"{case} on {count} ranks hangs: {said}")
@@ -99,7 +99,7 @@ def test_a_killed_rank_ends_the_job_and_other_numbers_of_ranks_go_on(tmp_path, e
     place = tmp_path / "out" / "checkpoint"
     manifest = json.loads((place / "manifest.json").read_text())
     assert manifest["step"] == 21
-    # The newest generation has lost a bit on the disk; the one before is taken, and the run is stopped by a signal.
+    # A bit of the newest generation is flipped on the disk; the generation before is used, and the run is stopped by a signal.
     path = place / manifest["files"][1][0]
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
@@ -121,7 +121,7 @@ def test_a_killed_rank_ends_the_job_and_other_numbers_of_ranks_go_on(tmp_path, e
 
 
 def assert_snapshots(out, finished, ranks_of):
-    """Files of all steps and ranks, whose parts make up the rows; and an index whose references lead somewhere."""
+    """Files of all steps and ranks, whose parts make up the rows; and an index whose references exist."""
     for step, count in ranks_of.items():
         parts = [np.load(path) for path in sorted(out.glob(f"snapshots/{step:012d}.rank-*-of-*.npz"))]
         assert len(parts) == count and [float(part["t"]) for part in parts] == [step] * count
@@ -158,7 +158,7 @@ def test_a_job_killed_as_a_whole_is_carried_further_to_the_bits_of_one_that_was_
     assert json.loads(str(found["summary"]))["resumed_at"] == 21
     errors = differences(found, expected["small"])
     assert max(errors.values()) <= 10.0 * TOLERANCE, errors
-    # On as many ranks the memory has the same bits, and whatever the solver adds up has its order.
+    # On the same number of ranks the memory is bit-identical, and the solver's sums have the same order.
     undisturbed = np.load(directory / "small-2.npz")
     assert max(differences(found, undisturbed).values()) < 1e-3 * TOLERANCE
 
@@ -206,7 +206,7 @@ def test_ranks_without_rows_snapshots_of_petsc_and_other_solvers(tmp_path):
     assert np.abs(found["q"] - one.q).max() < 10.0 * TOLERANCE and np.isnan(found["energy"]).all()
     rough, one = np.load(tmp_path / "rough.npz"), fvi.integrate(order=1, momentum=[0.5], **common)
     errors = [np.abs(rough[name] - getattr(one, name)).max() for name in ("q", "p")]
-    # What single precision leaves shows, and no more than that.
+    # The error is that of single precision, and not larger.
     assert 1e-12 < max(errors) < 1e-5, errors
     names = sorted(path.name for path in (tmp_path / "binary" / "snapshots").iterdir())
     assert names == [f"{step:012d}.petsc" for step in (0, 25, 50, 75, 100)]

@@ -1,4 +1,4 @@
-"""What hostile or unlucky callers do."""
+"""Misuse and unusual conditions."""
 
 import copy
 import multiprocessing
@@ -161,7 +161,7 @@ def _many_channels(_):
 
 
 def test_a_forked_process_has_threads_of_its_own():
-    # Its parent has threads that share the work; only their names get across.
+    # The parent has threads that share the work; after the fork only their names exist.
     expected = _many_channels(None)
     with multiprocessing.get_context("fork").Pool(2) as pool:
         assert pool.map_async(_many_channels, range(2)).get(timeout=120) == [expected, expected]
@@ -222,7 +222,7 @@ def test_jacobians_are_read_row_by_row_however_they_lie_in_memory():
         r = fvi.integrate(stiffness=STIFFNESS, force=force, **COMMON)
         assert np.abs(r.q - words.q).max() < 1e-12
         iterations.add(r.summary["newton_iterations"])
-    # A wrong Jacobian would need more of them.
+    # A wrong Jacobian would need more iterations.
     assert len(iterations) == 1
 
 

@@ -1,4 +1,4 @@
-"""Runs of scenarios: the bits of the program, what is refused, what happens on the way."""
+"""Runs of scenarios: bit-identity with the program, refused input, interruptions and callbacks."""
 
 import json
 import os
@@ -16,7 +16,7 @@ import pytest
 import fvi
 
 ROOT = Path(__file__).resolve().parents[3]
-# All but one that takes minutes without optimisation.
+# All but one scenario, which takes minutes without optimisation.
 SCENARIOS = sorted(set((ROOT / "scenarios").glob("*.toml")) - {ROOT / "scenarios/pendulum-ten-million.toml"})
 PROGRAM = os.environ.get("FVI_PROGRAM")
 
@@ -187,7 +187,7 @@ def test_an_interrupt_ends_a_long_run_at_once():
 
 
 def test_the_interpreter_is_free_during_a_run():
-    # A thread that only counts gets on while another one computes.
+    # A counting thread makes progress while another one computes.
     counted = 0
     done = threading.Event()
 

@@ -83,7 +83,7 @@ def test_caputo_forgets_how_the_sequence_starts():
     line = 3.0 + 2.0 * t
     assert np.abs(fvi.derivative(line, 1.5, 0.01, quadrature="bdf2")).max() < 1e-9
     assert np.abs(fvi.derivative(line, 1.5, 0.01, slope=2.0)).max() < 1e-9
-    # The half derivative of t² is 2 t^1.5/Γ(2.5), with or without a start to forget.
+    # The half derivative of t² is 2 t^1.5/Γ(2.5), for either form of the derivative.
     expected = 2 * t**1.5 / math.gamma(2.5)
     shifted = fvi.derivative(7.0 + t**2, 0.5, 0.01, quadrature="bdf2")
     assert np.abs(shifted - expected)[50:].max() < 1e-4

@@ -41,7 +41,7 @@ def test_extremals_are_found():
 
 
 def test_the_package_imports_with_numpy_alone():
-    # A new interpreter that knows no other library.
+    # A new interpreter without other libraries.
     script = (
         "import sys; import fvi; fvi.derivative([1.0, 2.0], 0.5, 0.1); "
         "print(sorted({'scipy', 'pandas', 'xarray', 'matplotlib', 'dask'} & set(sys.modules)))"

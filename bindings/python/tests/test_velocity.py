@@ -32,7 +32,7 @@ def test_functions_move_as_expressions_do(scheme):
     for given in (force, fvi.Force(force), fvi.Force(force, by_position, by_velocity), fvi.Force(force, None, by_velocity)):
         code = fvi.integrate(**PLANE, **scheme, force=given)
         assert np.abs(code.q - words.q).max() < 1e-12 and np.abs(code.p - words.p).max() < 1e-12
-        # Newton's method sees the derivatives: without those of the velocity it would take many more looks.
+        # Newton's method sees the derivatives: without those with respect to the velocity it would need many more iterations.
         assert code.summary["newton_iterations"] <= 1.3 * words.summary["newton_iterations"]
 
 

@@ -3,9 +3,8 @@
 //!
 //!     cargo build --release --package images --bin costs --features cycles
 //!
-//! Prints go through semihosting, to the debugger. QEMU has no such unit and would count nothing. Caches,
-//! prefetchers and wait states are those that the part has when the image starts: set its clock up as the
-//! application does.
+//! Output goes through semihosting to the debugger. QEMU has no such unit and would count nothing. Caches,
+//! prefetchers and wait states are as after start-up: configure the clock as the application does.
 
 use cortex_m::Peripherals;
 use cortex_m::peripheral::DWT;
@@ -16,10 +15,10 @@ pub struct Counter {
 }
 
 impl Counter {
-    /// A counter that has measured its own cost.
+    /// A counter that has measured its own overhead.
     pub fn new(mut peripherals: Peripherals) -> Self {
         peripherals.DCB.enable_trace();
-        // Parts whose unit is locked until it is told a key.
+        // On some processors the unit is locked until a key is written.
         DWT::unlock();
         peripherals.DWT.set_cycle_count(0);
         peripherals.DWT.enable_cycle_counter();
@@ -28,7 +27,7 @@ impl Counter {
         counter
     }
 
-    /// Cycles that `work` takes; less than 2³².
+    /// Number of cycles of `work`; less than 2³².
     #[inline(always)]
     pub fn count(&mut self, work: impl FnOnce()) -> u32 {
         let before = DWT::cycle_count();

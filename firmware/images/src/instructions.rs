@@ -14,7 +14,7 @@ pub struct Counter {
 }
 
 impl Counter {
-    /// A counter that has measured its own cost.
+    /// A counter that has measured its own overhead.
     pub fn new(peripherals: Peripherals) -> Self {
         let mut timer = peripherals.SYST;
         timer.set_clock_source(SystClkSource::Core);
@@ -26,7 +26,7 @@ impl Counter {
         counter
     }
 
-    /// Instructions that `work` takes; up to ten million.
+    /// Number of instructions of `work`; up to ten million.
     #[inline(always)]
     pub fn count(&mut self, work: impl FnOnce()) -> u32 {
         self.timer.clear_current();

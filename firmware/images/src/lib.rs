@@ -1,4 +1,4 @@
-//! What the images share: how they print, and how they end.
+//! Output and program end, common to the images.
 #![no_std]
 
 #[cfg(feature = "cycles")]
@@ -24,13 +24,13 @@ pub fn main(program: impl FnOnce(&mut hio::HostStream) -> Result<(), Refused>) -
     }
 }
 
-/// The program could not go on; it has said why.
+/// The program could not continue; the reason has been printed.
 pub struct Refused;
 
 impl Refused {
-    /// Says why.
+    /// Prints the reason.
     pub fn because(out: &mut hio::HostStream, reason: impl fmt::Display) -> Self {
-        // If this fails as well, nothing is left but the exit status.
+        // If this fails as well, only the exit status reports the error.
         let _ = fmt::Write::write_fmt(out, format_args!("refused: {reason}\n"));
         Self
     }

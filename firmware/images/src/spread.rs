@@ -1,4 +1,4 @@
-//! What several runs cost.
+//! Statistics of the costs of several runs.
 
 /// Mean and worst case of several runs.
 #[derive(Clone, Copy, Default)]
@@ -9,7 +9,7 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Takes a run into account.
+    /// Adds a run.
     pub fn add(&mut self, cost: u32) {
         self.total += u64::from(cost);
         self.runs += 1;

@@ -1,17 +1,17 @@
-//! Stack use by painting: what lies below the stack pointer is filled with a pattern, and later searched for
-//! what is left.
+//! Stack use by painting: memory below the stack pointer is filled with a pattern, and afterwards searched
+//! for the part that is unchanged.
 
 use cortex_m::register::msp;
 
 const PATTERN: u32 = 0x5afe_57ac;
 
-/// Painted below the stack pointer.
+/// Number of bytes painted below the stack pointer.
 const PAINTED: usize = 4096;
 
-/// Left alone below the stack pointer, for the frames of the painting itself.
+/// Number of bytes below the stack pointer that are not painted, for the frames of the painting itself.
 const SPARED: usize = 128;
 
-/// Bytes of stack that `work` takes, up to 4 KiB; at least 128.
+/// Bytes of stack used by `work`, up to 4 KiB; at least 128.
 #[inline(never)]
 pub fn used_by(work: impl FnOnce()) -> usize {
     let top = (msp::read() as usize - SPARED) & !3;

@@ -1,15 +1,15 @@
-//! Numbers as their bits, so that equality means equality.
+//! Numbers as their bit patterns, for exact comparison.
 
 use core::fmt;
 
 use fvi_core::Real;
 
-/// A scalar that can show its bits.
+/// A scalar with access to its bits.
 pub trait Bits: Real {
     /// Name of the scalar.
     const NAME: &'static str;
 
-    /// The bits, the sign first.
+    /// The bits, most significant first.
     fn hexadecimal(self) -> Hexadecimal;
 }
 

@@ -21,7 +21,7 @@ pub const STEPS: u32 = 3000;
 /// Steps between samples.
 const SAMPLE: u32 = 2;
 
-/// The first step at whose beginning the setpoint is the second one.
+/// The first step that begins with the second setpoint.
 const TURN: u32 = 801;
 
 const STEP_SIZE: f32 = 1e-3;
@@ -42,7 +42,7 @@ pub fn run(out: &mut impl fmt::Write) -> Result<(), Refusal> {
         .momentum(rest)
         .build()?;
     writeln!(out, "{}", f32::NAME)?;
-    // What acts, and what will a step later.
+    // The output acting now, and the one that will act a step later.
     let mut acting = 0.0;
     for step in 0..=STEPS {
         let (position, momentum) = (plant.state().position[0], plant.state().momentum[0]);

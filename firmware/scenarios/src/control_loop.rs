@@ -24,7 +24,7 @@ use crate::tables::{DAMPING, DERIVATIVE, INTEGRAL};
 /// Ticks of the run: a thousand seconds.
 pub const TICKS: u32 = 1_000_000;
 
-/// A sample is printed every so many ticks.
+/// Number of ticks between two printed samples.
 pub const PRINTED: u32 = 50_000;
 
 /// Ticks between two jumps of the reference.
@@ -55,7 +55,7 @@ pub struct ControlLoop {
     hash: u32,
 }
 
-/// What a tick saw and did.
+/// Values of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tick {
     /// Control error e.
@@ -119,7 +119,7 @@ impl ControlLoop {
         self.hash
     }
 
-    /// One tick: read the position, compute the input, let the plant make a step with it.
+    /// One tick: read the position, compute the input, and advance the plant by a step with it.
     ///
     /// # Errors
     /// Errors of the operators and of the step; none occurs with the numbers of this loop.
@@ -140,7 +140,7 @@ impl ControlLoop {
         Ok(Tick { error, integral, derivative, input, position, momentum })
     }
 
-    /// Writes all that the next tick depends on.
+    /// Writes the complete state of the loop.
     ///
     /// # Errors
     /// If there is no room for it.
@@ -152,10 +152,10 @@ impl ControlLoop {
         self.derivative.save(to)
     }
 
-    /// A loop that goes on where the saved one was.
+    /// A loop that continues from a saved state.
     ///
     /// # Errors
-    /// If the bytes are no state of this loop.
+    /// If the bytes are not a state of this loop.
     pub fn restored(from: &mut StateReader<'_>) -> Result<Self, Refusal> {
         let mut restored = Self::new()?;
         restored.tick = from.count_up_to("ticks", TICKS as usize)? as u32;

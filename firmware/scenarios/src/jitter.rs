@@ -1,5 +1,5 @@
-//! The plant and the controller of [`control_loop`](crate::control_loop) on a clock whose ticks come up to a
-//! fifth early or late.
+//! The plant and the controller of [`control_loop`](crate::control_loop) on a clock with ticks up to a fifth
+//! of the interval early or late.
 //!
 //! ```text
 //! plant        q̈ + D^{0.5} q + 4 q = u ,     q(0) = q̇(0) = 0
@@ -7,7 +7,7 @@
 //! ```
 //!
 //! with intervals of 10 ms on average, measured by a timer; the reference r changes between 1 and −1 about
-//! every 1.6 s. Plant and operators take the interval as it is: collocation by the implicit Euler method, and
+//! every 1.6 s. Plant and operators use the actual interval: collocation by the implicit Euler method, and
 //! memories for steps of any length.
 
 use core::fmt;
@@ -25,7 +25,7 @@ use crate::tables::{JITTER_DAMPING, JITTER_DERIVATIVE, JITTER_INTEGRAL};
 /// Ticks of the run: about a thousand seconds.
 pub const TICKS: u32 = 100_000;
 
-/// A sample is printed every so many ticks.
+/// Number of ticks between two printed samples.
 pub const PRINTED: u32 = 10_000;
 
 /// Ticks between two jumps of the reference.
@@ -67,7 +67,7 @@ pub struct Jitter {
     hash: u32,
 }
 
-/// What a tick saw and did.
+/// Values of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tick {
     /// Seconds since the tick before.
@@ -145,15 +145,14 @@ impl Jitter {
 
     /// Seconds from this tick to the next: 8 to 12 ms, as a timer might count them.
     fn next_interval(&mut self) -> f32 {
-        // Xorshift, the same numbers everywhere.
+        // Xorshift, so that the numbers are the same on every machine.
         self.clock ^= self.clock << 13;
         self.clock ^= self.clock >> 17;
         self.clock ^= self.clock << 5;
         INTERVAL * (0.8 + 0.4 * (self.clock >> 8) as f32 / (1 << 24) as f32)
     }
 
-    /// One tick: read the position, compute the input, let the plant make a step with it as long as the
-    /// interval.
+    /// One tick: read the position, compute the input, and advance the plant with it by the interval.
     ///
     /// # Errors
     /// What an operator or a step refuses; with these numbers, nothing.

@@ -1,5 +1,5 @@
-//! What the images compute, and their twins on the host from the same source: the two must agree in every
-//! bit.
+//! Computations of the images and, from the same source, of their twins on the host: the results must be
+//! bit-identical.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -1,4 +1,4 @@
-//! Oustaloup's filter: what fractional-order controllers use today, to compare with.
+//! Oustaloup's filter, commonly used for fractional-order controllers, for comparison.
 
 use fvi_core::Real;
 
@@ -8,7 +8,7 @@ use fvi_core::Real;
 /// s^β ≈ ω_h^β Π_{k=1}^{S} (s + ω′_k) / (s + ω_k) ,     ω′_k, ω_k = ω_b (ω_h/ω_b)^{(k − ½ ∓ β/2)/S}
 /// ```
 ///
-/// good between the frequencies ω_b and ω_h. Source: \[Oustaloup00\].
+/// accurate between the frequencies ω_b and ω_h. Source: \[Oustaloup00\].
 #[derive(Clone, Debug)]
 pub struct Oustaloup<T, const S: usize> {
     gain: T,
@@ -45,7 +45,7 @@ impl<T: Real, const S: usize> Oustaloup<T, S> {
         Self { gain: T::of(high.power(exponent)), sections }
     }
 
-    /// Takes a sample, gives back the filter's value.
+    /// Takes a sample and returns the output of the filter.
     #[inline]
     pub fn push(&mut self, sample: T) -> T {
         self.sections.iter_mut().fold(self.gain * sample, |x, section| {

@@ -30,7 +30,7 @@ pub const STEP_SIZE: f64 = 0.125;
 static WEIGHTS_F32: [f32; CAPACITY] = monic_increment_table_f32(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER);
 static WEIGHTS_F64: [f64; CAPACITY] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, DAMPING_ORDER);
 
-/// A scalar whose weights lie in flash.
+/// A scalar with a table of weights in flash.
 pub trait Tabulated: Bits {
     /// (w₀ + … + w_n) / w₀, n = 0 … [`STEPS`]: the memory acts on increments.
     fn weights() -> &'static [Self];
@@ -48,7 +48,7 @@ impl Tabulated for f64 {
     }
 }
 
-/// Force of the pulse. It jumps at a point of the grid; that instant belongs to the pulse.
+/// Force of the pulse. It jumps at a grid point, at which it still has the value of the pulse.
 fn pulse<T: Real>(instant: Instant<T>) -> SVector<T, 1> {
     let on = instant.time <= T::one();
     SVector::from([if on { T::of(8.0) } else { T::zero() }])

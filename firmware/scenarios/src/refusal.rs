@@ -7,7 +7,7 @@ use fvi_core::{
     StepError,
 };
 
-/// What refused to go on.
+/// The error that stopped it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Refusal {
     /// A number of the scenario.

@@ -1,11 +1,11 @@
 //! Tables of exponentials for the memories of the control loops: weights of D^exponent at h = 1 ms for 10⁸
 //! steps, and rates for steps from 7.9 ms on up to 2000 s.
 //!
-//! The files are what `fvi exponentials --exponent … --step 0.001 --horizon 1e8 --tolerance 1e-7 --format
-//! rust --precision f32`, with `--endless` for `--horizon 1e8`, and `fvi rates --stages 1 --exponent …
-//! --shortest 0.0079 --horizon 2000 --tolerance 1e-7 --format rust --precision f32` print.
+//! The files are the output of `fvi exponentials --exponent … --step 0.001 --horizon 1e8 --tolerance 1e-7
+//! --format rust --precision f32`, with `--endless` for `--horizon 1e8`, and `fvi rates --stages 1 --exponent
+//! … --shortest 0.0079 --horizon 2000 --tolerance 1e-7 --format rust --precision f32`.
 
-/// What `fvi controller firmware/loop.toml --format rust --name axis` prints.
+/// Output of `fvi controller firmware/loop.toml --format rust --name axis`.
 #[rustfmt::skip]
 pub mod axis;
 /// Exponent 0.5.
@@ -14,10 +14,10 @@ pub mod damping;
 /// Exponent 0.6.
 #[rustfmt::skip]
 pub mod derivative;
-/// Exponent 0.5, without an end.
+/// Exponent 0.5, without a horizon.
 #[rustfmt::skip]
 pub mod endless;
-/// Exponent −0.8 for a step size of 1, without an end.
+/// Exponent −0.8 for a step size of 1, without a horizon.
 #[rustfmt::skip]
 pub mod endless_integral;
 /// Exponent −0.8.

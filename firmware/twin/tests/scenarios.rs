@@ -1,4 +1,4 @@
-//! The scenarios compute what they say.
+//! The results of the scenarios agree with exact values.
 
 use std::error::Error;
 
@@ -33,7 +33,7 @@ fn the_plate_follows_the_exact_solution_as_far_as_the_step_allows() -> Result<()
         let step = place.round();
         if (step - place).abs() < 1e-9 && step <= pulse::STEPS as f64 {
             let error = (positions[step as usize] - position).abs();
-            // First order, h = 0.125, on a motion of size 4.
+            // Error of a first-order scheme with h = 0.125, on a motion of magnitude 4.
             assert!(error < 0.2, "t = {time}: {error}");
             compared += 1;
         }

@@ -1,9 +1,9 @@
-//! The memory term summed term by term with compensation: what every engine is compared with.
+//! The memory term summed term by term with compensation: the reference for every engine.
 
 use fvi_core::Real;
 
-/// A sum in f64 with the rounding errors of its additions and products gathered apart \[Knuth2\], as if
-/// computed in twice the precision.
+/// A sum in f64 that accumulates the rounding errors of its additions and products separately \[Knuth2\], as
+/// if computed in twice the precision.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct CompensatedSum {
     sum: f64,
@@ -40,7 +40,7 @@ impl FromIterator<f64> for CompensatedSum {
     }
 }
 
-/// One number of r_k and what its rounding errors are measured against.
+/// One number of r_k and the scale of its rounding errors.
 #[derive(Clone, Copy, Debug)]
 pub struct MemoryTerm {
     /// Σ_{n=1}^{k} w_n x_{k−n}, correct to f64 rounding.
@@ -51,7 +51,7 @@ pub struct MemoryTerm {
 
 /// r_k of every channel, for S×S weights row by row and samples one after the other.
 ///
-/// The sums of sums and of errors are those of Ogita, Rump and Oishi.
+/// The algorithms for sums and products with error terms are those of Ogita, Rump and Oishi.
 pub fn memory_term<T: Real>(
     weights: &[T],
     stages: usize,

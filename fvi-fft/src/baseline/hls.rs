@@ -1,4 +1,4 @@
-//! Fast online convolution as the textbook has it.
+//! Fast online convolution in its textbook form.
 
 use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
 use rustfft::num_complex::Complex;
@@ -6,7 +6,8 @@ use rustfft::num_complex::Complex;
 use crate::plans::Plans;
 use crate::weights::{Weights, check_shape, take_planes};
 
-/// Binary splitting with three complex transforms a block and nothing kept between blocks: O(log² k) a step.
+/// Binary splitting with three complex transforms per block and nothing cached between blocks: O(log² k) a
+/// step.
 ///
 /// When t samples are known and 2ⁱ is the largest power of two that divides t, the last 2ⁱ samples are
 /// convolved with the lags 1 … 2ⁱ⁺¹ − 1 and added to the next 2ⁱ terms. Blocks of at most 32 samples are

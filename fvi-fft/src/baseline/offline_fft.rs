@@ -1,4 +1,4 @@
-//! The lower bound: convolution of data that are known beforehand.
+//! The lower bound: convolution of data that are known in advance.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::weights::{Weights, check_shape, take_planes};
 /// One forward real transform of the known signal, product with the cached kernel spectrum, one inverse.
 ///
 /// Not a memory: every sample must be known at the start. Near and far lags share the transform, so it is not
-/// exact to rounding either; it is here for its time.
+/// exact to rounding either; it serves as a bound of the run time.
 pub struct OfflineFft {
     length: usize,
     forward: Arc<dyn RealToComplex<f64>>,

@@ -2,7 +2,7 @@
 
 use fvi_core::Real;
 
-/// A kind of signal, the same numbers each time.
+/// A kind of test signal; its numbers are the same in every run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signal {
     /// A slow oscillation with noise of the same size.
@@ -11,7 +11,7 @@ pub enum Signal {
     Decaying,
     /// The same under an envelope that grows from 10⁻⁸ to 1 over the length.
     Growing,
-    /// A tenth, which is rounded the same way at every step: errors that do not change sign pile up.
+    /// A tenth, which is rounded the same way at every step: errors of one sign accumulate.
     Constant,
 }
 

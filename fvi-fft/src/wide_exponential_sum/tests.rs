@@ -1,9 +1,9 @@
-//! What a step costs and who does it: bits do not tell, so it is counted here by hand. And channels that are
-//! divided among memories anew.
+//! The cost of steps and its division among threads, on which the bits of the result do not depend and which
+//! are therefore counted here by hand; and channels that are redistributed among memories.
 
 use super::*;
 
-/// One sum that forgets slowly and two that do not.
+/// One slowly decaying sum and two others.
 const TABLE: ExponentialTable<&[f64]> = ExponentialTable {
     stages: 1,
     head: &[2.0, 1.0],
@@ -23,9 +23,9 @@ fn bytes_are_those_of_the_object_and_of_every_number() {
     // Two tiles of 32 channels.
     let memory = three_kernels(40);
     let (chunk, sums, row) = (32, 3, 8 * size_of::<f64>());
-    // Eight weights beside each earlier sample of the chunk, each sum and each sample of the chunk before.
+    // Eight weights for each earlier sample of the chunk, each sum and each sample of the previous chunk.
     let kernel = size_of::<KernelPlan<f64>>() + (8 + 16 + 24) * row + 4 * (sums + chunk) * row;
-    // What each sample adds to up to eight sums; three leading weights; what each sum loses.
+    // Coefficients of each sample for up to eight sums; three leading weights; the loss of each sum.
     let plan = 3 * kernel + chunk * row + (3 + sums) * size_of::<f64>();
     // Three kernels' places, the sums, and the rest of the slow one, each of four bytes.
     let channel = (3 * chunk + sums + 1) * 4;
@@ -43,10 +43,10 @@ fn a_step_costs_its_products_and_what_it_reads_and_writes() {
     assert_eq!(plan.cost_of_terms(8), FETCH_OUTSIDE * 12);
     // Within a group a sample is stored.
     assert_eq!([0, 14].map(|place| plan.cost_of_sample(place)), [FETCH * 2 + FETCH_OUTSIDE; 2]);
-    // Behind sixteen samples the next eight terms of each kernel get what they add.
+    // After sixteen samples the next eight terms of each kernel get their contribution.
     let due = MULTIPLY_ADD * (3 * 8 * 16) + FETCH * (16 + 3 * (8 + 8)) + FETCH_OUTSIDE;
     assert_eq!(plan.cost_of_sample(15), due);
-    // At the end 32 terms of each kernel of 32 samples and three sums, and these sums of the samples.
+    // At the end 32 terms of each kernel from 32 samples and three sums, and these sums from the samples.
     let products = 3 * 32 * (32 + 3) + 3 * 32;
     let numbers = 32 + 3 * 32 + (3 + 3);
     assert_eq!(plan.cost_of_sample(31), MULTIPLY_ADD * products + FETCH * numbers + FETCH_OUTSIDE);
@@ -64,15 +64,15 @@ fn work_is_shared_where_it_is_worth_a_thread() {
     assert_eq!(shared(4 * SHARE - CHANNELS, true), (1, 100));
     // No short parts.
     assert_eq!(shared(4 * SHARE, true), (4, 13));
-    // Sixteen for each thread.
+    // Sixteen parts for each thread.
     assert_eq!(shared(64 * SHORTEST_PART, true), (4, 2));
-    // More where they would be long.
+    // More parts where they would be long.
     assert_eq!(shared(100 * LONGEST_PART, false), (4, 1));
     let alone = three_kernels(CHANNELS).on_threads(0);
     assert_eq!(alone.shares(100 * LONGEST_PART / CHANNELS, |_| false), (1, 100));
 }
 
-/// Pushes samples, a number of its own for each channel, the first of which is channel `first` of all.
+/// Pushes samples that differ between channels; the first channel of the memory is channel `first` of all.
 fn push(memory: &mut WideExponentialSum<f64, f32>, first: usize, steps: core::ops::Range<u16>) {
     for k in steps {
         let sample: Vec<f64> =

@@ -1,4 +1,4 @@
-//! Words of the library that options of the command line take.
+//! Enumerations of the library as values of command-line options.
 
 use crate::results::trajectory::Format;
 use crate::scenario::Engine;
@@ -6,7 +6,7 @@ use crate::simulation::Precision;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
 
-/// A word of a crate below, as a value of the command line.
+/// An enumeration of another crate, as a value of a command-line option.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Choice<T>(pub(super) T);
 

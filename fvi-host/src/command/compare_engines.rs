@@ -1,11 +1,11 @@
-//! `fvi compare-engines`: memory engines side by side.
+//! `fvi compare-engines`: memory engines side by side, the shortest form of `fvi strategies`.
 
 use super::{CommandError, terminal};
-use crate::lab::compare_engines::{
-    Comparison, ComparisonError, Contender, text_table, write_pictures, write_table,
-};
 use crate::results::output_directory::OutputDirectory;
 use fvi_core::BdfOrder;
+use fvi_strategies::engines::{
+    Comparison, ComparisonError, strategies, text_table, write_pictures, write_table,
+};
 use std::io::IsTerminal;
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ pub struct CompareEnginesArguments {
     #[arg(long, value_name = "POWERS", value_delimiter = ',', default_value = "10,14,17,20",
           value_parser = clap::value_parser!(u32).range(0..=28))]
     lengths: Vec<u32>,
-    /// Orders of the backward differentiation formula, each with every exponent
+    /// Orders of the backward differentiation formula, each combined with every exponent
     #[arg(long, value_name = "ORDERS", value_delimiter = ',', default_value = "1", value_parser = order)]
     order: Vec<BdfOrder>,
     /// Exponents of the convolution quadrature, greater than −1 and less than 2
@@ -57,7 +57,7 @@ impl CompareEnginesArguments {
             repetitions: self.repetitions.map(|count| count as usize),
         };
         let announce = !self.quiet && std::io::stderr().is_terminal();
-        let measurements = comparison.run(&Contender::all(), &mut |task| {
+        let measurements = comparison.run(&strategies(), &mut |task| {
             if announce {
                 terminal::mention(&format!("{task}\n"));
             }

@@ -9,7 +9,7 @@ use crate::language::Problem;
 use crate::numerics::controller_source::{ControllerSourceError, ControllerTables, source_with_tables};
 use crate::numerics::exponential_table::ExponentialKernel;
 use crate::scenario::{Controller, Scenario};
-use crate::simulation::control::tables;
+use crate::simulation::control::{Unusable, tables};
 use fvi_core::{AntiWindup, DerivativeFilter, DerivativeOf, PidGains, Real};
 use std::fmt::{LowerExp, Write as _};
 use std::path::PathBuf;
@@ -33,7 +33,7 @@ pub struct ControllerArguments {
     out: Option<PathBuf>,
 }
 
-/// In which language.
+/// Language of the constants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Format {
     /// Constants of Rust
@@ -42,7 +42,7 @@ enum Format {
     C,
 }
 
-/// A controller with what belongs to its constants.
+/// A controller with the tables and options for its constants.
 struct Listed<'a> {
     controller: &'a Controller,
     tables: ControllerTables,
@@ -68,11 +68,14 @@ impl ControllerArguments {
         let mut text = String::new();
         let several = scenario.controllers.len() > 1;
         for (index, controller) in scenario.controllers.iter().enumerate() {
-            let tables = tables(&scenario, controller).map_err(|reason| {
-                let paths = ["controller.sample".to_owned(), format!("controller[{index}].sample")];
-                let paths = [paths[0].as_str(), paths[1].as_str()];
-                CommandError::from(scenario.error_at_first(&paths, Problem::Unusable { reason }))
-            })?;
+            let refused = |unusable: Unusable| CommandError::from(unusable.error(&scenario, index));
+            let tables = tables(&scenario, controller).map_err(refused)?;
+            // Values that the microcontroller would refuse are refused here, in its precision.
+            let fits = match precision {
+                ListingPrecision::F32 => controller.law::<f32>().map(|_| ()),
+                ListingPrecision::F64 => controller.law::<f64>().map(|_| ()),
+            };
+            fits.map_err(|error| refused(Unusable::of_parameter(&error)))?;
             let name = if several { format!("{}{index}", self.name) } else { self.name.clone() };
             let listed = Listed { controller, tables, name, precision, format };
             if index > 0 {
@@ -122,10 +125,10 @@ impl Listed<'_> {
             list("filter", filter, "Filter of the derivative")?;
         }
         let large = self.name.to_ascii_uppercase();
-        let number = |number: f64| match number {
-            f64::INFINITY => "INFINITY".to_owned(),
-            f64::NEG_INFINITY => "-INFINITY".to_owned(),
-            number => format!("{:e}f", number as f32),
+        let number = |number: f64| match number as f32 {
+            f32::INFINITY => "INFINITY".to_owned(),
+            f32::NEG_INFINITY => "-INFINITY".to_owned(),
+            number => format!("{number:e}f"),
         };
         let mut members = Vec::new();
         let double = |number: f64| format!("{number:e}");

@@ -36,7 +36,7 @@ pub struct ExponentialsArguments {
     /// A table, or constants for firmware
     #[arg(long, value_enum, default_value_t)]
     format: ListingFormat,
-    /// Numbers of the constants
+    /// Precision of the constants
     #[arg(long, value_enum, default_value_t)]
     precision: ListingPrecision,
     /// Name of the constants, such as half_derivative [default: TABLE in Rust, fvi in C]
@@ -49,7 +49,8 @@ pub struct ExponentialsArguments {
 
 impl ExponentialsArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
-        // A horizon such as 1e8 is a float on the command line; up to 2⁵³ it is a whole number of steps.
+        // The horizon is read as a float, so that 1e8 is accepted; up to 2⁵³ it holds every whole number of
+        // steps.
         if !(self.horizon >= 1.0 && self.horizon <= 9e15) {
             let (parameter, allowed) = ("horizon", "at least 1 and at most 9e15");
             return Err(parameter_error(fvi_core::ParameterError {
@@ -75,7 +76,7 @@ impl ExponentialsArguments {
         })?;
         let on = if self.increments { " on increments" } else { "" };
         let origin = format!("BDF {}, {}{on}, step {}", self.order, self.kernel.origin(&transfer), self.step);
-        // A table has the digits of double precision, whatever its constants would have.
+        // A CSV table is always in double precision.
         let precision = match self.format {
             ListingFormat::Csv => ListingPrecision::F64,
             _ => self.precision,

@@ -1,4 +1,4 @@
-//! `fvi fit`: the numbers of a scenario with which it says what was measured.
+//! `fvi fit`: estimates numbers of a scenario from measured data.
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal};

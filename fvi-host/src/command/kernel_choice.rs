@@ -6,7 +6,7 @@ use crate::numerics::transfer::TransferFunction;
 use crate::scenario::{kernel_of_file, kernel_of_symbol};
 use std::path::PathBuf;
 
-/// Which kernel.
+/// Options that select a kernel.
 #[derive(Debug, clap::Args)]
 #[group(required = true, multiple = false)]
 pub(super) struct KernelChoice {
@@ -23,7 +23,7 @@ pub(super) struct KernelChoice {
 }
 
 impl KernelChoice {
-    /// Its transfer function. Kernels that are not passive are listed, too.
+    /// Transfer function of the kernel, which need not be passive.
     pub(super) fn transfer(&self) -> Result<TransferFunction, CommandError> {
         match self {
             Self { kernel: Some(path), .. } => Ok(kernel_of_file(path)?.with_its_spring()),
@@ -34,7 +34,7 @@ impl KernelChoice {
         }
     }
 
-    /// β of a kernel s^β, for what others do not have.
+    /// The exponent β of a kernel s^β; an error for other kernels, for which `what` does not exist.
     pub(super) fn power(&self, what: &str) -> Result<f64, CommandError> {
         let transfer = self.transfer()?;
         transfer.exponent().ok_or_else(|| {

@@ -37,7 +37,7 @@ pub(super) fn parameter_error(error: ParameterError) -> CommandError {
     CommandError::Argument(error)
 }
 
-/// A name that constants of Rust and of C may have.
+/// Checks that a name is an identifier both in Rust and in C.
 pub(super) fn identifier(text: &str) -> Result<String, String> {
     if is_identifier(text) {
         return Ok(text.to_owned());
@@ -45,7 +45,7 @@ pub(super) fn identifier(text: &str) -> Result<String, String> {
     Err("a name has letters, digits and underscores, and begins with a letter".to_owned())
 }
 
-/// Writes a listing to standard output, or to what the user has named.
+/// Writes a listing to standard output, or to the path given by the user.
 pub(super) fn emit(
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
     file: Option<&Path>,
@@ -56,7 +56,7 @@ pub(super) fn emit(
     }
 }
 
-/// Writes `count` weights w₀, w₁, … one by one: there may be more than memory holds.
+/// Writes `count` weights w₀, w₁, … one by one, since all of them may not fit into memory.
 pub(super) fn write_weights(
     out: &mut dyn Write,
     weights: impl Iterator<Item = f64>,
@@ -84,7 +84,7 @@ pub(super) fn write_weights(
     for (n, weight) in weights.take(count).enumerate() {
         match format {
             ListingFormat::Csv => writeln!(out, "{n},{weight:.16e}")?,
-            // In rows of four.
+            // Constants: four numbers in a row.
             _ => {
                 let (before, after) = (if n % 4 == 0 { "    " } else { " " }, n % 4 == 3 || n + 1 == count);
                 write!(out, "{before}{weight:e},{}", if after { "\n" } else { "" })?;
@@ -117,8 +117,7 @@ pub(super) fn write_matrix_weights(
     Ok(())
 }
 
-/// Refuses a table with a number that is not finite in the precision it is listed in, or that vanishes there
-/// though it is not zero.
+/// Refuses a table with a number that overflows, or underflows to zero, in the precision of the listing.
 pub(super) fn check_exponentials(
     kernel: &ExponentialKernel,
     step: f64,
@@ -142,7 +141,7 @@ pub(super) fn check_exponentials(
     Err(parameter_error(ParameterError { parameter: "step", value: step, allowed }))
 }
 
-/// A head of weights and exponentials.
+/// Writes a table of leading weights and exponentials.
 pub(super) fn exponentials_listing(
     kernel: &ExponentialKernel,
     said: (&str, Option<&str>),
@@ -165,7 +164,7 @@ fn names_of_c(name: Option<&str>) -> (String, String) {
     (name.to_ascii_lowercase(), name.to_ascii_uppercase())
 }
 
-/// The horizon of a table as a constant of 64 bits.
+/// The horizon of a table as text of a 64-bit constant.
 fn horizon_text(kernel: &ExponentialKernel) -> String {
     if kernel.horizon() == ENDLESS { "endless".to_owned() } else { kernel.horizon().to_string() }
 }
@@ -192,17 +191,17 @@ fn exponentials_c<T: Real + LowerExp>(
     let (head, exponentials) = (table.head.as_ref(), table.exponentials.as_ref());
     let suffix = if scalar == "float" { "f" } else { "" };
     let array = |name: &str, length: &str, numbers: &[T]| match numbers {
-        // C has no arrays without elements.
+        // C has no empty arrays.
         [] => String::new(),
         _ => format!("static const {scalar} {name}[{length}] = {{\n{}}};\n", rows(numbers, "    ", suffix)),
     };
     let (pointer, horizon) = match (exponentials, kernel.horizon()) {
         ([], _) => ("NULL".to_owned(), "FVI_ENDLESS".to_owned()),
         (_, ENDLESS) => (format!("{small}_exponentials"), "FVI_ENDLESS".to_owned()),
-        // In C, as in fvi.h, of 64 bits on every part.
+        // In C, as in fvi.h, an integer of 64 bits on every processor.
         (_, horizon) => (format!("{small}_exponentials"), format!("UINT64_C({horizon})")),
     };
-    // What fvi.h has is of single precision.
+    // The types of fvi.h are in single precision.
     let memory = if scalar == "float" {
         format!(
             "/* The members of FviMemory that the table gives; the kind may be or-ed with flags, and the buffer has\n   \
@@ -244,13 +243,13 @@ pub(super) fn rates_csv<T: Real + LowerExp>(table: &RateTable<&[T]>, origin: &st
         "# {origin}\n{sum}# shortest step = {:e}\n# horizon = {:e}\n# tolerance = {tolerance:e}\nrate,coefficient\n",
         table.shortest, table.horizon,
     );
-    // The zeros that fill a block up tell nothing.
+    // Zero coefficients only pad the last block.
     let pairs = table.rates.iter().zip(table.coefficients).filter(|(_, c)| **c != T::zero());
     let rows = pairs.map(|(rate, coefficient)| format!("{rate:.16e},{coefficient:.16e}\n"));
     std::iter::once(comments).chain(rows).collect()
 }
 
-/// The same as a constant.
+/// The same table as a constant in Rust.
 pub(super) fn rates_rust<T: Real + LowerExp>(
     table: &RateTable<&[T]>,
     (origin, name): (&str, Option<&str>),

@@ -1,4 +1,4 @@
-//! The progress bar of commands that count what they do.
+//! The progress bar of commands with countable work.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::IsTerminal;
@@ -6,9 +6,9 @@ use std::time::{Duration, Instant};
 
 /// A progress bar that appears on a terminal once the work has taken about a second.
 pub(super) struct Progress {
-    /// `None`: unknown.
+    /// Number of pieces of work; `None`: unknown.
     all: Option<usize>,
-    /// Pieces between two looks at the clock.
+    /// Number of pieces of work between two readings of the clock.
     stride: usize,
     unit: &'static str,
     start: Instant,
@@ -16,7 +16,7 @@ pub(super) struct Progress {
     bar: Option<ProgressBar>,
 }
 
-/// Most looks at the clock: one costs as much as a short step.
+/// Largest number of readings of the clock, each of which costs as much as a short step.
 const MOST_UPDATES: usize = 4096;
 
 impl Progress {
@@ -26,7 +26,7 @@ impl Progress {
         Self::of(Some(all), unit, quiet)
     }
 
-    /// For pieces of work of which nobody knows how many there will be.
+    /// A progress bar for an unknown number of pieces of work.
     pub(super) fn of_unknown(unit: &'static str, quiet: bool) -> Self {
         Self::of(None, unit, quiet)
     }
@@ -66,7 +66,7 @@ impl Progress {
         }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar.
     pub(super) fn finish(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();

@@ -34,7 +34,7 @@ pub struct RatesArguments {
     /// A table, or a constant for firmware
     #[arg(long, value_enum, default_value_t)]
     format: Format,
-    /// Numbers of the constant
+    /// Precision of the constant
     #[arg(long, value_enum, default_value_t)]
     precision: ListingPrecision,
     /// Name of the constant, such as half_derivative [default: TABLE]
@@ -82,7 +82,7 @@ impl RatesArguments {
         method: &RungeKutta<R>,
         transfer: &TransferFunction,
     ) -> Result<(), CommandError> {
-        // A table has the digits of double precision, whatever its constant would have.
+        // A CSV table is always in double precision.
         let listing = match (self.format, self.precision) {
             (Format::Rust, ListingPrecision::F32) => self.listed::<f32, R>(name, method, transfer, "f32")?,
             _ => self.listed::<f64, R>(name, method, transfer, "f64")?,
@@ -107,7 +107,8 @@ impl RatesArguments {
         let table: RateTable<&[T]> = table.borrow();
         let held =
             |number: &T| number.is_finite() && (*number == T::zero() || number.abs() >= T::SMALLEST_NORMAL);
-        // The fastest rates and their coefficients follow the shortest step, the slowest the horizon.
+        // The fastest rates and their coefficients depend on the shortest step, the slowest ones on the
+        // horizon.
         if !table.rates.iter().chain(table.coefficients).all(held) {
             let allowed = "a step and a horizon whose rates and coefficients the precision holds";
             return Err(parameter_error(ParameterError { parameter: "shortest", value: shortest, allowed }));

@@ -21,7 +21,7 @@ pub struct ReproduceArguments {
     quiet: bool,
 }
 
-/// The word for all exhibits of the page; others have one of their own.
+/// The name for all exhibits of the page `reproduction.md`; other pages have names of their own.
 const ALL: &str = "all";
 
 fn names() -> PossibleValuesParser {

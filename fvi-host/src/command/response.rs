@@ -19,13 +19,13 @@ pub struct ResponseArguments {
     /// The last angular frequency (default: π over the step of the scenario)
     #[arg(long, value_name = "OMEGA", allow_negative_numbers = true)]
     to: Option<f64>,
-    /// How many frequencies, evenly spread by their logarithms
+    /// Number of frequencies, equidistant on a logarithmic scale
     #[arg(long, default_value_t = POINTS)]
     points: usize,
     /// The coordinate on which the force acts, from 0
     #[arg(long, value_name = "COORDINATE", default_value_t = 0)]
     input: usize,
-    /// The coordinate whose displacement is told, from 0
+    /// The coordinate whose displacement is computed, from 0
     #[arg(long, value_name = "COORDINATE", default_value_t = 0)]
     output: usize,
     /// The point about which the system is linearised (default: its initial position)
@@ -39,7 +39,7 @@ pub struct ResponseArguments {
     quiet: bool,
 }
 
-/// Poles that are shown on the terminal.
+/// Largest number of poles shown on the terminal.
 const MOST_SHOWN: usize = 6;
 
 impl ResponseArguments {
@@ -85,7 +85,10 @@ impl ResponseArguments {
                     .map(|pole| format!("{:.6e} (damping {:.3e})", pole.frequency(), pole.damping()));
                 let more = if poles.len() > MOST_SHOWN { ", …" } else { "" };
                 let list: Vec<String> = shown.collect();
-                line += &format!("; poles at ω = {}{more}", list.join(", "));
+                line += &match list.is_empty() {
+                    true => "; no poles but at s = 0".to_owned(),
+                    false => format!("; poles at ω = {}{more}", list.join(", ")),
+                };
             }
             terminal::say(&format!("{line}; files in {}\n", directory.path().display()))?;
         }

@@ -34,14 +34,14 @@ pub struct RunArguments {
     /// The number of steps, in place of the scenario's
     #[arg(long)]
     steps: Option<usize>,
-    /// Go on from the checkpoint in the run's directory, or begin if there is none
+    /// Continue from the checkpoint in the run's directory, or begin if there is none
     #[arg(long)]
     resume: bool,
     /// How often a checkpoint is written: a number of steps, a duration such as 30s or 10min, or never
     /// (default: 60s)
     #[arg(long, value_name = "STEPS|DURATION")]
     checkpoint_every: Option<CheckpointEvery>,
-    /// Go on from a checkpoint of another machine or version, although the last bits may differ
+    /// Continue from a checkpoint of another machine or version, although the last bits may differ
     #[arg(long, requires = "resume")]
     accept_other_machine: bool,
     /// Neither progress nor result on the terminal
@@ -114,10 +114,10 @@ impl RunArguments {
     }
 }
 
-/// Coordinates of the last state that are shown on the terminal.
+/// Largest number of coordinates of the last state shown on the terminal.
 const MOST_SHOWN: usize = 8;
 
-/// The run in one line, of the coordinates those that are written.
+/// The result of the run in one line, with the output coordinates.
 fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> String {
     let last = &summary.last;
     if !summary.cases.is_empty() {

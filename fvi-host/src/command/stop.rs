@@ -10,7 +10,7 @@ pub(super) const STOPPED: u8 = 130;
 
 /// A flag that the first signal sets; a second one ends the program at once.
 ///
-/// A program started by `nohup` goes on after a hang-up.
+/// A program started by `nohup` ignores hang-ups.
 pub(super) fn flag() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let mut signals = vec![SIGINT, SIGTERM];
@@ -19,14 +19,14 @@ pub(super) fn flag() -> Arc<AtomicBool> {
         signals.push(signal_hook::consts::SIGHUP);
     }
     for signal in signals {
-        // Where it cannot be registered the signal still ends the program, only less tidily.
+        // If registration fails the signal still ends the program, but at once.
         let _ = register_conditional_shutdown(signal, STOPPED.into(), Arc::clone(&stop));
         let _ = register(signal, Arc::clone(&stop));
     }
     stop
 }
 
-/// Whether the program was started with hang-ups ignored, as far as the system tells.
+/// Whether the program was started with hang-ups ignored, where the system provides this information.
 #[cfg(unix)]
 fn hang_up_is_ignored() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

@@ -1,4 +1,4 @@
-//! `fvi strategies`: any kernel, every strategy of the field, your own programs.
+//! `fvi strategies`: any kernel, the strategies of the literature, your own programs.
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal};
@@ -14,7 +14,7 @@ pub struct StrategiesArguments {
     /// Where the files go (default: `out/` and the name of the file)
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Go on from what is in the directory
+    /// Continue an interrupted race from the results in the directory
     #[arg(long)]
     resume: bool,
     /// Neither progress nor result on the terminal

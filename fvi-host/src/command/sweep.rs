@@ -21,7 +21,7 @@ pub struct SweepArguments {
     /// Threads (default: one for each core)
     #[arg(long, value_name = "N")]
     jobs: Option<NonZero<usize>>,
-    /// Make a part of the runs only (default: that of the task, in an array of Slurm)
+    /// Make only a part of the runs (default: that of the task, in a Slurm array)
     #[arg(long, value_name = "I/COUNT")]
     shard: Option<Shard>,
     /// Join the shards in the directory to the table, and make no runs
@@ -79,7 +79,7 @@ fn command_error(error: SweepError) -> CommandError {
     }
 }
 
-/// The sweep in one line.
+/// The result of the sweep in one line.
 fn result_line(plan: &Sweep, summary: &SweepSummary, shard: Shard, directory: &Path, seconds: f64) -> String {
     let part = if shard == Shard::WHOLE {
         format!("{} of {} runs", summary.done, summary.runs)

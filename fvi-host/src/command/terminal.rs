@@ -1,15 +1,14 @@
-//! Output to the terminal; closed pipes are no error.
+//! Output to the terminal; closed pipes are not an error.
 
 use super::CommandError;
 use crate::language::visible::visible;
 use std::io::{self, ErrorKind, Write};
 
-/// Writes to standard output. A reader that has gone, as in `fvi weights … | head`, is no error; a full
-/// device is.
+/// Writes to standard output. A closed pipe, as in `fvi weights … | head`, is not an error; a full device is.
 pub(super) fn output(content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<(), CommandError> {
     let mut output = io::BufWriter::new(io::stdout().lock());
     let written = content(&mut output).and_then(|()| output.flush());
-    // What is left of it must not be tried once more.
+    // The buffered rest must not be written again when the writer is dropped.
     let _ = output.into_parts();
     match written {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
@@ -17,12 +16,12 @@ pub(super) fn output(content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> 
     }
 }
 
-/// Writes a text to standard output, without characters that steer a terminal.
+/// Writes a text to standard output, without terminal control characters.
 pub(super) fn say(text: &str) -> Result<(), CommandError> {
     output(|output| output.write_all(visible(text).as_bytes()))
 }
 
-/// Writes a text to standard error as it is; if nobody can be told, so be it.
+/// Writes a text to standard error unchanged; errors are ignored.
 pub(super) fn mention(text: &str) {
     let _ = io::stderr().lock().write_all(text.as_bytes());
 }

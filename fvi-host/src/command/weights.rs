@@ -63,7 +63,7 @@ enum Family {
     LobattoIiic,
 }
 
-/// Weights that are looked at before the first is written.
+/// Number of weights that are checked before the first is written.
 const CHECKED: usize = 1 << 16;
 
 impl WeightsArguments {
@@ -97,7 +97,7 @@ impl WeightsArguments {
             Ok(if self.increments { weights.on_increments() } else { weights })
         };
         let first: Vec<f64> = weights()?.take(self.count.min(CHECKED)).collect();
-        // Behind them the weights fall off like n^(−1−exponent), those on increments like n^(−exponent).
+        // Beyond them the weights decay like n^(−1−exponent), those on increments like n^(−exponent).
         let power = exponent + if self.increments { 0.0 } else { 1.0 };
         let factor = libm::pow((self.count as f64 / CHECKED as f64).max(1.0), -power);
         let last = first.last().map(|weight| weight * factor);
@@ -109,7 +109,7 @@ impl WeightsArguments {
         emit(|out| write_weights(out, weights, self.count, said, self.format), self.out.as_deref())
     }
 
-    /// Weights that are made all together: of a kernel other than s^β, or by the trapezoidal rule.
+    /// Lists weights that are computed all at once: for kernels other than s^β, or by the trapezoidal rule.
     fn of_transfer(&self, transfer: &TransferFunction, rule: MultistepRule) -> Result<(), CommandError> {
         require(self.count.saturating_mul(2 * size_of::<f64>()))
             .map_err(|error| CommandError::NoRoom(format!("--count: {error}")))?;
@@ -143,7 +143,7 @@ impl WeightsArguments {
         emit(|out| write_matrix_weights(out, &planes, R, said, self.format), self.out.as_deref())
     }
 
-    /// Refuses weights that double precision does not hold.
+    /// Refuses weights that overflow or underflow in double precision.
     fn check(&self, mut weights: impl Iterator<Item = f64>) -> Result<(), CommandError> {
         if weights.all(|weight| weight == 0.0 || weight.is_normal()) {
             return Ok(());

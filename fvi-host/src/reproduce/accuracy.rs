@@ -38,10 +38,10 @@ pub(super) const HEAD: &str = "# Accuracy\n\n\
 /// h = 1/8 to 1/512.
 const LEVELS: std::ops::RangeInclusive<u32> = 6..=12;
 
-/// The step size at which errors are set side by side.
+/// Step size of the tables that compare errors.
 const STEP: f64 = 1.0 / 64.0;
 
-/// Errors below this are partly rounding: that of the weights goes like h^(−β).
+/// Errors below this are partly rounding: the rounding of the weights grows like h^(−β).
 fn floor(damping_order: f64, step: f64) -> f64 {
     100.0 * f64::EPSILON * libm::pow(step, -damping_order.max(1.0))
 }
@@ -71,7 +71,7 @@ impl Measured {
         self.errors[0].points.iter().find(|point| point.0 == step).map(|point| point.1)
     }
 
-    /// The least error of the position that any step size reaches, and that step size.
+    /// The smallest error of the position over all step sizes, with its step size.
     fn least(&self) -> Option<(f64, f64)> {
         self.errors[0].points.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1))
     }

@@ -40,23 +40,22 @@ impl ErrorCurve {
         Ok(Self::new(label, convergence.points(quantity)))
     }
 
-    /// Slope of the line of least squares through all points of the logarithms; not a number with fewer than
-    /// two.
+    /// Slope of the line of least squares through the logarithms of all points; NaN with fewer than two.
     pub fn slope(&self) -> f64 {
         slope(&self.points).unwrap_or(f64::NAN)
     }
 
-    /// The same of the `count` points with the shortest steps.
+    /// Slope through the `count` points with the shortest steps.
     pub fn slope_of_finest(&self, count: usize) -> f64 {
         slope(&self.points[self.points.len().saturating_sub(count)..]).unwrap_or(f64::NAN)
     }
 
-    /// [`slope_of_finest`](Self::slope_of_finest) where there are so many points.
+    /// [`slope_of_finest`](Self::slope_of_finest) where there are at least `count` points.
     pub(super) fn order_of_finest(&self, count: usize) -> Option<f64> {
         Some(self.slope_of_finest(count)).filter(|order| order.is_finite())
     }
 
-    /// The curve up to the grid where rounding ends its fall.
+    /// The curve without the finest grids, from the one where rounding stops its decrease.
     pub(super) fn above_rounding(mut self) -> Self {
         while let [.., coarse, fine] = self.points[..]
             && fine.1 > 0.75 * coarse.1
@@ -72,7 +71,7 @@ impl ErrorCurve {
         self.points.windows(2).filter_map(|pair| order_between(pair[0], pair[1])).collect()
     }
 
-    /// The orders in words, two decimals each.
+    /// The orders as text, two decimals each.
     pub fn orders_in_words(&self) -> String {
         self.orders().iter().map(|order| format!("{order:.2}")).collect::<Vec<_>>().join(", ")
     }

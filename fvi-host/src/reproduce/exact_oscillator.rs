@@ -27,7 +27,7 @@ pub(super) enum Start {
 impl Start {
     pub(super) const ALL: [Self; 3] = [Self::Released, Self::Pushed, Self::Singular];
 
-    /// In words.
+    /// Description as text.
     pub(super) fn describe(self) -> &'static str {
         match self {
             Self::Released => "Caputo, q(0) = 1",

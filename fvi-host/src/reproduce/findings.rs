@@ -1,4 +1,4 @@
-//! What an exhibit found.
+//! Results of an exhibit.
 
 use super::table::Table;
 use crate::results::picture::Chart;

@@ -1,4 +1,5 @@
-//! Materials and fluids with memory: what their kernels do, and motions that they damp beside exact ones.
+//! Materials and fluids with memory: curves of their kernels, and motions that they damp compared with exact
+//! ones.
 
 use super::error_curve::ErrorCurve;
 use super::motion::Motion;
@@ -48,7 +49,7 @@ const VALUES: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/referenc
 
 /// A motion with known values.
 struct Known {
-    /// Its name among the values.
+    /// Its name in [`VALUES`].
     name: &'static str,
     title: &'static str,
     /// `[system]` and `[initial]`.
@@ -94,10 +95,10 @@ const SPHERE: Known = Known {
              [[system.damping]]\norder = 1.0\ncoefficient = [1.0]\n[initial]\nposition = [0.0]\n",
 };
 
-/// Schemes by degree and order of the formula.
+/// Degree of the scheme, and order of its backward differentiation formula.
 const SCHEMES: [(usize, usize); 4] = [(1, 2), (2, 3), (2, 4), (3, 5)];
 
-/// Steps in a unit of time, and the end.
+/// Numbers of steps per unit of time (`STEPS`), and the last time.
 const STEPS: [usize; 3] = [32, 64, 128];
 const END: usize = 8;
 
@@ -152,8 +153,8 @@ fn motions(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
     for (index, known) in OSCILLATORS.iter().enumerate() {
         let mut row: Vec<Cell> = vec![known.title.into()];
         for (degree, formula) in SCHEMES {
-            // The delays of a retardation function grow to the left of the imaginary axis, where formulas of
-            // higher order look.
+            // The delay factors e^{−sT} of a retardation function grow to the left of the imaginary axis,
+            // where formulas of higher order evaluate the kernel.
             if known.name == "body" && formula > 2 {
                 row.extend([Cell::Empty, Cell::Empty]);
                 continue;

@@ -1,4 +1,4 @@
-//! The schemes that exhibits beyond the papers set side by side.
+//! The schemes that exhibits beyond the papers compare.
 
 use super::problems::{GALERKIN, MIDPOINT};
 use crate::results::picture::{Marker, Series, Style};

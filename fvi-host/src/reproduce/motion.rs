@@ -16,7 +16,7 @@ pub(super) struct Motion {
     pub(super) states: Vec<GridState>,
 }
 
-/// Intervals of the polygon by which an exact solution is drawn.
+/// Number of segments of the polygon that an exact solution is drawn with.
 const EXACT_INTERVALS: usize = 300;
 
 impl Motion {
@@ -43,7 +43,7 @@ impl Motion {
         self.errors_from(0.0, scenario)
     }
 
-    /// The same from a time on.
+    /// Largest errors from a time on.
     pub(super) fn errors_from(&self, from: f64, scenario: &Scenario) -> ReferenceErrors {
         let mut errors = ReferenceErrors::default();
         for (index, state) in self.states.iter().enumerate().filter(|(_, state)| state.time >= from) {
@@ -73,7 +73,7 @@ fn known(scenario: &Scenario, index: usize) -> Option<ReferenceRow> {
     scenario.reference.as_ref()?.at_step(index, scenario.time.step, 1)
 }
 
-/// The exact solution of a scenario over the time of its grid, where expressions tell it.
+/// The exact solution of a scenario over the time of its grid, where it is given by expressions.
 pub(super) fn exact(scenario: &Scenario, quantity: Quantity) -> Vec<(f64, f64)> {
     let at = |index: usize| {
         let time = scenario.time.end() * index as f64 / EXACT_INTERVALS as f64;
@@ -111,14 +111,14 @@ pub(super) fn motion_chart(
     };
     let mut chart = Chart::new(title, Axis::linear("time t"), Axis::linear(axis)).with_subtitle(subtitle);
     for motion in motions {
-        // Grid points far enough apart to tell them from one another are marked.
+        // Grid points are marked where they are far enough apart to be distinguished.
         let style = if motion.states.len() <= 60 { Style::LineWithPoints } else { Style::Line };
         chart = chart.with(Series::new(&motion.label, style, motion.points(quantity)));
     }
     chart.with(Series::new("exact", Style::Reference, exact(scenario, quantity)))
 }
 
-/// Quantities of the motions, the motions one below the other.
+/// A table of quantities of the motions, the motions one below the other.
 pub(super) fn motion_table(
     name: &'static str,
     caption: &str,

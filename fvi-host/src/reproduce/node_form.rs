@@ -158,7 +158,8 @@ fn singular(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
     ))
 }
 
-/// Largest errors of the position, the momentum and the energy over step sizes, at the times that are known.
+/// Largest errors of the position, the momentum and the energy over step sizes, at the times with known
+/// values.
 pub(super) fn errors(
     method: &Method,
     scenario: &Scenario,
@@ -199,8 +200,8 @@ mod tests {
                 let scenario = start.scenario(beta).unwrap();
                 let methods = if beta > 1.0 { &NODES[..3] } else { &NODES[..] };
                 for (method, expected) in methods.iter().zip(expected) {
-                    // BDF 5 and 6 begin with a transient, which fades faster than with their order; finer
-                    // grids show rounding.
+                    // The errors of BDF 5 and 6 contain an initial transient that decreases faster than their
+                    // order; finer grids show rounding.
                     let levels = match expected {
                         6.0 => 7..=9,
                         5.0 => 8..=9,

@@ -1,4 +1,4 @@
-//! The files of a reproduction: pictures, CSV files and the page that compares.
+//! The files of a reproduction: pictures, CSV files and the page with comparisons.
 
 use super::table::markdown_table;
 use super::{Comparison, Exhibit, Findings, accuracy, materials};
@@ -32,7 +32,7 @@ pub fn write(found: &[(Exhibit, Findings)], directory: &OutputDirectory) -> Resu
     Ok(())
 }
 
-/// `hjo-fig-4-errors.svg`: the exhibit's name, what tells the file from its other files, the ending.
+/// `hjo-fig-4-errors.svg`: name of the exhibit, suffix that distinguishes its files, extension.
 fn file_name(exhibit: &Exhibit, part: &str, ending: &str) -> String {
     let name = exhibit.name;
     if part.is_empty() { format!("{name}.{ending}") } else { format!("{name}-{part}.{ending}") }

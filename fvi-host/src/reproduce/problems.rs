@@ -6,8 +6,8 @@ use crate::scenario::{
 };
 use std::path::Path;
 
-/// The text of a file of the repository's `scenarios`. The package carries its own copy, as a package cannot
-/// reach beyond its folder; a test holds the copies equal to their originals.
+/// The text of a file of the repository's `scenarios`. The package contains its own copy, since a package
+/// cannot use files outside of its folder; a test checks that copies and originals are equal.
 macro_rules! carried {
     ($name:literal) => {
         include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/", $name))
@@ -21,8 +21,8 @@ macro_rules! repository {
     };
 }
 
-/// A problem with its history in plain sums, which have the same bits on every machine: what is on the pages
-/// can be compared number by number.
+/// A problem with its history in plain sums, which are bit-identical on every machine, so that the numbers on
+/// the pages are reproducible.
 fn on_plain_sums(document: Document) -> Result<Scenario, InputError> {
     let mut scenario = Scenario::from_document(document)?;
     scenario.history.choose(Engine::Direct);
@@ -141,8 +141,8 @@ pub(super) fn on_grid(mut scenario: Scenario, step: f64, steps: usize) -> Scenar
     scenario
 }
 
-/// The same problem on steps too long for the explicit fractional force as well: growth needs more steps to
-/// show than the papers' coarsest grids have.
+/// The same problem on steps too long for the explicit fractional force as well: the papers' coarsest grids
+/// have too few steps for the instability to grow.
 pub(super) fn on_any_step(mut scenario: Scenario) -> Scenario {
     scenario.time.allow_unstable = true;
     scenario

@@ -1,4 +1,4 @@
-//! Forces that begin like a root of time: what exact moments of the force leave of a scheme's error.
+//! Forces that begin like a root of time: errors of a scheme with and without exact moments of the force.
 
 use super::error_curve::ErrorCurve;
 use super::motion::Motion;
@@ -20,7 +20,7 @@ const POWERS: [f64; 8] = [2.05, 2.1, 2.2, 2.35, 2.5, 2.8, 3.0, 3.5];
 /// Steps on [0, 1].
 const STEPS: [usize; 3] = [64, 128, 256];
 
-/// q̈ + D^{3/2} q + q = f with the solution t^ν on so many equal steps, degree 3 on the nodes of Radau IIA 3.
+/// q̈ + D^{3/2} q + q = f with the solution t^ν on `steps` equal steps, degree 3 on the nodes of Radau IIA 3.
 fn scenario(power: f64, forces: ForceQuadrature, steps: usize) -> Result<Scenario, ReproduceError> {
     let mut scenario = on_grid(power_plate(power, 1.0)?, 1.0 / steps as f64, steps);
     scenario.system.force_quadrature = forces;
@@ -30,7 +30,7 @@ fn scenario(power: f64, forces: ForceQuadrature, steps: usize) -> Result<Scenari
     Ok(scenario)
 }
 
-/// Largest errors of q and p over all grid points, and the steps that they are for.
+/// Largest errors of q and p over all grid points, over the step sizes.
 fn errors(power: f64, forces: ForceQuadrature, stop: &AtomicBool) -> Result<[ErrorCurve; 2], ReproduceError> {
     let mut curves = [Vec::new(), Vec::new()];
     for steps in STEPS {

@@ -54,7 +54,7 @@ impl Problem {
 
     /// q̈ + ∇U(q) + ½ D^β q = f with f such that q = t⁸/4 on [0, 1].
     ///
-    /// So many derivatives vanish at t = 0 that the start costs no method any order.
+    /// Enough derivatives vanish at t = 0 that no method loses order at the start.
     fn scenario(self, damping_order: f64) -> Result<Scenario, InputError> {
         let (potential, pull) = match self {
             Self::Linear => ("0.5*q0^2", "t^8/4"),
@@ -91,14 +91,13 @@ pub(super) struct Outcome {
     pub(super) problem: Problem,
     pub(super) damping_order: f64,
     pub(super) method: Method,
-    /// Its place in [`ORDERS`].
+    /// Index of the method in [`ORDERS`].
     index: usize,
-    /// Of position and momentum.
+    /// Errors of position and momentum.
     pub(super) errors: [ErrorCurve; 2],
 }
 
-/// What each of the two quantities is called, and how many integrations over time it is away from the damping
-/// force.
+/// The two quantities, each with the number c in its expected order min(u, w + c − β).
 const QUANTITIES: [(Quantity, f64); 2] = [(Quantity::Position, 3.0), (Quantity::Momentum, 2.0)];
 
 impl Outcome {
@@ -238,7 +237,8 @@ fn errors_chart(outcomes: &[Outcome], damping_order: f64) -> Chart {
         }
         let points = &outcome.errors[0].points;
         chart = chart.with(outcome.method.curve(points.clone()));
-        // Through the finest point, so that a curve that meets its order runs along it.
+        // The guide passes through the finest point, so that a curve with the expected order coincides with
+        // it.
         if let (Some(&finest), Some(&coarsest)) = (points.last(), points.first()) {
             let order = outcome.expected(0);
             chart = chart.with(Series::slope(format!("{order:.1}"), order, finest, coarsest.0, finest.0));
@@ -274,12 +274,12 @@ mod tests {
 
     #[test]
     fn orders_are_those_of_the_theory_where_it_is_sharp() {
-        // Below β = 1 parts of the error cancel on these grids.
+        // For β < 1 parts of the error cancel on these grids.
         for outcome in measure(Problem::Pendulum, &[1.0, 1.9], &AtomicBool::new(false)).unwrap() {
             for quantity in [0, 1] {
                 let what = (outcome.method.label, outcome.damping_order, quantity);
                 let (found, expected) = (outcome.found(quantity), outcome.expected(quantity));
-                // So they do in the position of one stage at β = 1.
+                // They also cancel in the position with one stage at β = 1.
                 if what != ("Radau IIA 1", 1.0, 0) {
                     assert!((found - expected).abs() < 0.2, "{what:?}: {found} for {expected}");
                 }

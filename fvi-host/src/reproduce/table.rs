@@ -29,7 +29,7 @@ pub struct Column {
 /// How the page shows a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// With the digits that bring the same number back.
+    /// With enough digits to restore the same number.
     Exact,
     /// With three digits and an exponent.
     Error,
@@ -44,7 +44,7 @@ pub enum Cell {
     Number(f64),
     /// A word.
     Text(String),
-    /// Nothing is known here.
+    /// No value.
     Empty,
 }
 
@@ -116,8 +116,8 @@ impl Table {
         self
     }
 
-    /// The table as CSV: a header, numbers with the digits that bring the same number back, nothing where
-    /// nothing is known.
+    /// The table as CSV: a header, numbers with enough digits to restore them, and nothing for
+    /// [`Cell::Empty`].
     pub fn csv(&self) -> String {
         let line = |cells: Vec<String>| cells.join(",") + "\n";
         let mut text = line(self.columns.iter().map(|column| quoted(&column.name)).collect());

@@ -1,4 +1,5 @@
-//! Published tunings of fractional controllers, beside what the program makes of the same specifications.
+//! Published tunings of fractional controllers, compared with the program's results for the same
+//! specifications.
 
 use super::table::{Cell, Column, Format, Table};
 use super::{Exhibit, Findings, ReproduceError};
@@ -264,7 +265,7 @@ mod tests {
             let off = ours / printed - 1.0;
             let fail = || panic!("{source}, {quantity}: {ours} instead of {printed}");
             if source.ends_with("its orders given") {
-                // Within one part in a hundred.
+                // Deviations up to one per cent are accepted.
                 if off.abs() > 0.01 {
                     fail();
                 }
@@ -293,7 +294,7 @@ mod tests {
             }
         }
         assert_eq!(compared, [7, 6, 4, 28]);
-        // Better than printed: the margin to the digit, and a smaller Ms.
+        // Better than printed: the exact margin, and a smaller Ms.
         let best = |quantity: &str| {
             let row = findings.tables[0].rows.iter().find(|row| {
                 matches!(&row[..2], [Cell::Text(source), Cell::Text(found)]

@@ -37,20 +37,20 @@ pub(super) const REPEATS: usize = 3;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Run {
     pub(super) steps: usize,
-    /// The mean one, where they differ.
+    /// Step size; the mean one, where steps differ.
     pub(super) step: f64,
     pub(super) error: f64,
     pub(super) seconds: f64,
 }
 
-/// The runs of a method that were stable and are less wrong than zero would be, and how they are drawn.
+/// The runs of a method that were stable and have a smaller error than q = 0, and how they are drawn.
 pub(super) struct Measured {
     pub(super) label: &'static str,
     pub(super) look: Look,
     pub(super) runs: Vec<Run>,
 }
 
-/// A problem, the part into which its time is cut on the coarsest grid, and the levels of refinement.
+/// A problem with the number of intervals of its coarsest grid and the levels of refinement.
 pub(super) struct Comparison {
     pub(super) title: &'static str,
     pub(super) scenario: Scenario,
@@ -125,10 +125,10 @@ impl Comparison {
     }
 }
 
-/// Factor of the number of steps over which the lines of the orders run.
+/// Factor in the number of steps that the lines for the orders span.
 const FAN: f64 = 3.0;
 
-/// The same for the lines and the labels at their ends.
+/// Factor that the lines and the labels at their ends span.
 const LABELLED_FAN: f64 = 2.0 * FAN;
 
 /// Lines of the given orders that fan out from one place to the left, below all curves.
@@ -146,7 +146,7 @@ fn guides(measured: &[Measured], orders: &[f64]) -> Vec<Series> {
     orders.iter().map(line).collect()
 }
 
-/// Errors to which the summary tells the work.
+/// Errors for which the summary lists the work.
 const GOALS: [f64; 3] = [1e-3, 1e-6, 1e-9];
 
 /// For each method its order and the first grid on which it meets each goal.
@@ -175,7 +175,7 @@ fn summary(measured: &[Measured]) -> Table {
     Table { rows: measured.iter().map(row).collect(), ..table }
 }
 
-/// The curve up to the grid where rounding ends its fall.
+/// The curve without the finest grids, from the one where rounding stops its decrease.
 fn above_rounding(runs: &[Run]) -> ErrorCurve {
     ErrorCurve::new("", runs.iter().map(|run| (run.step, run.error)).collect()).above_rounding()
 }
@@ -236,7 +236,7 @@ fn swinging(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
 /// Steps of the run that the pendulum's errors are measured against: a multiple of those of every grid.
 const REFERENCE_STEPS: usize = 8192;
 
-/// The most accurate methods: the reference, and the one that tells its error.
+/// The most accurate methods: the reference, and the one that its error is estimated with.
 const REFERENCE_METHODS: [Method; 2] = [RUNGE_KUTTA[5], RUNGE_KUTTA[2]];
 
 /// The scenario with a fine run for its reference, and the largest difference from another method's run.

@@ -560,6 +560,65 @@ fn what_no_loop_can_serve_is_refused_with_its_key() {
 }
 
 #[test]
+fn numbers_that_leave_single_precision_are_refused_under_their_key() {
+    let plain = "[controller]\nmeasures = \"q0\"\nsetpoint = \"1\"\ndrives = [1.0]\nsample = 0.02\n";
+    let cases = [
+        ("kp = 1e39", "controller.kp = 1e39"),
+        ("ki = 1e60", "controller.ki = 1e60"),
+        ("kd = 1e39", "controller.kd = 1e39"),
+        ("setpoint_weights = [1e39, 0.0]", "controller.setpoint_weights"),
+        ("limits = [1.0, 1.00000001]", "controller.limits"),
+        ("limits = [-1e-50, 1e-50]", "controller.limits"),
+        ("rate_limit = 1e-44", "controller.rate_limit"),
+        ("kd = 0.1\nderivative_filter = 1e60", "controller.derivative_filter = 1e60"),
+        (
+            "kd = 0.1\nderivative_filter = { time = 1e60, order = 0.5 }",
+            "controller.derivative_filter.time = 1e60",
+        ),
+        (
+            "limits = [-1.0, 1.0]\nanti_windup = { kind = \"back-calculation\", time = 1e-60 }",
+            "controller.anti_windup.time = 1e-60",
+        ),
+        ("form = \"series\"\nintegral_time = 1e-60", "controller.integral_time = 1e-60"),
+        ("form = \"series\"\nkp = 1e30\nintegral_time = 1e-20", "controller.integral_time = 1e-20"),
+        (
+            "form = \"series\"\nderivative_time = 1e30\nfilter_ratio = 1e-30",
+            "controller.derivative_time = 1e30",
+        ),
+    ];
+    let place = Workplace::new();
+    for (keys, said) in cases {
+        let scenario = oscillator(&format!("{plain}{keys}"), 0.2);
+        // One of several too; the constants of a part are refused as its run is.
+        let several = scenario.replace("[controller]", "[[controller]]");
+        for scenario in [&scenario, &several] {
+            let said = if scenario == &several {
+                said.replace("controller.", "controller[0].")
+            } else {
+                said.to_owned()
+            };
+            place.write("scenario.toml", scenario);
+            for arguments in [
+                &["run", "scenario.toml", "--precision", "f32"][..],
+                &["controller", "scenario.toml", "--format", "c"],
+            ] {
+                let output = place.fvi(arguments);
+                let message = text(&output.stderr);
+                assert_eq!(output.status.code(), Some(2), "{keys}: {message}");
+                assert!(message.contains(&said), "{arguments:?}: no {said:?} in {message}");
+            }
+        }
+    }
+    // A sample time of which single precision has no power.
+    let short = oscillator(&format!("{plain}kd = 1.0\nmu = 1.5"), 0.2)
+        .replace("0.02", "1e-30")
+        .replace("0.2", "1e-29");
+    place.write("scenario.toml", &short);
+    let message = text(&place.fvi(&["run", "scenario.toml", "--precision", "f32"]).stderr);
+    assert!(message.contains("controller.sample = 1e-30") && message.contains("derivative"), "{message}");
+}
+
+#[test]
 fn a_measured_value_that_is_no_number_ends_the_run_there() {
     let scenario = oscillator(&LOOP.replace("measures = \"q0\"", "measures = \"sqrt(1.1 - q0)\""), 8.0)
         .replace("setpoint = \"1\"", "setpoint = \"5\"");

@@ -484,6 +484,41 @@ fn answers_at_frequencies_are_refused_where_forces_of_the_velocity_take_part() {
 }
 
 #[test]
+fn data_before_a_start_other_than_zero_are_refused() {
+    let place = Workplace::new();
+    let scenario = "[system]\nmass = [1.0]\npotential = \"k*q0^2\"\nparameters = { k = 1.0 }\n[initial]\nposition = [1.0]\n\
+        velocity = [0.0]\n[time]\nstart = 1.0\nstep = 0.1\nsteps = 20\n";
+    place.write("scenario.toml", scenario);
+    let free =
+        "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.parameters.k\"\nbounds = [0.1, 3.0]\n";
+    let fit = |first: &str, set: &str| {
+        place.write("data.csv", &format!("t,q0\n{first},1.0\n1.5,0.7\n2.0,0.2\n"));
+        place.write("fit.toml", &format!("{free}[[data]]\nfile = \"data.csv\"\n{set}\n"));
+        let output = place.fvi(&["fit", "fit.toml"]);
+        (output.status.success(), text(&output.stderr))
+    };
+    let (_, error) = fit("0.95", "");
+    assert!(error.contains("line 2") && error.contains("before the motion begins, at t = 1"), "{error}");
+    let (_, error) = fit("1.0", "set = { \"time.start\" = 1.2 }");
+    assert!(error.contains("the motion begins at t = 1.2"), "{error}");
+    assert!(fit("1.0", "").0);
+}
+
+#[test]
+fn a_modulus_of_a_system_with_gyroscopic_forces_is_refused() {
+    let place = Workplace::new();
+    let text_of = "[system]\nmass = [1.0, 1.0]\nstiffness = [{k}, 2.0]\ngyroscopic = [[0.0, -0.5], [0.5, 0.0]]\n[initial]\n\
+        position = [1.0, 0.0]\nvelocity = [0.0, 0.0]\n[scheme]\nkind = \"low-order\"\nkappa = 0.5\n[time]\nstep = 0.1\nsteps = 10\n";
+    place.write("scenario.toml", &text_of.replace("{k}", "1.5"));
+    place.write("data.csv", "omega,re,im\n1,1,1\n2,1,1\n3,1,1\n");
+    let free = "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.stiffness[0]\"\n";
+    place.write("fit.toml", &format!("{free}[[data]]\nfile = \"data.csv\"\nquantity = \"modulus\"\n"));
+    let output = place.fvi(&["fit", "fit.toml"]);
+    let error = text(&output.stderr);
+    assert!(!output.status.success() && error.contains("gyroscopic forces"), "{error}");
+}
+
+#[test]
 fn a_receptance_is_fitted() {
     let place = Workplace::new();
     place.write("scenario.toml", OSCILLATOR);

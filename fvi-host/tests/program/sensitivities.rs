@@ -212,6 +212,92 @@ const LARGE: Case = Case {
     ],
 };
 
+/// Constants in symbols, one of which is in the potential too; the second kernel has a spring.
+const SYMBOLS: Case = Case {
+    name: "symbols",
+    scenario: "[system]\nmass = [1.0, 1.3]\npotential = \"k*q0^2 + q1^2 + 0.2*(q1 - q0)^4\"\n\
+        parameters = { k = {k}, b = {b}, tau = {tau}, d = {d} }\n[[system.damping]]\ncoefficient = [0.5, 0.2]\n\
+        kernel = { symbol = \"(tau*s)^b/(1 + (tau*s)^b)\" }\n[[system.damping]]\ncoefficient = [0.4, {c}]\n\
+        kernel = { symbol = \"0.4*k + d*s^(2*b)\" }\n\
+        [initial]\nposition = [{q}, 0.1]\nvelocity = [0.3, 0.0]\n{scheme}\n[time]\nstep = 0.1\nsteps = 60\n",
+    numbers: &[
+        ("k", 1.2, "system.parameters.k"),
+        ("b", 0.4, "system.parameters.b"),
+        ("tau", 0.7, "system.parameters.tau"),
+        ("d", 0.6, "system.parameters.d"),
+        ("c", 0.3, "system.damping[1].coefficient[1]"),
+        ("q", 0.6, "initial.position[0]"),
+    ],
+};
+
+/// A rotor: gyroscopic forces beside damping, of which one number is in two entries.
+const GYROSCOPIC: Case = Case {
+    name: "gyroscopic",
+    scenario: "[system]\nmass = [{m}, 1.3]\npotential = \"q0^2 + 1.5*q1^2 + 0.3*q0^4\"\ngyroscopic = [[0.0, -{g}], [{g}, 0.0]]\n[[system.damping]]\norder = {b}\ncoefficient = [0.2, {c}]\n\
+        [initial]\nposition = [{q}, 0.1]\nvelocity = [0.3, 0.0]\n{scheme}\n[time]\nstep = 0.1\nsteps = 60\n\
+        allow_unstable = true\n",
+    numbers: &[
+        ("m", 1.2, "system.mass[0]"),
+        ("g", 0.7, "system.gyroscopic[1][0]"),
+        ("b", 0.4, "system.damping[0].order"),
+        ("c", 0.3, "system.damping[0].coefficient[1]"),
+        ("q", 0.6, "initial.position[0]"),
+    ],
+};
+
+/// A motion before the start, at a time other than zero: three steps of one row each, or of two.
+const PAST: Case = Case {
+    name: "past",
+    scenario: "[system]\nmass = [1.0, {m}]\npotential = \"q0^2 + 1.2*q1^2 + 0.3*(q1 - q0)^4\"\n\
+        force = [\"a*sin(t)\", \"0\"]\nparameters = { a = {a} }\n[[system.damping]]\norder = {b}\n\
+        coefficient = [0.5, {c}]\n[[system.damping]]\ncoefficient = [0.2, 0.1]\nkernel = { symbol = \"0.5*a + s^0.5\" }\n\
+        [initial]\nposition = [{q}, 0.1]\nvelocity = [0.3, {v}]\n\
+        past = [[{x}, 0.2], [0.1, {y}], [0.3, 0.0], [0.4, 0.1], [0.45, 0.1], [0.5, 0.1]]\n\
+        {scheme}\n[time]\nstart = 0.7\nstep = 0.1\nsteps = 40\n",
+    numbers: &[
+        ("m", 1.2, "system.mass[1]"),
+        ("a", 0.7, "system.parameters.a"),
+        ("b", 1.4, "system.damping[0].order"),
+        ("c", 0.3, "system.damping[0].coefficient[1]"),
+        ("q", 0.6, "initial.position[0]"),
+        ("v", 0.2, "initial.velocity[1]"),
+        ("x", 0.1, "initial.past[0][0]"),
+        ("y", 0.3, "initial.past[1][1]"),
+    ],
+};
+
+/// Begins later than at t = 0, with Caputo's derivative of a motion with a velocity.
+const LATER: Case = Case {
+    name: "later",
+    scenario: "[system]\nmass = [{m}]\npotential = \"q0^4\"\nforce = [\"a*sin(2*t)\"]\nparameters = { a = {a} }\n\
+        [[system.damping]]\norder = {b}\ncoefficient = [{c}]\n[initial]\nposition = [{q}]\nvelocity = [{v}]\n\
+        {scheme}\n[time]\nstart = 0.8\nstep = 0.1\nsteps = 40\n",
+    numbers: &[
+        ("m", 1.2, "system.mass[0]"),
+        ("a", 0.7, "system.parameters.a"),
+        ("b", 1.4, "system.damping[0].order"),
+        ("c", 0.3, "system.damping[0].coefficient[0]"),
+        ("q", 0.6, "initial.position[0]"),
+        ("v", 0.2, "initial.velocity[0]"),
+    ],
+};
+
+#[test]
+fn constants_of_symbols_gyroscopic_entries_and_pasts_are_differences_of_runs() {
+    let radau =
+        "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[convolution]\nfamily = \"radau-iia\"\nstages = 2";
+    for scheme in ["", SCHEMES[1], SCHEMES[3], SCHEMES[4], SCHEMES[7], SCHEMES[10], radau] {
+        worst(&SYMBOLS, scheme);
+    }
+    for scheme in ["", SCHEMES[1], SCHEMES[6], "[scheme]\nkind = \"galerkin\"\ndegree = 3"] {
+        worst(&GYROSCOPIC, scheme);
+    }
+    for scheme in ["", SCHEMES[2], SCHEMES[3], SCHEMES[6], SCHEMES[10], SCHEMES[9]] {
+        worst(&PAST, scheme);
+        worst(&LATER, scheme);
+    }
+}
+
 #[test]
 fn derivatives_are_differences_of_runs() {
     let mut worst_of_all = 0.0_f64;
@@ -480,8 +566,8 @@ fn what_is_not_differentiated_is_refused_with_key_and_reason() {
     let order = |more: &str| format!("{}{more}", by("system.damping[0].order"));
     refused(&order("[convolution]\norder = 2\nstarting = [0.0]\n"), &[], "without `convolution.starting`");
     refused(&order("").replace("order = 0.5", "order = 0.0"), &[], "Caputo's derivative jumps there");
-    let symbol = by("system.parameters.a").replace("order = 0.5", "kernel = { symbol = \"a*s^0.5\" }");
-    refused(&symbol, &[], "give that kernel as one of the forms");
+    let symbol = by("system.parameters.a").replace("order = 0.5", "kernel = { symbol = \"gamma(a)*s^0.5\" }");
+    refused(&symbol, &[], "a constant that a symbol does not have in gamma");
 }
 
 #[test]

@@ -355,6 +355,41 @@ fn what_cannot_be_met_is_said_with_what_is_missed() {
 }
 
 #[test]
+fn an_unstable_plant_is_tuned_although_unstable_loops_keep_the_bounds() {
+    let place = Workplace::new();
+    // The right gains of a plant that grows keep |S| and |T| as small as some that leave it growing do.
+    for structure in ["pid", "pi"] {
+        let problem = format!(
+            "plant = {{ transfer = \"1/(s - 0.5)\", dead_time = 0.2 }}\n\
+             controller = {{ structure = \"{structure}\", sample = 0.01 }}\n\
+             specification = {{ crossover = 2.0, phase_margin = 45 }}\n"
+        );
+        let record = tune(&place, &problem);
+        let law = law(&record);
+        let open = |omega: f64| {
+            let plant =
+                Complex(-0.5, omega).inverse().times(Complex((0.2 * omega).cos(), -(0.2 * omega).sin()));
+            plant.times(law(omega))
+        };
+        assert!((open(2.0).size() - 1.0).abs() < 1e-9, "{structure}");
+        assert!((open(2.0).phase().to_degrees() + 135.0).abs() < 1e-6, "{structure}");
+        let ms =
+            (1..100_000).map(|k| ONE.plus(open(1e-3 * f64::from(k))).inverse().size()).fold(0.0, f64::max);
+        assert!(
+            ms <= 2.0 + 1e-6 && (ms / number(&record, "margins.ms") - 1.0).abs() < 1e-4,
+            "{structure}: {ms}"
+        );
+        // Nyquist: with one growing motion of the plant and L(0) = −∞ (iω)^(−λ), 1 + L turns by π + λ π/2 on the
+        // way from ω = 0 to ∞, and by 2π less for each two motions of the loop that grow.
+        let ends: Vec<Complex> =
+            (0..40_000).map(|k| ONE.plus(open(1e-5 * (f64::from(k) * 5e-4).exp()))).collect();
+        let turned: f64 = ends.windows(2).map(|pair| pair[1].times(pair[0].inverse()).phase()).sum();
+        let expected = std::f64::consts::PI * (1.0 + 0.5 * number(&record, "lambda"));
+        assert!((turned - expected).abs() < 0.5, "{structure}: {turned} {expected}");
+    }
+}
+
+#[test]
 fn mistakes_are_named_with_file_key_and_value() {
     let place = Workplace::new();
     place.write("plant-alone.toml", FIRST_ORDER);

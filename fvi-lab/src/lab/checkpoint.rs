@@ -3,8 +3,8 @@
 //! A generation is two files in the run's directory, `checkpoint.fvi` with the state and
 //! `checkpoint.pictures.fvi` with the traces that the pictures are drawn from; the generation before is kept
 //! as `checkpoint.previous.fvi` and `checkpoint.previous.pictures.fvi`. They are files of checksummed
-//! sections. Both are written beside their places and flushed to the disk before they are renamed, so that
-//! whatever happens one whole generation is there.
+//! sections. Both are written to temporary files in the same directory and flushed to the disk before they
+//! are renamed, so that one complete generation exists at any moment.
 
 mod identity;
 mod interval;
@@ -30,30 +30,30 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
 
-/// The newest checkpoint.
+/// Name of the file with the newest checkpoint.
 pub const CHECKPOINT: &str = "checkpoint.fvi";
-/// The one before.
+/// Name of the file with the checkpoint before the newest.
 pub const PREVIOUS: &str = "checkpoint.previous.fvi";
 const PICTURES: &str = "checkpoint.pictures.fvi";
 const PREVIOUS_PICTURES: &str = "checkpoint.previous.pictures.fvi";
 
-/// The line end tells files that were taken for text on the way.
+/// First bytes of a checkpoint; a transfer in text mode would change the line ends in them and be detected.
 const MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nC";
 const PICTURES_MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nP";
 const FORMAT: u32 = 8;
 
-/// Why a run cannot go on from what is in its directory. Nothing has been changed.
+/// Why a run cannot continue from the checkpoints in its directory. No file has been changed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CheckpointError {
-    /// No checkpoint is whole.
+    /// There are checkpoints, and none of them is complete.
     #[error(
         "{newest}; {previous}: no checkpoint is left to go on from; without `--resume` the run begins anew"
     )]
     Damaged {
-        /// Problem with the newest.
+        /// What is wrong with the newest checkpoint.
         newest: String,
-        /// Problem with the one before.
+        /// What is wrong with the checkpoint before it.
         previous: String,
     },
     /// The checkpoint is of another run.
@@ -75,16 +75,16 @@ pub enum CheckpointError {
         /// Name of the value that differs.
         differences: Vec<String>,
     },
-    /// The run has got further than it is to go now.
+    /// The checkpoint lies beyond the end that is now requested.
     #[error(
         "{file} is of step {steps}, beyond the end at step {end}: `--steps` or `--until` name a later end"
     )]
     BeyondEnd {
         /// The checkpoint.
         file: String,
-        /// Its step.
+        /// Number of steps made at the checkpoint.
         steps: usize,
-        /// The last step asked for.
+        /// Number of steps requested.
         end: usize,
     },
     /// The state does not fit the simulation.
@@ -105,7 +105,7 @@ pub(crate) struct Progress {
     pub(crate) files: Vec<OutputMark>,
     /// The names of the load cases, whose directories the files lie in.
     pub(crate) cases: Vec<String>,
-    /// The largest energy of each.
+    /// Largest energy so far of each load case.
     pub(crate) largest_energies: Vec<f64>,
     pub(crate) newton_iterations: u64,
     pub(crate) newton_iterations_most: u32,
@@ -113,14 +113,16 @@ pub(crate) struct Progress {
     pub(crate) preparation_seconds: f64,
     pub(crate) seconds: f64,
     pub(crate) largest: Largest,
-    /// Of position, momentum and energy, and how many values of the reference are undefined.
+    /// Errors of position, momentum and energy against the reference, and the number of undefined values of
+    /// the reference.
     pub(crate) errors: ([ErrorMeasure; 3], usize),
     pub(crate) guard: Gathered,
     /// State of the event watch.
     pub(crate) events: Seen,
-    /// Of steps that are chosen on the way.
+    /// State of the step-size control, for adaptive steps.
     pub(crate) chosen: Option<Chosen>,
-    /// Machines and versions that it was on before, where their bits differ.
+    /// Machines and program versions that made earlier steps, where their rounding may differ from this
+    /// one's.
     pub(crate) elsewhere: Vec<String>,
 }
 
@@ -131,20 +133,21 @@ impl Progress {
     }
 }
 
-/// A checkpoint that was found whole.
+/// A complete checkpoint, read from the disk.
 pub(crate) struct Checkpoint {
     pub(crate) identity: Identity,
     pub(crate) progress: Progress,
     pub(crate) state: Vec<u8>,
-    /// Of each load case; one without.
+    /// Traces of each load case; a single entry without load cases.
     pub(crate) traces: Vec<RunTraces>,
-    /// Note about where it comes from.
+    /// Notes for the summary about the origin of the checkpoint, such as a damaged newer one.
     pub(crate) notes: Vec<String>,
     pub(crate) generations: Generations,
     file: String,
 }
 
-/// Which files in a directory hold what must not be lost.
+/// Which files of a directory belong to the checkpoint in use, so that writing the next one does not
+/// overwrite them: for state and pictures, whether it is the file without `previous` in its name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Generations {
     /// The newest generation is the file without `previous` in its name.
@@ -153,8 +156,8 @@ pub(crate) struct Generations {
 }
 
 impl Checkpoint {
-    /// The newest checkpoint of a directory that is whole, with a trajectory that holds its rows; `None` if
-    /// there never was one.
+    /// The newest complete checkpoint of a directory whose trajectory contains the rows up to it; `None` if
+    /// there is no checkpoint.
     ///
     /// # Errors
     /// [`CheckpointError::Damaged`].
@@ -185,7 +188,8 @@ impl Checkpoint {
         }
     }
 
-    /// Reads one; the error says what is damaged, or nothing if there is no such file.
+    /// Reads the checkpoint in the file `name`. The error describes the damage; it is `None` if there is no
+    /// such file.
     fn read(directory: &OutputDirectory, name: &str) -> Result<Self, Option<String>> {
         let path = directory.join(name);
         let damaged =
@@ -222,7 +226,8 @@ impl Checkpoint {
         Ok(Self { identity, progress, state, traces: pictures, notes: Vec::new(), generations, file })
     }
 
-    /// Refuses to go on with another run or, unless that is accepted, on another machine.
+    /// Returns an error if the checkpoint belongs to another run or, unless `accept` is set, to a machine or
+    /// program version with other rounding.
     pub(crate) fn check(
         &mut self,
         wanted: &Identity,
@@ -262,13 +267,13 @@ impl Checkpoint {
         Ok(())
     }
 
-    /// The error about a state that does not fit.
+    /// The error for a state that does not fit the simulation.
     pub(crate) fn misfit(&self, source: StateError) -> CheckpointError {
         CheckpointError::State { file: self.file.clone(), source }
     }
 }
 
-/// Why a file that is there is no checkpoint.
+/// Why the content of a file is not a valid checkpoint.
 #[derive(Debug, thiserror::Error)]
 enum Unreadable {
     #[error(transparent)]
@@ -307,8 +312,8 @@ fn parse_pictures(bytes: &[u8], steps: usize, coordinates: usize) -> Result<Vec<
     if sound { Ok(pictures) } else { Err(Unreadable::Content) }
 }
 
-/// What a fuzzer may throw at the two files: whether they are read. Nothing panics, and nothing takes more
-/// memory than they do by far.
+/// Entry point for fuzzing: whether these contents of the two files are accepted. It never panics, and
+/// allocates no more than a small multiple of their size.
 pub fn is_readable(checkpoint: &[u8], pictures: &[u8]) -> bool {
     parse(checkpoint).is_ok_and(|(_, progress, _)| {
         parse_pictures(pictures, progress.steps, progress.largest.position.len()).is_ok()
@@ -316,7 +321,7 @@ pub fn is_readable(checkpoint: &[u8], pictures: &[u8]) -> bool {
 }
 
 impl Generations {
-    /// Writes a checkpoint; what was the newest becomes the one before.
+    /// Writes a checkpoint; the previous newest checkpoint is renamed to [`PREVIOUS`].
     pub(crate) fn write(
         &mut self,
         directory: &OutputDirectory,
@@ -353,7 +358,7 @@ impl Generations {
         let content: [sections::Section<'_>; 3] =
             [(*b"what", &identity), (*b"far ", &progress), (*b"stat", state)];
         sections::write(&mut new_state, MAGIC, FORMAT, &content)?;
-        // Nothing that a whole generation needs is renamed before the new one is on the disk.
+        // No file of a complete generation is renamed before the new generation is on the disk.
         new_pictures.flush()?;
         new_state.flush()?;
         new_pictures.get_mut().sync()?;
@@ -366,7 +371,7 @@ impl Generations {
             rename(&place(CHECKPOINT), &place(PREVIOUS))?;
         }
         files::commit(new_state)?;
-        // Renames reach the disk with the directory, where the system lets it be flushed.
+        // Flushing the directory makes the renames durable, on systems that allow it.
         let _ = File::open(directory_of(directory)).and_then(|directory| directory.sync_all());
         Ok(())
     }
@@ -376,7 +381,7 @@ fn directory_of(directory: &OutputDirectory) -> &Path {
     if directory.path().as_os_str().is_empty() { Path::new(".") } else { directory.path() }
 }
 
-/// Renames a file that need not be there.
+/// Renames a file if it exists.
 fn rename(from: &Path, to: &Path) -> io::Result<()> {
     match fs::rename(from, to) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),

@@ -19,7 +19,8 @@ use std::time::Instant;
 pub struct Grids {
     /// Levels i: the time of the scenario is cut into `intervals`·2^i steps.
     pub levels: RangeInclusive<u32>,
-    /// Number of parts that every grid respects, so that a jump between two of them stays a grid point.
+    /// Number of intervals of the coarsest grid (level 0); their ends, such as the time of a jump, are points
+    /// of every grid.
     pub intervals: usize,
     /// Errors count from this time on: next to a singular start they may be larger than the order of a scheme
     /// promises.
@@ -42,7 +43,7 @@ impl Quantity {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Position, Self::Momentum, Self::Energy];
 
-    /// Its name.
+    /// Name of the quantity.
     pub fn name(self) -> &'static str {
         match self {
             Self::Position => "position",
@@ -104,7 +105,7 @@ pub enum ConvergeError {
     /// The scenario cannot be run.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The run to compare with failed.
+    /// The finer run used as reference failed.
     #[error("the finer run of {steps} steps that the others are compared with failed: {reason}")]
     FinerRun {
         /// Its number of steps.
@@ -121,7 +122,7 @@ pub enum ConvergeError {
         /// The level.
         level: u32,
     },
-    /// Errors are to count from a time on that is no time of the scenario.
+    /// `Grids::from` lies outside the scenario's time interval.
     #[error(transparent)]
     From(ParameterError),
     /// It was stopped.
@@ -129,28 +130,29 @@ pub enum ConvergeError {
     Stopped,
 }
 
-/// Levels between the finest grid and the run that it is compared with where the reference says nothing.
+/// Number of levels by which the run used as reference is finer than the finest grid, where the scenario has
+/// no reference.
 const FINER: u32 = 2;
 
 /// How a run on one grid ended.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
-    /// With its last step.
+    /// All steps were made.
     Done {
         /// Wall-clock seconds of the steps alone.
         seconds: f64,
     },
-    /// Before, because of a step that failed.
+    /// A step failed.
     Failed {
-        /// Which and why.
+        /// Which step, and why.
         reason: String,
     },
 }
 
 /// Runs the scenario on every grid and measures the errors against its reference, and against a finer run of
-/// the same scheme for what the reference does not know.
+/// the same scheme for quantities that the reference does not contain.
 ///
-/// `progress` hears the number of steps made of all that are to be made.
+/// `progress` receives the number of steps made and the total number of steps.
 ///
 /// # Errors
 /// [`ConvergeError`]. A level whose step is too long, or fails, is part of the result.
@@ -264,8 +266,8 @@ pub fn converge(
     Ok(Convergence { against, levels })
 }
 
-/// What is known at a grid point: from the reference where it knows the quantity at all, from the finer run
-/// otherwise.
+/// Reference values at a grid point. `known` is true for the quantities that the scenario's reference
+/// contains; the others are taken from the finer run.
 fn known_at(scenario: &Scenario, index: usize, fine: Option<&GridState>, known: [bool; 3]) -> ReferenceRow {
     let coordinates = scenario.coordinates();
     let nothing = || ReferenceRow {
@@ -295,11 +297,11 @@ fn known_at(scenario: &Scenario, index: usize, fine: Option<&GridState>, known: 
     row
 }
 
-/// Runs a scenario of one motion in double precision; `take` sees every grid point with its index, from the
-/// first one on.
+/// Runs a scenario without load cases in double precision; `take` receives the index and the state of every
+/// grid point, from the first one on.
 ///
 /// # Errors
-/// [`ConvergeError`]. A step that fails is no error here but an [`Outcome`].
+/// [`ConvergeError`]. A failing step is not an error here but an [`Outcome`].
 pub fn run_on(
     scenario: &Scenario,
     stop: &AtomicBool,
@@ -327,7 +329,7 @@ pub fn run_on(
 }
 
 impl Convergence {
-    /// Step sizes and largest errors of a quantity, where there are any that are not zero.
+    /// Step size and largest error of a quantity for each level with an error other than zero.
     pub fn points(&self, quantity: Quantity) -> Vec<(f64, f64)> {
         let usable = |level: &&Level| level.failure.is_none() && quantity.of(&level.errors).compared > 0;
         self.levels
@@ -338,7 +340,7 @@ impl Convergence {
             .collect()
     }
 
-    /// Largest error of a quantity on a level, where it was run and something is known.
+    /// Largest error of a quantity on a level; `None` if the run failed or has nothing to be compared with.
     pub fn error(&self, index: usize, quantity: Quantity) -> Option<f64> {
         let level = self.levels.get(index).filter(|level| level.failure.is_none())?;
         let measured = quantity.of(&level.errors);
@@ -359,7 +361,7 @@ impl Convergence {
         slope(&self.points(quantity))
     }
 
-    /// Warning about values of the reference that could not be compared with.
+    /// Warning about values of the reference that are not finite.
     pub fn warning(&self) -> Option<String> {
         self.levels.iter().rev().find_map(|level| level.errors.warning())
     }

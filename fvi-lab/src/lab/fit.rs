@@ -1,5 +1,5 @@
-//! Fits: the numbers of a scenario with which it says what was measured, and how well the data determine
-//! them.
+//! Fits: the numbers of a scenario for which its prediction agrees best with measured data, and how well the
+//! data determine them.
 
 mod data;
 mod estimates;
@@ -13,6 +13,7 @@ mod prediction;
 mod search;
 mod statistics;
 
+pub use data::KEYS as DATA_KEYS;
 pub use estimates::{Estimate, FittedModel, Profiled, StartRecord, TableRecord};
 pub use plan::Fit;
 
@@ -21,12 +22,12 @@ use prediction::{NoPrediction, Predictions};
 use search::Search;
 use std::sync::atomic::AtomicBool;
 
-/// What came of a fit.
+/// Result of a fit.
 #[derive(Clone, Debug)]
 pub struct Fitted {
     /// One for each model, in the order of the file.
     pub models: Vec<FittedModel>,
-    /// The one with the smallest AIC.
+    /// Index of the model with the smallest AIC.
     pub best: usize,
 }
 
@@ -34,7 +35,7 @@ pub struct Fitted {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FitError {
-    /// There is no motion where the parameters start.
+    /// No motion can be computed with the start values of the parameters.
     #[error("{0}")]
     Start(String),
     /// The grid of the scenario is too coarse for the times of the data.
@@ -61,13 +62,13 @@ impl Fitted {
     }
 }
 
-/// Fits the models of a plan to its data; `progress` is told how many runs have been made.
+/// Fits the models of a plan to its data; `progress` receives the number of runs made.
 ///
 /// Weighted least squares, Σ ((model − datum)/deviation)², by the method of Levenberg and Marquardt within
-/// the bounds. Derivatives are those of the program's own numbers where it has them, differences of runs
-/// otherwise. Standard errors come from the derivatives at the end, intervals from Student's distribution
-/// where the size of the deviations is estimated with the parameters, and from the normal one where it is
-/// known.
+/// the bounds. Derivatives are the exact ones of the discrete motion (as with `[sensitivity]`) where
+/// available, differences of runs otherwise. Standard errors come from the derivatives at the minimum;
+/// intervals from Student's distribution where the size of the deviations is estimated together with the
+/// parameters, and from the normal distribution where it is known.
 ///
 /// # Errors
 /// [`FitError`].

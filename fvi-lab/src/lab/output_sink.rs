@@ -1,5 +1,5 @@
-//! Where a motion goes: its trajectory, the traces of its pictures and its snapshots, in a directory of its
-//! own where there are load cases.
+//! Output of one motion: its trajectory, the data of its pictures and its snapshots, for load cases in a
+//! directory of each case.
 
 #[cfg(feature = "pictures")]
 use crate::results::files::write_text;
@@ -18,24 +18,24 @@ use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Whole states, and the picture of them.
+/// Names of the files with the snapshots of the whole state, and with the picture of them.
 const SNAPSHOTS: &str = "snapshots.npz";
 const MAP: &str = "map.svg";
 
-/// One motion of a run at a grid point.
+/// State of one motion (load case) of a run at a grid point.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StateView<'a> {
     pub(crate) time: f64,
     pub(crate) position: &'a [f64],
     pub(crate) momentum: &'a [f64],
     pub(crate) energy: f64,
-    /// Of the registry.
+    /// Values of the run's [`Columns`](crate::simulation::columns::Columns).
     pub(crate) columns: &'a [f64],
     pub(crate) sensitivities: &'a [f64],
 }
 
 impl StateView<'_> {
-    /// As far as it is written and drawn.
+    /// The state with the output coordinates only.
     pub(crate) fn shown(&self, scenario: &Scenario) -> GridState {
         let of = |numbers: &[f64]| match &scenario.output.coordinates {
             Some(chosen) => chosen.iter().filter_map(|&index| numbers.get(index).copied()).collect(),
@@ -59,13 +59,13 @@ impl<'a> From<&'a GridState> for StateView<'a> {
 #[derive(Clone, Debug)]
 pub(crate) struct BatchView<'a> {
     batch: &'a StepBatch,
-    /// Its coordinates among those of all motions.
+    /// Range of its coordinates among those of all motions.
     places: Range<usize>,
     energies: &'a [f64],
 }
 
 impl<'a> BatchView<'a> {
-    /// The motion of these coordinates, with its energies.
+    /// View of the motion with the coordinates `places`, and with its energies.
     pub(crate) fn new(batch: &'a StepBatch, places: Range<usize>, energies: &'a [f64]) -> Self {
         Self { batch, places, energies }
     }
@@ -78,7 +78,7 @@ impl<'a> BatchView<'a> {
         self.batch.momentum(self.places.start + coordinate)
     }
 
-    /// A state, these coordinates of it.
+    /// The state at `index` of the batch, with the coordinates `chosen` only.
     pub(crate) fn state(&self, index: usize, chosen: &[usize]) -> GridState {
         let numbers = || vec![0.0; chosen.len()];
         let mut state = GridState { position: numbers(), momentum: numbers(), ..GridState::default() };
@@ -86,14 +86,15 @@ impl<'a> BatchView<'a> {
         state
     }
 
-    /// Writes it to a state that has places for these coordinates.
+    /// Writes the coordinates `chosen` at `index` of the batch to `state`, which has as many coordinates.
     pub(crate) fn read(&self, index: usize, chosen: &[usize], state: &mut GridState) {
         let GridState { time, position, momentum, energy, columns, sensitivities } = state;
         columns.clear();
         columns.extend_from_slice(self.batch.columns());
         (*time, *energy) = (self.batch.times()[index], self.energies[index]);
-        if !self.batch.sensitivities().is_empty() {
-            let of_all = self.batch.sensitivities().chunks(self.places.len().max(1));
+        let slopes = self.batch.sensitivities(index);
+        if !slopes.is_empty() {
+            let of_all = slopes.chunks(self.places.len().max(1));
             sensitivities.clear();
             sensitivities.extend(of_all.flat_map(|all| chosen.iter().map(|&coordinate| all[coordinate])));
         }
@@ -108,13 +109,13 @@ impl<'a> BatchView<'a> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct OutputMark {
     pub(crate) trajectory: TrajectoryMark,
-    /// Of each array; empty without snapshots.
+    /// One mark for each array of the snapshots; empty without snapshots.
     pub(crate) snapshots: Vec<Mark>,
 }
 
 impl OutputMark {
-    /// What is wrong with the files in a directory, of which those that were marked are wanted; nothing is
-    /// changed.
+    /// Checks that the marked parts of the files exist in the directory; returns a sentence about what is
+    /// missing. Changes nothing.
     pub(crate) fn missing(&self, directory: &Path) -> Option<String> {
         let rows = TrajectoryWriter::can_resume(directory, &self.trajectory);
         let snapshots = directory.join(SNAPSHOTS);
@@ -132,7 +133,7 @@ impl OutputMark {
 /// The files of one motion.
 pub(crate) struct OutputSink {
     directory: PathBuf,
-    /// The coordinates that are written and drawn.
+    /// Indices of the coordinates that are written and drawn.
     chosen: Vec<usize>,
     writer: TrajectoryWriter,
     traces: RunTraces,
@@ -140,7 +141,7 @@ pub(crate) struct OutputSink {
 }
 
 impl OutputSink {
-    /// Those of a run that begins.
+    /// The sinks of all motions of a run that begins.
     ///
     /// # Errors
     /// If a file cannot be made.
@@ -168,10 +169,10 @@ impl OutputSink {
         Self::directories(scenario, directory).into_iter().map(open).collect()
     }
 
-    /// Those of a run that goes on with grid point `index`.
+    /// The sinks of all motions of a resumed run whose next grid point is `index`.
     ///
     /// # Errors
-    /// If what was marked is no longer there.
+    /// If the marked part of a file no longer exists.
     pub(crate) fn resume_all(
         scenario: &Scenario,
         directory: &Path,
@@ -200,7 +201,7 @@ impl OutputSink {
         case_directories(directory, scenario.cases.iter().map(|case| case.name.as_str()))
     }
 
-    /// Takes a batch of the motion, and the states between its last two that were asked for.
+    /// Writes a batch of states, and the requested output states between its last two grid points.
     ///
     /// # Errors
     /// If a row cannot be written.
@@ -233,12 +234,12 @@ impl OutputSink {
         Ok(())
     }
 
-    /// Takes the energy of the last state, which was left out on the way.
+    /// Adds the energy of the last state, which was not computed with its step.
     pub(crate) fn take_last_energy(&mut self, last: &GridState) {
         self.traces.take_energy(last.time, last.energy);
     }
 
-    /// Marks how far the files are written.
+    /// Flushes the files and returns a mark of how far they are written.
     ///
     /// # Errors
     /// If rows cannot be written.
@@ -251,7 +252,7 @@ impl OutputSink {
         Ok(OutputMark { trajectory, snapshots })
     }
 
-    /// Has the rows kept for a run that goes on.
+    /// Keeps the rows written so far when this is dropped, for a run that resumes.
     pub(crate) fn keep(&mut self) {
         self.writer.keep();
         self.snapshots.iter_mut().for_each(Snapshots::keep);
@@ -267,7 +268,8 @@ impl OutputSink {
         &self.directory
     }
 
-    /// Writes the files, and adds their names; the result within says whether the pictures could be drawn.
+    /// Completes the files, and adds their names to `files`; the inner result is an error if a picture could
+    /// not be drawn.
     ///
     /// # Errors
     /// If another file cannot be written.
@@ -301,7 +303,7 @@ impl OutputSink {
         Ok(drawn)
     }
 
-    /// Removes what a run without load cases has left in the directory.
+    /// Removes the files of an earlier run without load cases from the directory.
     ///
     /// # Errors
     /// If that fails.

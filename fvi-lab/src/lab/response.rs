@@ -1,4 +1,4 @@
-//! Frequency response, poles, and what the kernels of a scenario do to steps and vibrations.
+//! Frequency response and poles of a scenario, and moduli, creep and relaxation of its kernels.
 
 #[cfg(feature = "pictures")]
 mod pictures;
@@ -18,27 +18,26 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// A number of a response.
 pub type Complex<T = f64> = nalgebra::Complex<T>;
 
-/// Request.
+/// What is to be computed.
 #[derive(Clone, Debug)]
 pub struct ResponseOptions {
-    /// First and last angular frequency; without them those that the run can see, 2π over its time to π over
-    /// its step.
+    /// First angular frequency; `None`: 2π over the time of the run.
     pub from: Option<f64>,
-    /// The last one.
+    /// Last angular frequency; `None`: π over the time step.
     pub to: Option<f64>,
-    /// How many, evenly spread by their logarithms.
+    /// Number of frequencies, equidistant on a logarithmic scale.
     pub points: usize,
-    /// The frequencies themselves, in place of these three.
+    /// The angular frequencies themselves, in place of `from`, `to` and `points`.
     pub omega: Option<Vec<f64>>,
     /// The coordinate on which the force acts.
     pub input: usize,
-    /// The coordinate whose displacement is told.
+    /// The coordinate whose displacement is computed.
     pub output: usize,
     /// The point about which the system is linearised; without it the initial position.
     pub position: Option<Vec<f64>>,
 }
 
-/// Frequencies unless said.
+/// Default number of frequencies.
 pub const POINTS: usize = 400;
 
 impl Default for ResponseOptions {
@@ -47,18 +46,19 @@ impl Default for ResponseOptions {
     }
 }
 
-/// Response of a damped structure.
+/// Response of a damped system.
 #[derive(Clone, Debug)]
 pub struct Response {
     /// ω, ascending.
     pub omega: Vec<f64>,
     /// H(ω): displacement of the output under a force e^{iωt} on the input.
     pub response: Vec<Complex<f64>>,
-    /// The same of the discrete scheme, for the first frequencies, those up to π/h.
+    /// H(ω) of the discrete scheme, for the frequencies up to π/h, which are the first ones of `omega`;
+    /// otherwise why it is left out.
     pub discrete: Result<Vec<Complex<f64>>, String>,
-    /// Poles with Im s ≥ 0, by their frequency |s|.
+    /// Poles with Im s ≥ 0, in ascending order of |s|; otherwise why they are left out.
     pub poles: Result<Vec<SystemPole>, String>,
-    /// One for each damping term.
+    /// Curves of the kernel of each damping term.
     pub kernels: Vec<KernelCurves>,
     /// Warnings.
     pub warnings: Vec<String>,
@@ -73,9 +73,9 @@ pub struct KernelCurves {
     pub moduli: Vec<Complex<f64>>,
     /// Times 1/ω, ascending.
     pub times: Vec<f64>,
-    /// J(t); none for an active kernel.
+    /// Creep function J(t) at `times`; `None` for a kernel that is not passive.
     pub creep: Option<Vec<f64>>,
-    /// G(t); none for an active kernel.
+    /// Relaxation function G(t) at `times`; `None` for a kernel that is not passive.
     pub relaxation: Option<Vec<f64>>,
 }
 
@@ -109,7 +109,7 @@ fn refused(parameter: &'static str, value: f64, allowed: &'static str) -> Respon
     ResponseError::Argument(ParameterError { parameter, value, allowed })
 }
 
-/// The frequencies that are asked for.
+/// The angular frequencies of the request.
 fn frequencies(scenario: &Scenario, options: &ResponseOptions) -> Result<Vec<f64>, ResponseError> {
     const POSITIVE: &str = "positive and finite";
     if let Some(omega) = &options.omega {
@@ -155,7 +155,8 @@ fn frequencies(scenario: &Scenario, options: &ResponseOptions) -> Result<Vec<f64
     if from == to { Ok(vec![from]) } else { Ok((0..=last).map(at).collect()) }
 }
 
-/// Computes the response of a scenario; `progress` is told how many frequencies of all are done.
+/// Computes the response of a scenario; `progress` receives the number of frequencies done and their total
+/// number.
 ///
 /// # Errors
 /// [`ResponseError`].
@@ -331,7 +332,7 @@ impl Response {
 
 fn append(text: &mut String, numbers: &[f64]) {
     for (index, number) in numbers.iter().enumerate() {
-        // A string takes whatever is written.
+        // Writing to a string cannot fail.
         let _ = write!(text, "{}{number:.16e}", if index > 0 { "," } else { "" });
     }
     text.push('\n');

@@ -25,17 +25,18 @@ use std::time::Instant;
 /// How a run is made.
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Where its files go; made if it is not there, and closed to other runs meanwhile.
+    /// Output directory; created if it does not exist, and locked against other runs during this one.
     pub directory: PathBuf,
     /// Floating-point precision.
     pub precision: Precision,
-    /// The format of the trajectory; absent: CSV, or that of the checkpoint.
+    /// Format of the trajectory; `None`: CSV, or that of the checkpoint.
     pub format: Option<Format>,
     /// How often checkpoints are written.
     pub checkpoints: CheckpointEvery,
-    /// Whether it goes on from the directory's checkpoint, where there is one.
+    /// Whether the run continues from the directory's checkpoint, if there is one.
     pub resume: bool,
-    /// Whether it does so even if bits differ between this machine or program and that of the checkpoint.
+    /// Whether it continues even if rounding may differ between this machine or program version and that of
+    /// the checkpoint.
     pub accept_other_machine: bool,
 }
 
@@ -61,18 +62,18 @@ pub enum RunEnd {
     Completed,
     /// An event with `action = "stop"` happened.
     Event {
-        /// Which of the scenario's events, from 0.
+        /// Index of the event in the scenario, from 0.
         event: usize,
-        /// When.
+        /// Its time.
         time: f64,
     },
-    /// It was told to stop.
+    /// The `stop` flag was set.
     Stopped,
     /// A step failed.
     Failed {
         /// The step that failed, from 0: from t_step to t_{step+1}.
         step: usize,
-        /// The time at its beginning.
+        /// Time at the beginning of that step.
         time: f64,
         /// Why.
         reason: String,
@@ -95,28 +96,29 @@ pub struct RunSummary {
     pub solver: Solver,
     /// The engine of each damping term.
     pub engine: Vec<Engine>,
-    /// The damping terms, by their numbers from 0, of each memory that serves several.
+    /// For each memory that serves several damping terms: their indices, from 0.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub shared_memory: Vec<Vec<usize>>,
-    /// Blocks that the `real-time` engine had not done when they were due.
+    /// Number of blocks that the `real-time` engine had not finished when they were due; only for that
+    /// engine.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub overruns: Option<usize>,
     /// Bytes of the memories at the end.
     pub memory_bytes: usize,
-    /// Seconds for making the integrator: order of elimination, weights, tables; with what reading the
-    /// scenario took where the caller has counted it.
+    /// Seconds for setting up the integrator (elimination order, weights, tables), and for reading the
+    /// scenario if the caller has measured it.
     pub preparation_seconds: f64,
     /// Seconds for the steps and for writing the trajectory.
     pub seconds: f64,
     /// Steps made.
     pub steps: usize,
-    /// Steps asked for, where their number is known beforehand.
+    /// Number of steps requested; `None` for adaptive steps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub steps_wanted: Option<usize>,
-    /// Lengths of the steps, where they differ.
+    /// Shortest and longest step, on grids with steps of different lengths.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step_lengths: Option<StepLengths>,
-    /// Attempts, where steps are chosen on the way.
+    /// Counts of accepted and rejected attempts, for adaptive steps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub attempts: Option<Attempts>,
     /// Iterations of Newton's method, all steps together.
@@ -125,7 +127,7 @@ pub struct RunSummary {
     pub newton_iterations_most: u32,
     /// The last state.
     pub last: GridState,
-    /// The events that have happened, in their order.
+    /// The events that have occurred, in order of time.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<Happened>,
     /// Largest absolute values.
@@ -133,7 +135,7 @@ pub struct RunSummary {
     /// The load cases: each has a directory of this name with files and a summary of its own.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub cases: Vec<String>,
-    /// The last and the largest energy of each.
+    /// Last and largest energy of each load case.
     #[serde(skip)]
     energies: Vec<(f64, f64)>,
     /// Warnings.
@@ -149,12 +151,12 @@ pub struct RunSummary {
     pub files: Vec<&'static str>,
     /// The inputs as used, defaults filled in.
     pub scenario: Scenario,
-    /// Note about how it began.
+    /// Notes about the start of the run, such as the checkpoint that it continues from.
     #[serde(skip)]
     pub notes: Vec<String>,
 }
 
-/// Between what the lengths of steps lie.
+/// Range of the lengths of the steps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StepLengths {
     /// The shortest step.
@@ -166,13 +168,13 @@ pub struct StepLengths {
 /// Counts of accepted and rejected attempts at adaptive steps, each a pair of steps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Attempts {
-    /// All of them.
+    /// Number of all attempts.
     pub made: usize,
-    /// Those whose error was too large.
+    /// Number of attempts whose error was too large.
     pub rejected: usize,
 }
 
-/// How a run ended, without what is long where there are many coordinates.
+/// Short form of a [`RunSummary`], without the parts whose length grows with the number of coordinates.
 #[derive(Clone, Debug, Serialize)]
 pub struct ShortSummary<'a> {
     #[serde(flatten)]
@@ -184,7 +186,7 @@ pub struct ShortSummary<'a> {
 }
 
 impl RunSummary {
-    /// How it ended, after how many steps, and the warnings, by the same names.
+    /// The short form: end, number of steps and warnings, under the same names.
     pub fn in_short(&self) -> ShortSummary<'_> {
         let Self { end, steps, steps_wanted, warnings, .. } = self;
         ShortSummary { end, steps: *steps, steps_wanted: *steps_wanted, warnings }
@@ -213,7 +215,7 @@ impl RunSummary {
         }
     }
 
-    /// Leaves to the cases what is theirs.
+    /// Removes what is recorded in the summaries of the load cases.
     fn of_all_cases(&mut self) {
         self.cases = self.scenario.cases.iter().map(|case| case.name.clone()).collect();
         for numbers in [
@@ -245,10 +247,10 @@ pub enum RunError {
     Unsaved(#[from] StateError),
 }
 
-/// Where a run has got to: what another run of the same scenario needs to go on from there.
+/// State of a run at a step, from which another run of the same scenario can continue.
 ///
-/// It has the state that a checkpoint has, without files; what belongs to the same scenario is for its caller
-/// to see to, whose code may be part of it.
+/// It contains the state of a checkpoint, without files. The caller must make sure that the scenario is the
+/// same, since the caller's code may be part of it.
 #[derive(Clone, Debug)]
 pub struct Standing {
     progress: Progress,
@@ -267,24 +269,24 @@ impl Standing {
         self.state.len()
     }
 
-    /// Samples that engines and tables were chosen for: [`History::planned`](crate::scenario::History) of a
-    /// run that goes on.
+    /// Number of samples for which engines and tables were chosen:
+    /// [`History::planned`](crate::scenario::History) of a run that continues.
     pub fn planned(&self) -> usize {
         self.planned
     }
 }
 
-/// The record of a run.
+/// Name of the file with the record of a run.
 const SUMMARY: &str = "summary.json";
 /// Runs a scenario and writes its files.
 ///
-/// `stop` ends the run after the steps under way, which are few; `progress` hears the number of steps made,
-/// after each. Nothing is written when the scenario cannot be run. When a step fails or the run is stopped,
-/// what was computed until then is written, and the summary says so. A run with `resume` goes on from the
+/// `stop` ends the run after the current batch of steps; `progress` receives the number of steps made, after
+/// each step. Nothing is written when the scenario cannot be run. When a step fails or the run is stopped,
+/// what was computed until then is written, and the summary says so. A run with `resume` continues from the
 /// directory's checkpoint and leaves the same files as one that was never interrupted.
 ///
 /// # Errors
-/// [`RunError`]; a step that fails is no error here but an end, see [`RunEnd`].
+/// [`RunError`]; a failing step is not an error here but an end, see [`RunEnd`].
 pub fn run(
     scenario: &Scenario,
     options: &RunOptions,
@@ -329,7 +331,7 @@ pub fn run(
         }
         None => {
             sinks = OutputSink::open_all(&scenario, directory.path(), options.format.unwrap_or_default())?;
-            // What an earlier run could be gone on with does not go with the rows of this one.
+            // Checkpoints of an earlier run do not belong to the rows of this one.
             checkpoint::remove(&directory)?;
             generations = checkpoint::Generations::default();
         }
@@ -365,13 +367,15 @@ pub fn run(
     let goes_on = match end {
         RunEnd::Completed => asked,
         RunEnd::Stopped => true,
-        // A step that failed would fail again, and the motion is past an event that has ended it.
+        // A failed step would fail again, and at a terminal event the motion has already passed the end of
+        // the run.
         RunEnd::Failed { .. } | RunEnd::Event { .. } => false,
     };
     if goes_on && every != CheckpointEvery::Never {
         write_checkpoint(&run, &mut sinks)?;
     }
-    // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
+    // A summary vouches for the files beside it: the old one is removed before they are replaced, the new one
+    // is written last.
     remove(&directory.join(SUMMARY))?;
     if !scenario.cases.is_empty() {
         OutputSink::remove_files(directory.path())?;
@@ -410,7 +414,7 @@ pub fn run(
     Ok(summary)
 }
 
-/// Refuses what derivatives are not written to.
+/// Refuses output formats and options that do not support sensitivities.
 fn refuse_with_sensitivities(scenario: &Scenario, options: &RunOptions) -> Result<(), InputError> {
     if scenario.sensitivity.is_some() && options.format == Some(Format::Npz) {
         let (with, allowed) =
@@ -420,13 +424,13 @@ fn refuse_with_sensitivities(scenario: &Scenario, options: &RunOptions) -> Resul
     Ok(())
 }
 
-/// An event as far as it is written.
+/// An event with the output coordinates only.
 fn of_written(scenario: &Scenario, happened: &Happened) -> Happened {
     let GridState { position, momentum, .. } = StateView::from(&happened.state()).shown(scenario);
     Happened { position, momentum, ..happened.clone() }
 }
 
-/// Warns of events that are not in the record.
+/// Warning about events beyond the number that the record holds.
 fn events_not_told(seen: &Seen) -> Vec<String> {
     let undefined =
         seen.undefined.iter().enumerate().filter_map(|(index, since)| since.map(|time| (index, time)));
@@ -452,29 +456,29 @@ fn small_beside_scale(scenario: &Scenario, largest: &Largest) -> Option<String> 
     })
 }
 
-/// A run that writes nothing by itself: its caller sees its states, and has its record at the end.
+/// A run that writes no files: its caller receives the states, and the record at the end.
 pub struct Run<'s> {
     scenario: &'s Scenario,
     motion: Motion<'s>,
-    /// Whether the caller has seen the present state.
+    /// Whether the current state has been passed to the caller.
     seen: bool,
     begin: Instant,
     preparation_seconds: f64,
-    /// Seconds before the last interruption.
+    /// Seconds of the run before it was last resumed.
     seconds: f64,
-    /// Overruns before the last interruption.
+    /// Overruns of the run before it was last resumed.
     overruns: Option<usize>,
     newton_iterations: u64,
     newton_iterations_most: u32,
     largest: Largest,
-    /// Of each load case.
+    /// Largest energy so far of each load case.
     largest_energies: Vec<f64>,
     errors: ReferenceErrors,
-    /// Where it has been before, if bits differ there.
+    /// Machines and program versions that made earlier steps, where rounding may differ.
     elsewhere: Vec<String>,
     /// See [`rows_between`](Self::rows_between).
     between: Vec<GridState>,
-    /// How many of `output.times` have been passed.
+    /// Number of entries of `output.times` passed so far.
     passed: usize,
     watch: Watch,
     /// The state at the event that has ended the run.
@@ -485,8 +489,7 @@ impl<'s> Run<'s> {
     /// The run of one motion at t = 0.
     ///
     /// # Errors
-    /// If the scenario cannot be run, or has load cases: [`Motion`] integrates these together, [`run`] writes
-    /// them.
+    /// If the scenario cannot be run, or has load cases; for these see [`start_cases`](Self::start_cases).
     pub fn start(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
         Self::sharing(scenario, precision, &Tables::default())
     }
@@ -524,7 +527,7 @@ impl<'s> Run<'s> {
         Self::start_all(scenario, precision, tables)
     }
 
-    /// The run, with what its caller has spent on preparing it counted as well.
+    /// The run, with `seconds` that its caller spent on preparation added to its preparation time.
     #[must_use]
     pub fn prepared_for(mut self, seconds: f64) -> Self {
         self.preparation_seconds += seconds;
@@ -555,11 +558,11 @@ impl<'s> Run<'s> {
         })
     }
 
-    /// Makes all steps, or those until one fails or `stop` is set and the few under way are made; `take` sees
-    /// the number of steps made and the state after them, from the beginning on.
+    /// Makes all steps, or until one fails, or until the end of the current batch when `stop` is set; `take`
+    /// receives the number of steps made and the state after them, beginning with the initial state.
     ///
     /// # Errors
-    /// Those of `take`. A step that fails is no error but an end, see [`RunEnd`].
+    /// Errors of `take`. A failing step is not an error but an end, see [`RunEnd`].
     pub fn to_the_end<E>(
         mut self,
         stop: &AtomicBool,
@@ -580,7 +583,7 @@ impl<'s> Run<'s> {
         Ok(self.summary(end))
     }
 
-    /// As [`to_the_end`](Self::to_the_end); `take` sees the states of several steps at a time.
+    /// As [`to_the_end`](Self::to_the_end); `take` receives the states of several steps at a time.
     pub fn batches_to_the_end(mut self, stop: &AtomicBool, take: &mut dyn FnMut(&StepBatch)) -> RunSummary {
         let end = self.go(
             stop,
@@ -594,11 +597,11 @@ impl<'s> Run<'s> {
         self.summary(end)
     }
 
-    /// As [`batches_to_the_end`](Self::batches_to_the_end); `row` sees the rows of the trajectory, those
-    /// and so much of each as `[output]` says.
+    /// As [`batches_to_the_end`](Self::batches_to_the_end); `row` receives the rows of the trajectory that
+    /// `[output]` selects, with its coordinates.
     ///
     /// # Errors
-    /// Those of `row`. A step that fails is no error but an end, see [`RunEnd`].
+    /// Errors of `row`. A failing step is not an error but an end, see [`RunEnd`].
     pub fn rows_to_the_end<E>(
         mut self,
         stop: &AtomicBool,
@@ -609,11 +612,12 @@ impl<'s> Run<'s> {
         Ok(self.summary(end))
     }
 
-    /// As [`rows_to_the_end`](Self::rows_to_the_end), for each load case by its index: `row` sees a case's
-    /// rows in their order. The record of each case comes back; without cases that of the one motion.
+    /// As [`rows_to_the_end`](Self::rows_to_the_end), for all load cases: `row` receives the index of a case
+    /// and a row, the rows of each case in order. Returns the record of each case, or of the one motion
+    /// without cases.
     ///
     /// # Errors
-    /// Those of `row`.
+    /// Errors of `row`.
     pub fn rows_of_cases_to_the_end<E>(
         mut self,
         stop: &AtomicBool,
@@ -624,11 +628,11 @@ impl<'s> Run<'s> {
         Ok(self.summaries(end))
     }
 
-    /// As [`rows_of_cases_to_the_end`](Self::rows_of_cases_to_the_end), and the run stays: for a look at its
-    /// [`standing`](Self::standing) before the [`summaries`](Self::summaries).
+    /// As [`rows_of_cases_to_the_end`](Self::rows_of_cases_to_the_end), but keeps the run, so that its
+    /// [`standing`](Self::standing) can be taken before the [`summaries`](Self::summaries).
     ///
     /// # Errors
-    /// Those of `row`.
+    /// Errors of `row`.
     pub fn rows_of_cases<E>(
         &mut self,
         stop: &AtomicBool,
@@ -648,7 +652,7 @@ impl<'s> Run<'s> {
         (0..scenario.copies()).map(|case| summary.of_case(scenario, case)).collect()
     }
 
-    /// Makes the steps; `row` sees the rows of each motion, `take` the states.
+    /// Makes the steps; `row` receives the rows of each motion, `take` the states.
     fn rows<E>(
         &mut self,
         stop: &AtomicBool,
@@ -696,7 +700,7 @@ impl<'s> Run<'s> {
         self.motion.steps()
     }
 
-    /// The state after them, or at the event that has ended the run.
+    /// The current state, or that at the event that has ended the run.
     pub fn state(&self) -> &GridState {
         self.ended.as_ref().unwrap_or(self.motion.state())
     }
@@ -706,7 +710,7 @@ impl<'s> Run<'s> {
         self.ended.is_some()
     }
 
-    /// The state of one load case; without cases the state.
+    /// The current state of one load case, or of the one motion without cases.
     fn view(&self, case: usize) -> StateView<'_> {
         let state = self.state();
         let (places, energy) = match self.motion.energies().get(case) {
@@ -719,7 +723,7 @@ impl<'s> Run<'s> {
         StateView { time: state.time, position, momentum, energy, columns, sensitivities }
     }
 
-    /// What was made last of one load case; without cases of the motion.
+    /// The last batch of steps of one load case, or of the one motion without cases.
     fn batch_view(&self, case: usize) -> BatchView<'_> {
         let (batch, energies) = (self.motion.batch(), self.motion.energies());
         match energies.get(case..=case) {
@@ -728,8 +732,8 @@ impl<'s> Run<'s> {
         }
     }
 
-    /// `most` says after a number of steps how many more may be made together; `take` sees the run when they
-    /// are.
+    /// Makes the steps in batches: after n steps, at most `most(n)` in the next batch; `take` is called after
+    /// each batch.
     fn go<E>(
         &mut self,
         stop: &AtomicBool,
@@ -763,14 +767,14 @@ impl<'s> Run<'s> {
         Ok(RunEnd::Completed)
     }
 
-    /// The states at those of `output.times` that the last step passed, and with such times the one at the
-    /// event that has ended the run.
+    /// The states at the entries of `output.times` that the last step has passed; with `output.times` also
+    /// the state at the event that has ended the run.
     pub fn rows_between(&self) -> &[GridState] {
         &self.between
     }
 
-    /// Takes in the states of the batch that was made last, and what lies before them. Where steps are
-    /// looked into it holds one.
+    /// Evaluates the last batch: events and output times within it, errors, largest values. With events or
+    /// `output.times` a batch is a single step.
     fn observe(&mut self) {
         let (scenario, coordinates) = (self.scenario, self.scenario.coordinates());
         let reference = scenario.reference.as_ref();
@@ -823,7 +827,7 @@ impl<'s> Run<'s> {
         }
     }
 
-    /// Finds what has happened in the last step.
+    /// Finds the events in the last step.
     fn look_for_events(&mut self) {
         if self.watch.is_idle() || self.motion.steps() == 0 {
             return;
@@ -835,8 +839,8 @@ impl<'s> Run<'s> {
         }
     }
 
-    /// Where it has got to; `None` if it cannot go on from there, because an event has ended it, its steps
-    /// differ or are differentiated.
+    /// The current state, to continue from; `None` where that is not possible: an event has ended the run,
+    /// its steps have different lengths, or it computes sensitivities.
     ///
     /// # Errors
     /// [`StateError`] if a memory cannot be saved.
@@ -849,20 +853,20 @@ impl<'s> Run<'s> {
         Ok(Some(Standing { progress, state, planned }))
     }
 
-    /// How many bytes the state of [`standing`](Self::standing) would have, about.
+    /// Approximate size in bytes of the state in [`standing`](Self::standing).
     pub fn memory_bytes(&self) -> usize {
         self.motion.simulation().memory_bytes()
     }
 
-    /// Goes on from where another run of the scenario has got to.
+    /// Continues from the state of another run of the same scenario.
     ///
     /// # Errors
-    /// [`StateError`] if the simulation is another one; the run is of no use then.
+    /// [`StateError`] if the simulation differs; the run must then not be used any more.
     pub fn go_on_from(&mut self, standing: &Standing) -> Result<(), StateError> {
         self.resume(standing.progress.clone(), &standing.state)
     }
 
-    /// How far it has got.
+    /// Progress of the run, for a checkpoint.
     fn progress(&self, files: Vec<OutputMark>) -> Progress {
         Progress {
             steps: self.steps(),
@@ -883,7 +887,7 @@ impl<'s> Run<'s> {
         }
     }
 
-    /// Goes on from a checkpoint.
+    /// Continues from a checkpoint.
     fn go_on(&mut self, checkpoint: &Checkpoint) -> Result<(), StateError> {
         self.resume(checkpoint.progress.clone(), &checkpoint.state)
     }

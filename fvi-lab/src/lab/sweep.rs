@@ -1,10 +1,10 @@
-//! Sweeps: one scenario with many values of some of its keys, run on all cores, on several machines, and gone
-//! on with at any time.
+//! Sweeps: one scenario with many values of some of its keys, run on all cores, on several machines, and
+//! resumable at any time.
 //!
-//! Every run has a place of fixed size in a file of records, `sweep.fvi`, or `sweep.shard-1-of-8.fvi` where a
-//! part of the runs is made by another process. The process that ends a sweep reads the records in the order
-//! of the runs, so that the table has the same bytes however many threads and processes filled them, and
-//! however often these were interrupted.
+//! Every run has a place of fixed size in a file of records, `sweep.fvi`, or `sweep.shard-1-of-8.fvi` where
+//! several processes share the runs. The process that ends a sweep reads the records in the order of the
+//! runs, so that the table has the same bytes however many threads and processes filled them, and however
+//! often these were interrupted.
 
 mod axis;
 mod elsewhere;
@@ -40,17 +40,17 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, mpsc};
 use std::time::{Duration, Instant};
 
-/// Records go to the disk this often at least.
+/// Longest time between two flushes of the records to the disk.
 const FLUSH: Duration = Duration::from_secs(5);
 
 /// How a sweep is made.
 #[derive(Clone, Debug)]
 pub struct SweepOptions {
-    /// Where its files go.
+    /// Output directory.
     pub directory: PathBuf,
     /// Floating-point precision.
     pub precision: Precision,
-    /// Threads; absent: one for each core.
+    /// Number of threads; `None`: one for each core.
     pub jobs: Option<NonZero<usize>>,
     /// The runs that this process makes.
     pub shard: Shard,
@@ -69,11 +69,11 @@ impl SweepOptions {
 pub struct SweepSummary {
     /// Runs of the sweep.
     pub runs: usize,
-    /// Those of this process's share.
+    /// Number of runs in this process's share.
     pub share: usize,
-    /// Those of them that are done, in this process or before.
+    /// Number of runs of this share that are done, now or earlier.
     pub done: usize,
-    /// Those of them that failed.
+    /// Number of runs of this share that failed.
     pub failed: usize,
     /// The files of the table and its pictures, if the sweep is complete.
     pub files: Vec<String>,
@@ -98,7 +98,7 @@ pub enum SweepError {
         /// The file of records.
         file: PathBuf,
     },
-    /// Another process makes these runs.
+    /// Another process holds the file of records.
     #[error("{}: another process is at work on these runs", .file.display())]
     InUse {
         /// The file of records.
@@ -116,11 +116,11 @@ pub enum SweepError {
 
 /// Makes the runs of a sweep that have not been made yet, and the table once all are there.
 ///
-/// `stop` ends it; what runs then have not ended is made the next time. `progress` hears the number of runs
-/// that are done, ten times a second at least, so that it may look around and set `stop`.
+/// `stop` ends it; runs that have not finished by then are made again the next time. `progress` receives the
+/// number of runs that are done, at least ten times a second, so that it can also set `stop`.
 ///
 /// # Errors
-/// [`SweepError`]; a run that fails is no error but a row.
+/// [`SweepError`]; a failing run is not an error but a row of the table.
 pub fn sweep(
     sweep: &Sweep,
     options: &SweepOptions,
@@ -150,14 +150,14 @@ pub fn sweep(
                     let Some(record) = sweep.make(records.run(place), options, tables, stop)? else { break };
                     records.write(place, &record)?;
                     made.fetch_add(1, Ordering::Relaxed);
-                    // Nobody waits for a watcher that is busy.
+                    // If `progress` is still busy, this notification is dropped.
                     let _ = sender.try_send(());
                 }
                 Ok::<_, SweepError>(())
             };
             scope.spawn(move || {
                 let Err(error) = work() else { return };
-                // No place is given out any more; runs under way end by themselves.
+                // No further run is started; those in progress see `stop` themselves.
                 if let Ok(mut places) = next.lock() {
                     *places = 0..0;
                 }
@@ -169,7 +169,7 @@ pub fn sweep(
         while news.recv_timeout(Duration::from_millis(50)) != Err(mpsc::RecvTimeoutError::Disconnected) {
             progress(made.load(Ordering::Relaxed));
             if flushed.elapsed() > FLUSH {
-                // What fails here fails again below.
+                // An error here occurs again below.
                 let _ = records.flush();
                 flushed = Instant::now();
             }
@@ -187,8 +187,8 @@ pub fn sweep(
     Ok(SweepSummary { runs: sweep.runs(), share, done, failed, files })
 }
 
-/// The rows of the table that are there: the shard's, or with `gathered` all of a directory whose shards are
-/// complete.
+/// The rows of the table that exist so far: those of the shard, or with `gathered` all rows of a directory
+/// whose shards are complete.
 ///
 /// # Errors
 /// As [`gather`].
@@ -218,8 +218,8 @@ fn failures(directory: &Path, identity: &[u8], sweep: &Sweep, shard: Shard) -> R
 /// Joins the shards in a directory to the table.
 ///
 /// # Errors
-/// [`SweepError::Incomplete`] with the shards that are missing, not at their ends, or overlap; and the
-/// others.
+/// [`SweepError::Incomplete`] with the shards that are missing, unfinished or overlapping; and the other
+/// variants.
 pub fn gather(sweep: &Sweep, options: &SweepOptions) -> Result<SweepSummary, SweepError> {
     let identity = sweep.identity(options.precision);
     let shards = Records::all(&options.directory, &identity, sweep.layout())?;
@@ -248,7 +248,7 @@ fn conclude(sweep: &Sweep, options: &SweepOptions, shards: &[Records]) -> Result
 }
 
 impl Sweep {
-    /// Makes one run; nothing if it was stopped.
+    /// Makes one run; `None` if it was stopped.
     fn make(
         &self,
         run: usize,

@@ -1,4 +1,4 @@
-//! Gains and orders of fractional controllers for a plant, and what comes of them.
+//! Gains and orders of fractional controllers for a plant, and the margins and responses that result.
 //!
 //! | file | idea |
 //! |---|---|
@@ -50,7 +50,7 @@ pub enum TuneError {
     /// No controller of this structure meets the specification.
     #[error("{0}")]
     Infeasible(String),
-    /// The loop would be unstable, or whether it is cannot be known.
+    /// The loop would be unstable, or its stability cannot be decided.
     #[error("{0}")]
     Unstable(String),
     /// It was stopped.
@@ -65,18 +65,17 @@ pub struct Tuning {
     pub law: Law,
     /// Margins of the loop in continuous time.
     pub margins: Margins,
-    /// Margins of the loop that ticks, with the discrete law and the plant behind a hold.
+    /// Margins of the sampled loop: discrete law, and plant behind a zero-order hold.
     pub sampled_margins: Margins,
-    /// What a specification bounds, and what it became.
+    /// The bounds of the specification with the values reached.
     pub bounds: Vec<Bound>,
     /// The plant's ultimate gain and frequency under a proportional controller, if it has them.
     pub ultimate: Option<(f64, f64)>,
-    /// The same by a relay.
+    /// Result of a relay experiment, if requested.
     pub relay: Option<RelayResult>,
     /// The plant and the loop over frequencies.
     pub response: Vec<LoopPoint>,
-    /// t, y after a unit step of the setpoint, u then, and y after a unit step of a load at the plant's
-    /// input.
+    /// Rows t, y and u after a unit step of the setpoint, y after a unit step of a load at the plant's input.
     pub steps: Vec<[f64; 4]>,
     /// Warnings.
     pub warnings: Vec<String>,
@@ -91,14 +90,14 @@ pub struct LoopPoint {
     pub plant: Complex<f64>,
     /// L(iω).
     pub open: Complex<f64>,
-    /// L of the loop that ticks, below π/h.
+    /// L of the sampled loop, below π/h.
     pub sampled: Option<Complex<f64>>,
 }
 
-/// The frequencies about which a loop happens.
+/// The frequency range of a loop.
 struct Range {
     contour: Contour,
-    /// Where margins are looked for.
+    /// Range in which margins are determined.
     from: f64,
     to: f64,
 }
@@ -113,7 +112,8 @@ fn open_loop(plant: &Plant, law: &Law, s: Complex<f64>) -> Option<OpenLoop> {
     })
 }
 
-/// |L| below which a loop may end, and with a dead time must.
+/// Bounds on |L| at the highest frequency that is considered: without a dead time (`ENDS_AT`) and with one
+/// (`MUST_END_AT`).
 const ENDS_AT: f64 = 0.3;
 const MUST_END_AT: f64 = 0.95;
 
@@ -129,7 +129,7 @@ fn range(plant: &Plant, law: &Law, about: f64) -> Result<Range, String> {
     while highest < far && (size(highest).is_nan() || size(highest) > enough) {
         highest *= 10.0;
     }
-    // Behind the end it must not grow again.
+    // Beyond the highest frequency |L| must not grow again.
     let end = [1e2, 1e4, 1e6].iter().map(|part| size(part * highest)).fold(0.0, f64::max);
     if dead_time > 0.0 && (size(highest) > MUST_END_AT || end > MUST_END_AT) {
         return Err(
@@ -138,7 +138,7 @@ fn range(plant: &Plant, law: &Law, about: f64) -> Result<Range, String> {
                 .to_owned(),
         );
     }
-    // An integral that is small beside the proportional term begins to matter far down.
+    // A small integral term becomes significant at very low frequencies only.
     let [kp, ki, _] = law.three();
     let mut lowest = 1e-7 * about.min(plant.scale());
     if ki != 0.0 && kp != 0.0 {
@@ -162,22 +162,22 @@ fn check(plant: &Plant, law: &Law, about: f64) -> Result<(), String> {
     }
 }
 
-/// Points of the responses.
+/// Number of points of the responses.
 const POINTS: usize = 400;
 
-/// What a specification leads to.
+/// The controller found for a specification.
 #[derive(Clone, Debug)]
 pub struct Found {
     /// The controller.
     pub law: Law,
-    /// What the specification bounds, and what it became.
+    /// The bounds of the specification with the values reached.
     pub bounds: Vec<Bound>,
-    /// What a relay told on the way.
+    /// Result of a relay experiment, if one was made.
     pub relay: Option<RelayResult>,
     about: f64,
 }
 
-/// Tunes a controller, and says what comes of it.
+/// Tunes a controller, and computes margins and responses of the loop.
 ///
 /// # Errors
 /// [`TuneError`].
@@ -186,7 +186,8 @@ pub fn tune(problem: &TuningProblem, stop: &AtomicBool) -> Result<Tuning, TuneEr
     Ok(Tuning { relay, bounds, ..judged(problem, law, about, stop)? })
 }
 
-/// The law that a specification leads to; of that by a crossover it is known that the loop is stable.
+/// The law for a specification. Stability of the loop has been checked only for specifications by a
+/// crossover.
 ///
 /// # Errors
 /// [`TuneError::Infeasible`], and if it was stopped.
@@ -270,7 +271,7 @@ pub fn margins_of(problem: &TuningProblem, law: &Law) -> Result<Margins, TuneErr
     found().map_err(TuneError::Unstable)
 }
 
-/// What comes of a law that is known.
+/// Margins and responses of the loop with a given law.
 ///
 /// # Errors
 /// [`TuneError::Unstable`], and if it was stopped.
@@ -299,7 +300,7 @@ fn judged(problem: &TuningProblem, law: Law, about: f64, stop: &AtomicBool) -> R
 
     let highest = band(structure.sample);
     let lowest = range.contour.lowest.min(1e-4 * highest);
-    // A plant may have motions of its own that neither grow nor fade.
+    // The plant may have undamped modes of its own, with poles on the imaginary axis.
     let shift = 1e-7 * about.min(plant.scale());
     let own = growing_motions_open(&Contour { shift, ..range.contour }, &|s| plant.at(s));
     let own = own.map_err(|reason| unstable(format!("of the plant alone, {reason}")))?;
@@ -347,7 +348,7 @@ fn judged(problem: &TuningProblem, law: Law, about: f64, stop: &AtomicBool) -> R
             let time = end * k as f64 / POINTS as f64;
             let image = |of: &dyn Fn(Complex<f64>, Complex<f64>) -> Complex<f64>| {
                 on_a_line(time, |s| {
-                    // Where the plant has no value, on a pole, neither has its loop.
+                    // On a pole of the plant the loop has no value either.
                     let value = plant.at(s).map_or(Complex::new(f64::NAN, 0.0), |plant| plant.value);
                     of(s, value) / s
                 })

@@ -1,4 +1,4 @@
-//! Files of results: each appears atomically, and an error names the one it is about.
+//! Files of results: each appears atomically, and an error names its file.
 
 #[cfg(feature = "pictures")]
 use crate::results::picture::Chart;
@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{self, SyncSender};
 use std::thread::JoinHandle;
 
-/// Why a file of results, or a directory for them, is not there.
+/// A file of results, or a directory for them, could not be written or created.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {source}", .path.display())]
 pub struct FileError {
@@ -21,14 +21,13 @@ pub struct FileError {
 }
 
 impl FileError {
-    /// For one path, what makes an error of it.
+    /// A function that makes an error about `path` of an I/O error.
     pub(crate) fn at(path: &Path) -> impl Fn(io::Error) -> Self + '_ {
         |source| Self { path: path.to_owned(), source: explained(path, source) }
     }
 }
 
-/// The error about a file whose directory has gone says so: that it was there when the file was begun is
-/// known.
+/// Explains in an error that the directory of a file has been removed since the file was begun.
 fn explained(path: &Path, error: io::Error) -> io::Error {
     match path.parent() {
         Some(directory) if error.kind() == io::ErrorKind::NotFound && !exists(directory) => io::Error::new(
@@ -53,28 +52,28 @@ pub(crate) struct PartFile {
     part: PathBuf,
     destination: PathBuf,
     committed: bool,
-    /// Bytes since the disk was last told to take what there is.
+    /// Bytes written since the last order to flush to the disk.
     waiting: usize,
     helper: Option<DiskHelper>,
 }
 
-/// A thread that has the disk take the beginning of a large file while the rest is being written.
+/// A thread that flushes the beginning of a large file to the disk while the rest is being written.
 struct DiskHelper {
     orders: SyncSender<()>,
     thread: JoinHandle<()>,
 }
 
 impl DiskHelper {
-    /// It is given something to do after so many bytes.
+    /// Number of bytes between two flushes.
     const AFTER: usize = 8 << 20;
 
     fn of(file: &File) -> io::Result<Self> {
         let file = file.try_clone()?;
-        // While one order is being followed one more can wait; it stands for all that come until then.
+        // While one flush is in progress one more order can wait; further orders are covered by it.
         let (orders, received) = mpsc::sync_channel(1);
         let thread = std::thread::Builder::new().spawn(move || {
             for () in received {
-                // What fails here fails again when the file is complete, and is told then.
+                // An error here occurs again when the file is complete, and is reported then.
                 let _ = file.sync_data();
             }
         })?;
@@ -85,8 +84,8 @@ impl DiskHelper {
 /// Ending of the names of files that are being written.
 const PART_ENDING: &str = ".fvi-part";
 
-/// The file that a name stands for, and what is there already. A link stays a link; the file that it names is
-/// replaced.
+/// The file that a path refers to, and the metadata of an existing file there. A link remains; the file that
+/// it refers to is replaced.
 pub(crate) fn destination_of(path: &Path) -> io::Result<(PathBuf, Option<fs::Metadata>)> {
     let destination = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let replaced = fs::metadata(&destination).ok();
@@ -108,10 +107,11 @@ impl PartFile {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
                 file => file?,
             };
-            // Without locks, on some network file systems, it stays where it is if the process is killed.
+            // On file systems without locks (some network file systems) the part file remains if the process
+            // is killed.
             let _ = file.lock();
             if !part.exists() {
-                // Another process took it for a dead one's between the last two lines.
+                // Between creation and lock another process has removed it as abandoned.
                 continue;
             }
             if let Some(replaced) = &replaced {
@@ -121,17 +121,17 @@ impl PartFile {
         }
     }
 
-    /// Has what was written on the disk.
+    /// Flushes what was written to the disk.
     pub(crate) fn sync(&mut self) -> io::Result<()> {
         if let Some(DiskHelper { orders, thread }) = self.helper.take() {
             drop(orders);
-            // A helper that is gone leaves more to do.
+            // If the helper failed, `sync_all` below does its work.
             let _ = thread.join();
         }
         self.file.sync_all()
     }
 
-    /// Puts the file into its place.
+    /// Renames the file to its destination.
     fn commit(mut self) -> io::Result<()> {
         self.sync()?;
         fs::rename(&self.part, &self.destination)?;
@@ -175,8 +175,8 @@ impl Drop for PartFile {
     }
 }
 
-/// Removes what killed processes have left behind in a directory: files that were being written and that
-/// nobody holds.
+/// Removes the unfinished files that killed processes have left in a directory: those that no process has
+/// locked.
 pub(crate) fn remove_abandoned_parts(directory: &Path) {
     let directory = if directory.as_os_str().is_empty() { Path::new(".") } else { directory };
     let Ok(entries) = fs::read_dir(directory) else { return };
@@ -192,17 +192,17 @@ pub(crate) fn remove_abandoned_parts(directory: &Path) {
     }
 }
 
-/// Begins a file; it is not there before [`commit`].
+/// Begins a file; it appears at its destination with [`commit`].
 pub(crate) fn begin(path: &Path) -> io::Result<NewFile> {
     Ok(BufWriter::with_capacity(1 << 16, PartFile::beside(path)?))
 }
 
-/// Puts a file that has been written into its place.
+/// Renames a completed file to its destination.
 pub(crate) fn commit(file: NewFile) -> io::Result<()> {
     file.into_inner().map_err(io::IntoInnerError::into_error)?.commit()
 }
 
-/// Writes a file in one go.
+/// Writes a file with `write`, and commits it.
 pub(crate) fn write(
     path: &Path,
     content: impl FnOnce(&mut NewFile) -> io::Result<()>,
@@ -215,11 +215,11 @@ pub(crate) fn write(
     write().map_err(FileError::at(path))
 }
 
-/// Writes to what the user has named: a file as a whole; a device, a pipe or a terminal directly, as a shell
-/// would.
+/// Writes to a path given by the user: a regular file atomically; a device, pipe or terminal directly, as a
+/// shell would.
 ///
 /// # Errors
-/// [`FileError`] if it cannot be opened or written; a file that was there is then as it was.
+/// [`FileError`] if it cannot be opened or written; an existing file is then unchanged.
 pub fn write_out(
     path: &Path,
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
@@ -247,7 +247,7 @@ pub(crate) fn remove(path: &Path) -> Result<(), FileError> {
 /// Writes a text atomically.
 ///
 /// # Errors
-/// [`FileError`] if it cannot be written; what was there is then as it was.
+/// [`FileError`] if it cannot be written; an existing file is then unchanged.
 pub fn write_text(path: &Path, text: &str) -> Result<(), FileError> {
     write(path, |file| file.write_all(text.as_bytes()))
 }
@@ -263,7 +263,7 @@ pub(crate) fn write_json(path: &Path, record: &impl Serialize) -> Result<(), Fil
 /// Draws a picture and writes it as SVG, atomically.
 ///
 /// # Errors
-/// [`FileError`] if it cannot be drawn or written; what was there is then as it was.
+/// [`FileError`] if it cannot be drawn or written; an existing file is then unchanged.
 #[cfg(feature = "pictures")]
 pub fn write_picture(path: &Path, chart: &Chart) -> Result<(), FileError> {
     let svg = chart.to_svg().map_err(io::Error::other).map_err(FileError::at(path))?;

@@ -1,11 +1,11 @@
-//! Files that grow over a whole run, and that another process may go on with.
+//! Files that grow over a whole run, and that another process may continue.
 
 use crate::results::files::destination_of;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// How far a file had grown at a moment: so many bytes behind its head, with this checksum.
+/// Length of a growing file at some moment: number of bytes behind its head, and their checksum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Mark {
     /// Bytes behind the head.
@@ -16,8 +16,8 @@ pub(crate) struct Mark {
 
 /// A file that grows beside its destination, under the destination's name with `.part`.
 ///
-/// It has a head of fixed length, empty for most, that may be written anew at any time. It is removed when
-/// dropped unless it is to be kept or has been put in its place.
+/// It has a head of fixed length (often 0) that may be rewritten at any time. It is removed when dropped
+/// unless [`keep`](Self::keep) or [`commit`](Self::commit) was called.
 pub(crate) struct GrowingFile {
     file: File,
     part: PathBuf,
@@ -28,11 +28,11 @@ pub(crate) struct GrowingFile {
     kept: bool,
 }
 
-/// Bytes that are gathered before they are written.
+/// Size of the write buffer in bytes.
 const BUFFER: usize = 1 << 16;
 
 impl GrowingFile {
-    /// An empty file with a head of `head` bytes, which are still zero.
+    /// An empty file with a head of `head` zero bytes.
     pub(crate) fn begin(destination: &Path, head: u64) -> io::Result<Self> {
         let (destination, replaced) = destination_of(destination)?;
         let part = part_of(&destination);
@@ -48,11 +48,11 @@ impl GrowingFile {
         Ok(this)
     }
 
-    /// Goes on behind a mark: with the part, where it holds what was marked, or with a copy of what `whole`
-    /// opens.
+    /// Continues behind a mark: in the part file, if it contains the marked bytes, otherwise in a copy of the
+    /// file that `whole` opens.
     ///
     /// # Errors
-    /// If neither holds it.
+    /// If neither contains the marked bytes.
     pub(crate) fn resume(
         destination: &Path,
         head: u64,
@@ -91,7 +91,7 @@ impl GrowingFile {
         Ok(this)
     }
 
-    /// Whether the part, or what `whole` opens, holds what was marked. Nothing is changed.
+    /// Whether the part file, or the file that `whole` opens, contains the marked bytes. Changes nothing.
     pub(crate) fn can_resume(
         destination: &Path,
         head: u64,
@@ -103,7 +103,7 @@ impl GrowingFile {
             || whole().is_ok_and(|mut file| holds(&mut file, head, mark).unwrap_or(false))
     }
 
-    /// Flushes to the disk; returns how far the file has grown.
+    /// Flushes to the disk and returns a mark of the current length.
     pub(crate) fn mark(&mut self) -> io::Result<Mark> {
         self.flush()?;
         self.file.sync_data()?;
@@ -118,17 +118,17 @@ impl GrowingFile {
         Ok(())
     }
 
-    /// Bytes behind the head that are not only gathered but written.
+    /// Number of bytes behind the head that have been written to the file, without those in the buffer.
     pub(crate) fn written(&self) -> u64 {
         self.written
     }
 
-    /// From now on the part stays when it is dropped.
+    /// From now on the part file is kept when this is dropped.
     pub(crate) fn keep(&mut self) {
         self.kept = true;
     }
 
-    /// Puts the file into its place.
+    /// Renames the file to its destination.
     pub(crate) fn commit(mut self) -> io::Result<()> {
         self.flush()?;
         self.file.sync_all()?;
@@ -137,21 +137,21 @@ impl GrowingFile {
         Ok(())
     }
 
-    /// The part, written and on the disk, to be read; it is removed with the value that is returned beside
-    /// it.
+    /// Flushes the part file and opens it for reading; it is removed when the second returned value is
+    /// dropped.
     pub(crate) fn reread(mut self) -> io::Result<(File, Self)> {
         self.flush()?;
         let file = File::open(&self.part)?;
         Ok((file, self))
     }
 
-    /// Removes the part when dropped, kept or not.
+    /// Lets the part file be removed when this is dropped, even after [`keep`](Self::keep).
     pub(crate) fn discard(&mut self) {
         self.kept = false;
     }
 }
 
-/// Bytes are gathered until there are [`BUFFER`] of them.
+/// Writes go through a buffer of [`BUFFER`] bytes.
 impl Write for GrowingFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if self.buffer.len() + bytes.len() > BUFFER {
@@ -178,14 +178,14 @@ impl Drop for GrowingFile {
     }
 }
 
-/// Where a file grows.
+/// Path of the part file.
 fn part_of(destination: &Path) -> PathBuf {
     let mut name = destination.as_os_str().to_owned();
     name.push(".part");
     PathBuf::from(name)
 }
 
-/// Whether a file holds what was marked.
+/// Whether a file contains the marked bytes.
 fn holds(file: &mut impl Read, head: u64, mark: &Mark) -> io::Result<bool> {
     let skipped = io::copy(&mut file.by_ref().take(head), &mut io::sink())?;
     let mut rest = file.take(mark.length);
@@ -233,7 +233,7 @@ mod tests {
         file.commit().unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"<>onetwo");
 
-        // A whole file is gone on with as well, and stays as it is until then.
+        // A completed file can be continued as well, and is unchanged until the new one is committed.
         let whole = || Ok(Box::new(File::open(&path)?) as Box<dyn Read>);
         assert!(GrowingFile::can_resume(&path, 2, &later, whole));
         let mut file = GrowingFile::resume(&path, 2, &mark, whole).unwrap();
@@ -242,7 +242,7 @@ mod tests {
         file.commit().unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"<>onethree");
 
-        // What was marked is no longer there.
+        // The marked bytes no longer exist.
         fs::write(&path, b"<>one").unwrap();
         assert!(!GrowingFile::can_resume(&path, 2, &later, whole));
         fs::write(&path, b"<>onetWo").unwrap();

@@ -1,42 +1,43 @@
-//! Numbers as the few bits of them that a picture shows.
+//! Numbers quantised to 16 bits, enough for a picture.
 
 use serde::{Deserialize, Serialize};
 
-/// A ladder of levels around the first number that is put on it, which grows with what is to be reached.
+/// A uniform quantisation around the first number stored; its step grows with the largest distance from that
+/// number.
 ///
-/// A number takes two bytes. The distance of two rungs is a power of two and at most 1/16383 of the largest
-/// distance from the first number; where it has grown on the way, what was put there before is off by one
-/// rung at most.
+/// A number takes two bytes. The quantisation step (`rung`) is a power of two and at most 1/16383 of the
+/// largest distance from the first number. Numbers stored before the step grew are off by one step at most.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Levels {
     origin: Option<f64>,
     rung: f64,
 }
 
-/// The place of a number on the ladder.
+/// Quantised number, in steps from the origin.
 pub(super) type Level = i16;
 
-/// Stands for numbers that are too large for any picture.
+/// Level of numbers that are too large for any picture.
 const BEYOND: Level = Level::MIN;
 
 /// The largest number that has a level; no axis of a picture reaches as far.
 const LARGEST: f64 = 1e300;
 
-/// The highest level that a number is given when the ladder has just grown for it.
+/// Largest level; a number beyond it makes the step grow.
 const HIGHEST: f64 = 32766.0;
 
 impl Levels {
-    /// The number that all others are counted from.
+    /// The number with level 0: the first one stored.
     pub(super) fn origin(&self) -> Option<f64> {
         self.origin
     }
 
-    /// Whether a ladder that was read could have grown.
+    /// Whether values read from a file are valid for a quantisation.
     pub(super) fn is_sound(&self) -> bool {
         self.origin.is_none_or(|origin| origin.abs() <= LARGEST) && self.rung >= 0.0 && self.rung <= LARGEST
     }
 
-    /// Makes room for a number; what levels on the ladder are to be multiplied by if it had to grow.
+    /// Enlarges the step if a number is out of range; returns the factor by which existing levels must be
+    /// multiplied then.
     pub(super) fn reach(&mut self, number: f64) -> Option<f64> {
         if !has_level(number) {
             return None;
@@ -51,14 +52,14 @@ impl Levels {
         Some(ratio)
     }
 
-    /// The level of a number that was reached.
+    /// The level of a number, after [`reach`](Self::reach) for it.
     pub(super) fn level(&self, number: f64) -> Level {
         let Some(origin) = self.origin.filter(|_| has_level(number)) else { return BEYOND };
-        // The cast takes what is no number, 0/0 of a ladder without rungs, to level 0.
+        // The cast maps NaN, from 0/0 when the step is still 0, to level 0.
         ((number - origin) / self.rung).round_ties_even() as Level
     }
 
-    /// The number at a level; one that no axis has a place for where there was such a one.
+    /// The number at a level; `f64::MAX`, which no axis shows, for [`BEYOND`].
     pub(super) fn number(&self, level: Level) -> f64 {
         match self.origin {
             Some(origin) if level != BEYOND => origin + f64::from(level) * self.rung,
@@ -67,17 +68,17 @@ impl Levels {
     }
 }
 
-/// Moves a level as the ladder grows.
+/// Converts a level when the step grows; `ratio` is the factor from [`Levels::reach`].
 pub(super) fn moved(level: Level, ratio: f64) -> Level {
     if level == BEYOND { BEYOND } else { (f64::from(level) * ratio).round_ties_even() as Level }
 }
 
-/// Whether a number is not too large to be told from others by its level.
+/// Whether a number is small enough to have a level.
 pub(super) fn has_level(number: f64) -> bool {
     number.abs() <= LARGEST
 }
 
-/// The largest power of two that is not above a positive number; the smallest of all below that.
+/// The largest power of two not above a positive number, for subnormal numbers too.
 fn power_of_two_below(number: f64) -> f64 {
     if number >= f64::MIN_POSITIVE {
         const EXPONENT: u64 = 0x7ff << 52;

@@ -1,4 +1,4 @@
-//! What a run is measured by: largest values, and errors against the reference.
+//! Measures of a run: largest values, and errors against the reference.
 
 use crate::numerics::column::largest;
 use crate::scenario::ReferenceRow;
@@ -6,7 +6,7 @@ use crate::simulation::GridState;
 use crate::simulation::step_batch::StepBatch;
 use serde::{Deserialize, Serialize};
 
-/// The larger of two; not-a-number, once met, stays.
+/// The larger of two numbers; NaN if either is NaN.
 pub(crate) fn larger(largest: f64, number: f64) -> f64 {
     if number <= largest || largest.is_nan() { largest } else { number }
 }
@@ -31,8 +31,7 @@ impl ErrorMeasure {
         let Some((first_found, first_known)) = errors.next() else { return };
         let mut last = 0.0_f64;
         for (found, known) in core::iter::once((first_found, first_known)).chain(errors) {
-            // A difference beyond the largest number, or of what is not a number, counts as the largest
-            // number.
+            // A difference that overflows or is NaN counts as the largest finite number.
             let error = Some((found - known).abs()).filter(|error| error.is_finite());
             last = last.max(error.unwrap_or(f64::MAX));
             self.reference_largest = self.reference_largest.max(known.abs());
@@ -77,17 +76,18 @@ impl ReferenceErrors {
         self.undefined += known.undefined;
     }
 
-    /// Its parts, in a form that can be stored and taken [back](Self::of_parts).
+    /// Errors of position, momentum and energy, and the number of undefined values, for storage;
+    /// [`of_parts`](Self::of_parts) is the inverse.
     pub(crate) fn parts(&self) -> ([ErrorMeasure; 3], usize) {
         ([self.position, self.momentum, self.energy], self.undefined)
     }
 
-    /// The errors of which these are the parts.
+    /// Inverse of [`parts`](Self::parts).
     pub(crate) fn of_parts(([position, momentum, energy], undefined): ([ErrorMeasure; 3], usize)) -> Self {
         Self { position, momentum, energy, undefined }
     }
 
-    /// Warning about values of the reference that could not be compared with.
+    /// Warning about values of the reference that are not finite.
     pub fn warning(&self) -> Option<String> {
         (self.undefined > 0).then(|| {
             format!("reference: {} of its values are not finite numbers and are not compared", self.undefined)
@@ -112,7 +112,7 @@ pub struct Largest {
 }
 
 impl Largest {
-    /// Takes in the states of a batch, whose numbers are finite.
+    /// Updates the maxima with the states of a batch, which are finite.
     pub(crate) fn take(&mut self, batch: &StepBatch) {
         match batch.alone() {
             Some((position, momentum)) => {
@@ -132,7 +132,7 @@ impl Largest {
     }
 }
 
-/// Raises each to the largest absolute value of its column.
+/// Raises each entry of `most` to the largest absolute value of its column.
 fn raise<'a>(most: &mut Vec<f64>, columns: impl Iterator<Item = &'a [f64]>) {
     for (index, column) in columns.enumerate() {
         if index == most.len() {
@@ -142,7 +142,7 @@ fn raise<'a>(most: &mut Vec<f64>, columns: impl Iterator<Item = &'a [f64]>) {
     }
 }
 
-/// Raises each to the absolute value of its number.
+/// Raises each entry of `most` to the absolute value of its number.
 fn raise_each(most: &mut Vec<f64>, numbers: &[f64]) {
     most.resize(numbers.len(), 0.0);
     most.iter_mut().zip(numbers).for_each(|(most, number)| *most = larger(*most, number.abs()));

@@ -1,4 +1,5 @@
-//! Rows of states as NumPy reads them: arrays that grow side by side and become one archive.
+//! Rows of states as NumPy arrays: each grows in a file of its own, and all are finally joined in one
+//! archive.
 
 use crate::results::files;
 use crate::results::growing_file::{GrowingFile, Mark};
@@ -8,7 +9,8 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-/// Arrays, each in a part that `np.load` opens at any time: its head counts the rows that are written.
+/// Arrays, each in a part file that `np.load` can open at any time, since its head contains the number of
+/// rows written.
 pub(crate) struct NpzRows {
     path: PathBuf,
     arrays: Vec<Array>,
@@ -18,11 +20,11 @@ pub(crate) struct NpzRows {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Shape {
     pub(crate) name: &'static str,
-    /// Columns, if it is a matrix.
+    /// Number of columns of a matrix; `None` for a vector.
     pub(crate) columns: Option<usize>,
 }
 
-/// The arrays of states with so many coordinates: `t`, `q`, `p`.
+/// The arrays of states with `coordinates` coordinates: `t`, `q`, `p`.
 pub(crate) fn states(coordinates: usize) -> [Shape; 3] {
     let columns = Some(coordinates);
     [Shape { name: "t", columns: None }, Shape { name: "q", columns }, Shape { name: "p", columns }]
@@ -31,7 +33,7 @@ pub(crate) fn states(coordinates: usize) -> [Shape; 3] {
 struct Array {
     shape: Shape,
     file: GrowingFile,
-    /// Bytes behind the head when the head was written.
+    /// Number of bytes behind the head that the head accounts for.
     counted: u64,
 }
 
@@ -41,7 +43,7 @@ impl NpzRows {
         Self::with_files(path, arrays, |name| GrowingFile::begin(&array_path(path, name), HEAD))
     }
 
-    /// Goes on behind marks.
+    /// Continues behind marks.
     pub(crate) fn resume(path: &Path, arrays: &[Shape], marks: &[Mark]) -> io::Result<Self> {
         let mut marks = marks.iter();
         Self::with_files(path, arrays, |name| {
@@ -69,7 +71,7 @@ impl NpzRows {
         self.arrays.iter().map(|array| array.shape.name)
     }
 
-    /// Takes a row: the numbers of each array.
+    /// Appends a row: the numbers of each array.
     pub(crate) fn push<'a>(&mut self, row: impl IntoIterator<Item = &'a [f64]>) -> io::Result<()> {
         self.arrays.iter_mut().zip(row).try_for_each(|(array, numbers)| array.push(numbers))
     }
@@ -82,7 +84,7 @@ impl NpzRows {
         self.arrays.iter_mut().for_each(|array| array.file.keep());
     }
 
-    /// Puts the arrays together into the archive.
+    /// Joins the arrays in the archive.
     pub(crate) fn finish(self) -> io::Result<()> {
         let mut archive = numpy::Archive::new(files::begin(&self.path)?);
         let mut parts = Vec::new();
@@ -114,7 +116,7 @@ impl Array {
         self.file.mark()
     }
 
-    /// Counts the rows that are written.
+    /// Writes the number of rows into the heads.
     fn write_head(&mut self) -> io::Result<()> {
         self.counted = self.file.written();
         let row = 8 * self.shape.columns.unwrap_or(1).max(1) as u64;
@@ -122,7 +124,7 @@ impl Array {
     }
 }
 
-/// Whether parts or archive hold what was marked of the arrays with these names.
+/// Whether part files or archive contain the marked rows of the arrays with these names.
 pub(crate) fn can_resume(path: &Path, names: &[impl AsRef<str>], marks: &[Mark]) -> bool {
     let is_there = |(mark, name): (&Mark, &str)| {
         GrowingFile::can_resume(&array_path(path, name), HEAD, mark, || member(path, name))
@@ -147,12 +149,12 @@ pub(crate) fn read_rows(
     }))
 }
 
-/// Where an array would be if it stood by itself.
+/// Path of the file of a single array.
 fn array_path(path: &Path, name: &str) -> PathBuf {
     path.with_extension(format!("{name}.npy"))
 }
 
-/// An array of the archive.
+/// Opens an array of the archive.
 fn member(path: &Path, name: &str) -> io::Result<Box<dyn Read>> {
     let mut file = BufReader::new(File::open(path)?);
     let mut buffer = vec![0; RECOMMENDED_BUFFER_SIZE];

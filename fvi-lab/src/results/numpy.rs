@@ -5,8 +5,8 @@ use crc32fast::Hasher;
 use rawzip::{DataDescriptorOutput, ZipArchiveWriter};
 use std::io::{self, BufWriter, Write};
 
-/// Bytes of the head of an array, which has a fixed length so that it can be written anew when rows have
-/// come.
+/// Length in bytes of the head of an array, fixed so that the head can be rewritten when rows have been
+/// added.
 pub(crate) const HEAD: u64 = 128;
 
 /// Type of the numbers of an array.
@@ -16,13 +16,13 @@ pub(crate) enum Kind {
     Number,
     /// i64.
     Whole,
-    /// Texts of at most so many characters, as UTF-32 padded with zeros.
+    /// Texts with at most this number of characters, as UTF-32 padded with zeros.
     Text(usize),
 }
 
 /// The head of an array of version 1.0 of the format.
 ///
-/// A vector has no second size.
+/// `columns` is `None` for a vector.
 pub(crate) fn head(kind: Kind, rows: u64, columns: Option<usize>) -> Vec<u8> {
     let kind = match kind {
         Kind::Number => "<f8".to_owned(),
@@ -55,7 +55,7 @@ pub(crate) fn write_array(
     Ok(())
 }
 
-/// Counts what is written, with its checksum.
+/// A writer that counts bytes and computes their checksum.
 struct Summed<W> {
     inner: W,
     checksum: Hasher,

@@ -7,22 +7,22 @@ use std::path::{Path, PathBuf};
 
 /// A directory that this process alone writes to.
 ///
-/// The lock lies on the directory itself, so that it leaves no file behind and ends with the process, however
-/// that ends. Where the system cannot lock a directory (Windows, some network file systems) runs are not kept
-/// apart.
+/// The directory itself is locked, so that no lock file remains and the lock ends with the process in any
+/// case. Where the system cannot lock a directory (Windows, some network file systems) runs are not protected
+/// from each other.
 #[derive(Debug)]
 pub struct OutputDirectory {
     path: PathBuf,
-    /// The directories that were made for it, outermost first.
+    /// The directories that were created for it, outermost first.
     made: Vec<PathBuf>,
     lock: Option<File>,
 }
 
 impl OutputDirectory {
-    /// Makes the directory, and those above it, if they are not there; locks it; removes what killed runs
-    /// have left in it.
+    /// Creates the directory and its parents if they do not exist, locks it, and removes unfinished files of
+    /// killed runs.
     ///
-    /// Directories that were made are removed again when the value is dropped and nothing is in them.
+    /// Directories that were created are removed again when the value is dropped, if they are empty.
     ///
     /// # Errors
     /// If it cannot be made, is a file, or another process writes to it ([`refuses`](Self::refuses)).
@@ -47,7 +47,7 @@ impl OutputDirectory {
         Ok(claimed)
     }
 
-    /// Makes a directory, and those above it, if they are not there.
+    /// Creates a directory and its parents if they do not exist.
     ///
     /// # Errors
     /// If it cannot be made, or is a file ([`refuses`](Self::refuses)).
@@ -59,7 +59,8 @@ impl OutputDirectory {
         fs::create_dir_all(path).map_err(FileError::at(path))
     }
 
-    /// Whether an error is about which directory was chosen: it is none, or another process writes to it.
+    /// Whether an error means that this path cannot be used: it is not a directory, or another process writes
+    /// to it.
     pub fn refuses(error: &FileError) -> bool {
         matches!(error.source.kind(), io::ErrorKind::ResourceBusy | io::ErrorKind::NotADirectory)
     }
@@ -77,12 +78,12 @@ impl OutputDirectory {
 
 impl Drop for OutputDirectory {
     fn drop(&mut self) {
-        // Said, since a process that is being started by another thread holds a copy of the open file for a
-        // moment.
+        // Unlocked explicitly: a process that another thread is just starting holds a copy of the open file
+        // for a moment.
         if let Some(file) = &self.lock {
             let _ = file.unlock();
         }
-        // One that is not empty stays.
+        // Directories that are not empty remain.
         self.made.iter().rev().take_while(|path| fs::remove_dir(path).is_ok()).for_each(drop);
     }
 }

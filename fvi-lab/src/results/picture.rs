@@ -1,4 +1,4 @@
-//! Pictures: charts as SVG, and traces that keep long runs drawable.
+//! Pictures: charts as SVG, and traces that bound the amount of data of long runs.
 
 mod axis;
 mod chart;

@@ -1,6 +1,6 @@
-//! Whether there is room in memory for what a command is about to take.
+//! Check that enough memory is available before a command allocates it.
 
-/// There is not enough memory, or more than this process may take.
+/// The memory needed is not available, or exceeds the limit of this process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("about {} MB of memory are needed, more than there is, or more than may be taken", .bytes.div_ceil(1 << 20))]
 pub struct NoRoom {
@@ -8,10 +8,11 @@ pub struct NoRoom {
     pub bytes: usize,
 }
 
-/// Refuses what cannot be had: an allocation that fails later would end the process without a word.
+/// Returns an error if `bytes` bytes cannot be allocated; a later failing allocation would abort the process
+/// without a message.
 ///
-/// The system hands out memory that it may not have, so success promises nothing; a limit on the process is
-/// honoured.
+/// Systems may grant more memory than they have, so success guarantees nothing; a limit on the process is
+/// respected.
 ///
 /// # Errors
 /// [`NoRoom`].

@@ -8,11 +8,11 @@ use crate::scenario::{ReferenceRow, ReferenceSource, Scenario};
 use crate::simulation::columns::{Columns, Source};
 use std::path::Path;
 
-/// Intervals of the polygon by which a reference is drawn.
+/// Number of segments of the polygon that a reference is drawn with.
 const REFERENCE_INTERVALS: usize = 600;
 
 impl RunTraces {
-    /// Draws what was gathered up to the time `end`; adds the names of the files.
+    /// Draws the pictures of a run up to the time `end`; adds the names of the files to `files`.
     pub(crate) fn draw(
         &self,
         scenario: &Scenario,
@@ -27,7 +27,8 @@ impl RunTraces {
         ];
         match self.phase_portrait(scenario, &reference) {
             Some(chart) => charts.push(("phase.svg", chart)),
-            // A portrait from an earlier run of another system would pass for this one's.
+            // A phase portrait left by an earlier run of another system would be mistaken for one of this
+            // run.
             None => remove(&directory.join("phase.svg"))?,
         }
         if scenario.controllers.is_empty() {
@@ -80,7 +81,7 @@ impl RunTraces {
         chart
     }
 
-    /// Outputs of the controllers, and their limits where they come near them.
+    /// Outputs of the controllers, and their limits if an output comes near them.
     fn put_out(&self, scenario: &Scenario) -> Chart {
         let several = scenario.controllers.len() > 1;
         let mut chart = chart(scenario, time_axis(scenario), Axis::linear("output u"));
@@ -136,17 +137,16 @@ fn chart(scenario: &Scenario, x: Axis, y: Axis) -> Chart {
     Chart::new(scenario.heading(), x, y).with_subtitle(subtitle(scenario))
 }
 
-/// Times of more decades than this are drawn by their logarithm.
+/// Number of decades of time beyond which the time axis is logarithmic.
 const MOST_DECADES: f64 = 3.0;
 
-/// Whether the steps of a run go over so many decades that time is drawn by its logarithm.
+/// Whether the grid spans so many decades that the time axis is logarithmic.
 fn over_decades(scenario: &Scenario) -> bool {
     scenario.time.grid.is_some() && (scenario.time.end() / first_time(scenario)).log10() > MOST_DECADES
 }
 
-/// The first time that is drawn after 0. Where steps are chosen on the way the first are as short as a
-/// singular start asks for, which says nothing about the decades that the scenario is about; its output times
-/// do.
+/// First time after 0 on a logarithmic axis. For adaptive steps it is taken from the output times, since the
+/// first steps may be extremely short because of a singular start.
 fn first_time(scenario: &Scenario) -> f64 {
     let asked = scenario.output.times.iter().copied().find(|&time| time > 0.0);
     match scenario.time.adaptive() {
@@ -178,7 +178,7 @@ fn with_reference(chart: Chart, scenario: &Scenario, label: &str, points: Vec<(f
     chart.with(Series::new(label, style, points))
 }
 
-/// The reference over the time that was computed: all rows of a table, or a fine polygon.
+/// The reference over the computed time: all rows of a table, or a fine polygon of an expression.
 fn reference_rows(scenario: &Scenario, end: f64) -> Vec<ReferenceRow> {
     let Some(reference) = &scenario.reference else { return Vec::new() };
     match &reference.source {

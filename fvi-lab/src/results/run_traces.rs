@@ -1,21 +1,21 @@
-//! What the pictures of a run are drawn from.
+//! Data for the pictures of a run.
 
 use crate::results::trace::{Envelope, PathTrace};
 use serde::{Deserialize, Serialize};
 
-/// Curves gathered along a run, of bounded size.
+/// Curves collected along a run, with bounded size.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct RunTraces {
     pub(super) coordinates: Vec<Envelope>,
     pub(super) energy: Envelope,
     /// (q₀, p₀), for a single coordinate.
     pub(super) phase: Option<PathTrace>,
-    /// The run's columns.
+    /// Curves of the run's [`Columns`](crate::simulation::columns::Columns).
     pub(super) columns: Vec<Envelope>,
 }
 
 impl RunTraces {
-    /// For as many coordinates as are drawn, and columns.
+    /// Empty traces for the number of drawn coordinates and of columns.
     pub(crate) fn new(coordinates: usize, columns: usize) -> Self {
         Self {
             coordinates: vec![Envelope::new(); coordinates],
@@ -25,7 +25,7 @@ impl RunTraces {
         }
     }
 
-    /// Whether what was read could have been gathered along a run with so many coordinates.
+    /// Whether traces read from a file are valid for a run with `coordinates` drawn coordinates.
     pub(crate) fn is_sound(&self, coordinates: usize) -> bool {
         (1..=coordinates).contains(&self.coordinates.len())
             && self.coordinates.iter().chain(&self.columns).all(Envelope::is_sound)
@@ -34,8 +34,7 @@ impl RunTraces {
             && self.phase.iter().all(PathTrace::is_sound)
     }
 
-    /// Takes in times, the coordinates that are drawn, and the energies at all of them or at those that are
-    /// known.
+    /// Appends times, the drawn coordinates, and the energies with their times, which may be fewer.
     pub(crate) fn take<'a>(
         &mut self,
         times: &[f64],
@@ -55,7 +54,7 @@ impl RunTraces {
         }
     }
 
-    /// Takes in the run's columns, at the last of these times.
+    /// Appends the run's columns at the last of these times.
     pub(crate) fn take_columns(&mut self, times: &[f64], columns: &[f64]) {
         let Some(time) = times.last() else { return };
         for (envelope, number) in self.columns.iter_mut().zip(columns) {
@@ -63,7 +62,7 @@ impl RunTraces {
         }
     }
 
-    /// Takes in an energy by itself.
+    /// Appends a single energy.
     pub(crate) fn take_energy(&mut self, time: f64, energy: f64) {
         self.energy.push_all(&[time], &[energy]);
     }

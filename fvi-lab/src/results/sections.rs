@@ -1,4 +1,4 @@
-//! Files of sections that tell when they are damaged: how checkpoints lie on the disk.
+//! Files of checksummed sections: the file format of checkpoints.
 //!
 //! ```text
 //! magic                8 bytes
@@ -8,18 +8,18 @@
 //! each section:        tag (4 bytes), length of the content (u64), content, CRC-32 of the three (u32)
 //! ```
 //!
-//! Integers have the least significant byte first. A change of up to 32 neighbouring bits, so of any single
-//! byte, cannot leave a CRC-32 as it was; lengths are believed only as far as the file reaches.
+//! Integers are little-endian. Any change within 32 adjacent bits, and so of any single byte, changes the
+//! CRC-32; lengths are checked against the length of the file.
 
 use std::io::{self, Write};
 
 /// One section: a tag and its content.
 pub(crate) type Section<'a> = ([u8; 4], &'a [u8]);
 
-/// Why bytes are no such file.
+/// Why bytes are not a valid file of sections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum Damage {
-    /// The first bytes are others.
+    /// The first bytes differ from the expected ones.
     #[error("it does not begin as one")]
     Magic,
     /// It is of another version of the format.
@@ -36,7 +36,7 @@ pub(crate) enum Damage {
     Surplus,
 }
 
-/// Bytes of a content that are written at a time.
+/// Number of bytes of a content that are written at a time.
 const PART: usize = 1 << 18;
 
 /// Writes a file of sections.
@@ -54,7 +54,7 @@ pub(crate) fn write(
     for (tag, content) in sections {
         let length = (content.len() as u64).to_le_bytes();
         let mut hasher = crc32fast::Hasher::new();
-        // Long contents in parts that stay in the cache between being summed and being copied.
+        // Long contents in parts that remain in the cache between checksum and copy.
         for part in [&tag[..], &length].into_iter().chain(content.chunks(PART)) {
             hasher.update(part);
             to.write_all(part)?;
@@ -100,7 +100,7 @@ fn check(parts: &[&[u8]], checksum: &[u8]) -> Result<(), Damage> {
     if hasher.finalize() == u32::from_le_bytes(array(checksum)) { Ok(()) } else { Err(Damage::Checksum) }
 }
 
-/// Bytes of which the caller knows how many there are.
+/// Converts a slice of known length N to an array.
 fn array<const N: usize>(bytes: &[u8]) -> [u8; N] {
     let mut array = [0; N];
     array.iter_mut().zip(bytes).for_each(|(place, &byte)| *place = byte);

@@ -1,4 +1,4 @@
-//! `snapshots.npz`: the whole state at some grid points, as NumPy reads it.
+//! `snapshots.npz`: the whole state at some grid points, as NumPy arrays.
 
 use crate::results::growing_file::Mark;
 use crate::results::npz_rows::{self, NpzRows};
@@ -7,55 +7,55 @@ use crate::results::picture::Map;
 use std::io;
 use std::path::Path;
 
-/// States gathered along a run, in files: `t`, and `q` and `p` with a row for each time.
+/// States collected along a run in arrays: `t`, and `q` and `p` with a row for each time.
 pub(crate) struct Snapshots {
     every: usize,
     rows: NpzRows,
 }
 
 impl Snapshots {
-    /// A file for states of so many coordinates, one after every `every` steps.
+    /// A file for states of `coordinates` coordinates, one every `every` steps.
     pub(crate) fn create(path: &Path, every: usize, coordinates: usize) -> io::Result<Self> {
         let rows = NpzRows::create(path, &npz_rows::states(coordinates))?;
         Ok(Self { every: every.max(1), rows })
     }
 
-    /// Goes on behind marks.
+    /// Continues behind marks.
     pub(crate) fn resume(path: &Path, every: usize, coordinates: usize, marks: &[Mark]) -> io::Result<Self> {
         let rows = NpzRows::resume(path, &npz_rows::states(coordinates), marks)?;
         Ok(Self { every: every.max(1), rows })
     }
 
-    /// Whether what was marked is still there. Nothing is changed.
+    /// Whether the marked rows still exist. Changes nothing.
     pub(crate) fn can_resume(path: &Path, marks: &[Mark]) -> bool {
         let names = npz_rows::states(0).map(|array| array.name);
         npz_rows::can_resume(path, &names, marks)
     }
 
-    /// Every how many steps a state is kept.
+    /// Number of steps between two snapshots.
     pub(crate) fn every(&self) -> usize {
         self.every
     }
 
-    /// Keeps a state.
+    /// Appends a state.
     pub(crate) fn take(&mut self, time: f64, position: &[f64], momentum: &[f64]) -> io::Result<()> {
         self.rows.push([&[time], position, momentum])
     }
 
-    /// Has everything on the disk; returns how far the arrays have got.
+    /// Flushes everything to the disk; returns marks of the arrays.
     pub(crate) fn mark(&mut self) -> io::Result<Vec<Mark>> {
         self.rows.mark()
     }
 
-    /// From now on the parts stay when this is dropped.
+    /// From now on the part files are kept when this is dropped.
     pub(crate) fn keep(&mut self) {
         self.rows.keep();
     }
 
-    /// Puts the archive into its place.
+    /// Writes the archive to its destination.
     ///
     /// # Errors
-    /// If that fails; the file that was there before then still is.
+    /// If that fails; an existing file is then unchanged.
     pub(crate) fn finish(self) -> io::Result<()> {
         self.rows.finish()
     }
@@ -87,7 +87,7 @@ mod tests {
         take(&mut snapshots, 0.0);
         let marks = snapshots.mark().unwrap();
         snapshots.keep();
-        // What comes behind the marks is made again.
+        // Rows behind the marks are written again.
         take(&mut snapshots, 7.0);
         drop(snapshots);
         assert!(Snapshots::can_resume(&path, &marks) && !path.exists());

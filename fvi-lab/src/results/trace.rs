@@ -1,4 +1,4 @@
-//! Traces of a run that stay small however long it is: a few kilobytes each, since they are part of
+//! Traces of a run of bounded size, whatever its length: a few kilobytes each, since they are part of
 //! checkpoints.
 
 use super::levels::{Level, Levels, has_level, moved};
@@ -6,22 +6,22 @@ use crate::numerics::column::{extremes, first_place, is_finite};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// A curve over time, kept as the extremes of a bounded number of intervals: nothing that sticks out is lost.
+/// A curve over time, stored as the extremes in a bounded number of intervals, so that no peak is lost.
 ///
 /// There are at least as many intervals as a picture has columns once the curve is longer than that; values
-/// are kept to a hundredth of what can be seen.
+/// are stored to a hundredth of a pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope {
     levels: Levels,
     intervals: Vec<Interval>,
-    /// Samples an interval holds.
+    /// Number of samples in an interval.
     width: usize,
-    /// The interval under way, and how many samples it holds.
+    /// The unfinished interval, and its number of samples.
     open: Option<Open>,
     filled: usize,
 }
 
-/// Samples that follow one another, exactly.
+/// Unfinished interval, with exact extremes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Open {
     first: (f64, f64),
@@ -46,7 +46,7 @@ impl Open {
         self.last = point;
     }
 
-    /// Takes points, at least one.
+    /// Adds points, at least one.
     fn take_all(&mut self, times: &[f64], values: &[f64]) {
         let (low, high) = extremes(values);
         let first = |wanted: f64| {
@@ -71,7 +71,7 @@ impl Open {
     }
 }
 
-/// When samples began, and their extremes in the order of time.
+/// Finished interval: time of its first sample, and its extremes in order of time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "[u8; 8]", into = "[u8; 8]")]
 struct Interval {
@@ -106,7 +106,8 @@ impl From<[u8; 8]> for Interval {
     }
 }
 
-/// A time to a millionth of itself, on whatever scale it is drawn: the upper half of its bits.
+/// A time rounded to a relative accuracy of 10⁻⁶, enough on linear and logarithmic axes: the upper 32 bits of
+/// its `f64`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Moment(u32);
 
@@ -122,7 +123,8 @@ impl Moment {
 }
 
 impl Envelope {
-    /// Twice the columns of a picture, so that joined in pairs they are as many.
+    /// Twice the number of pixel columns of a picture, so that after joining in pairs there is one interval
+    /// for each column.
     const MOST_INTERVALS: usize = 1536;
 
     /// An empty trace.
@@ -130,7 +132,7 @@ impl Envelope {
         Self { levels: Levels::default(), intervals: Vec::new(), width: 1, open: None, filled: 0 }
     }
 
-    /// Whether a trace that was read could have been gathered.
+    /// Whether a trace read from a file is valid.
     pub(crate) fn is_sound(&self) -> bool {
         self.levels.is_sound()
             && self.intervals.len() <= Self::MOST_INTERVALS
@@ -139,7 +141,7 @@ impl Envelope {
             && (self.open.is_some() || (self.intervals.is_empty() && self.width == 1))
     }
 
-    /// Takes the next point; times ascend.
+    /// Adds the next point; times ascend.
     #[inline]
     pub fn push(&mut self, time: f64, value: f64) {
         match &mut self.open {
@@ -151,7 +153,7 @@ impl Envelope {
         }
     }
 
-    /// Takes the next points, as [`push`](Self::push) takes each.
+    /// Adds the next points, with the same result as [`push`](Self::push) for each.
     pub fn push_all(&mut self, mut times: &[f64], mut values: &[f64]) {
         while let (Some(&time), Some(&value)) = (times.first(), values.first()) {
             let free = self.width - self.filled;
@@ -197,8 +199,8 @@ impl Envelope {
         self.intervals.push(Interval { begin: Moment::of(open.first.0), extremes });
     }
 
-    /// Joins neighbouring intervals; their number is even. The one that is to be closed stays half as long as
-    /// those that follow.
+    /// Joins neighbouring intervals; their number is even. The interval that is closed next remains half as
+    /// long as the following ones.
     fn halve(&mut self) {
         let pairs = self.intervals.chunks(2);
         self.intervals = pairs.filter_map(|pair| pair.iter().copied().reduce(Interval::joined)).collect();
@@ -209,10 +211,10 @@ impl Envelope {
     pub fn points(&self) -> Vec<(f64, f64)> {
         let mut points = Vec::with_capacity(2 * self.intervals.len() + 5);
         let begins = self.intervals.iter().map(|interval| interval.begin.time());
-        // The first value is where levels are counted from.
+        // The first value is known exactly: it is the origin of the levels.
         points.extend(begins.clone().next().zip(self.levels.origin()));
         let ends = begins.skip(1).chain(self.open.map(|open| open.first.0));
-        // In steps of equal length the last sample lies as far behind the first as that.
+        // With equal steps this is the distance of the last sample from the first, relative to the interval.
         let share = (self.width - 1) as f64 / self.width as f64;
         for (interval, end) in self.intervals.iter().zip(ends) {
             let begin = interval.begin.time();
@@ -237,16 +239,16 @@ impl Default for Envelope {
     }
 }
 
-/// A path in the plane, kept as points a small share of its extent apart; of a path that is too long even so,
-/// the beginning and the end.
+/// A path in the plane, stored as points at distances of a small fraction of its extent; of a path too long
+/// for that, only beginning and end.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PathTrace {
     levels: [Levels; 2],
     beginning: Vec<LevelPoint>,
     end: VecDeque<LevelPoint>,
-    /// Smallest distance of neighbouring points, as a share of the extent.
+    /// Smallest distance of neighbouring points, as a fraction of the extent.
     spacing: f64,
-    /// The newest point that was kept, and the newest of all.
+    /// The newest stored point (`kept`), and the newest of all (`last`).
     kept: Option<(f64, f64)>,
     last: Option<(f64, f64)>,
     extent: Option<[(f64, f64); 2]>,
@@ -272,9 +274,9 @@ impl From<[u8; 4]> for LevelPoint {
 }
 
 impl PathTrace {
-    /// Most points of the beginning, and of the end.
+    /// Largest number of points of the beginning, and of the end.
     const MOST_POINTS: usize = 2560;
-    /// A circle of chords this short is off by less than a hundredth of a line's width.
+    /// A circle drawn with chords of this length deviates by less than a hundredth of the line width.
     const FINEST_SPACING: f64 = 1.0 / 256.0;
 
     /// An empty path.
@@ -282,14 +284,14 @@ impl PathTrace {
         Self::default()
     }
 
-    /// Whether a path that was read could have been gathered.
+    /// Whether a path read from a file is valid.
     pub(crate) fn is_sound(&self) -> bool {
         self.levels.iter().all(Levels::is_sound)
             && self.beginning.len() <= Self::MOST_POINTS
             && self.end.len() <= Self::MOST_POINTS
     }
 
-    /// Takes the next point of the path.
+    /// Adds the next point of the path.
     #[inline]
     pub fn push(&mut self, x: f64, y: f64) {
         let inside = |[low, high]: [(f64, f64); 2]| low.0 <= x && x <= high.0 && low.1 <= y && y <= high.1;
@@ -306,7 +308,7 @@ impl PathTrace {
         }
     }
 
-    /// Takes the next points of the path, as [`push`](Self::push) takes each.
+    /// Adds the next points of the path, with the same result as [`push`](Self::push) for each.
     pub fn push_all(&mut self, xs: &[f64], ys: &[f64]) {
         let Some([low, high]) = self.extent else { return self.push_each(xs, ys) };
         let within = |numbers: &[f64], low: f64, high: f64| {
@@ -348,11 +350,11 @@ impl PathTrace {
         self.end.push_back(place);
     }
 
-    /// Takes a point into the extent.
+    /// Extends the extent by a point.
     #[cold]
     fn widen(&mut self, (x, y): (f64, f64)) {
         if !has_level(x) || !has_level(y) {
-            // The picture leaves it out, and says so.
+            // The picture leaves it out, with a note.
             return;
         }
         let [low, high] = self.extent.unwrap_or([(x, y); 2]);
@@ -382,7 +384,7 @@ impl PathTrace {
         (self.levels[0].number(x), self.levels[1].number(y))
     }
 
-    /// How far apart points are that are both kept; where the path has no extent, none are.
+    /// Distances in x and y within which a point is not stored beside the previous one.
     fn reach(&self) -> (f64, f64) {
         let Some([low, high]) = self.extent else { return (0.0, 0.0) };
         let reach = |size: f64| match size {
@@ -397,12 +399,12 @@ impl PathTrace {
         self.interrupted
     }
 
-    /// The path to draw; a point that is not a number where it is interrupted.
+    /// The path to draw; a NaN point marks the interruption.
     pub fn points(&self) -> Vec<(f64, f64)> {
         let gap = self.interrupted.then_some((f64::NAN, f64::NAN));
         let mut points: Vec<_> = self.beginning.iter().map(|&place| self.point(place)).collect();
         let end = self.end.iter().map(|&place| self.point(place));
-        // What was kept last may be the last of all, which is known exactly.
+        // The newest point is known exactly; it may be the same as the last stored one.
         let last = self.last.filter(|_| self.last != self.kept);
         points.extend(gap.into_iter().chain(end).chain(last));
         points.dedup();
@@ -420,7 +422,7 @@ fn are_within(reach: (f64, f64), a: (f64, f64), b: (f64, f64)) -> bool {
 mod tests {
     use super::*;
 
-    /// Whether curves are the same to the eye, in a square with sides of this length.
+    /// Whether curves are visually indistinguishable, in a square with sides of this length.
     fn look_alike(found: &[(f64, f64)], expected: &[(f64, f64)], side: f64) -> bool {
         let close = |a: f64, b: f64| (a - b).abs() <= side / 16_000.0;
         found.len() == expected.len()
@@ -485,7 +487,7 @@ mod tests {
         let read: (Envelope, Envelope, PathTrace) = postcard::from_bytes(&bytes).unwrap();
         assert_eq!(read, traces);
         assert!(read.0.is_sound() && read.1.is_sound() && read.2.is_sound());
-        // What hardly moves is seen to move.
+        // A small oscillation about a large value is resolved.
         let energies = traces.1.points().into_iter().map(|(_, energy)| energy);
         assert!(energies.clone().fold(1.0, f64::max) - 1.0 > 0.999e-9 && energies.fold(1.0, f64::min) < 1.0);
     }
@@ -510,7 +512,7 @@ mod tests {
         let mut time = 0.0_f64;
         for _ in 0..1500 {
             let count = chance.usize(1..65);
-            // Spikes, equal values, a growing extent, and rarely what is not a number.
+            // Spikes, equal values, a growing extent, and occasionally NaN.
             let mut value = || match chance.usize(0..2000) {
                 0 => f64::NAN,
                 1..5 => 50.0 * chance.f64(),
@@ -526,7 +528,7 @@ mod tests {
             all.0.push_all(&times, &xs);
             all.1.push_all(&xs, &ys);
         }
-        // Not a number is no equal of itself.
+        // Compared as text, since NaN differs from itself.
         assert_eq!(format!("{one:?}"), format!("{all:?}"));
         assert!(one.1.interrupted() && one.0.width > 16);
     }

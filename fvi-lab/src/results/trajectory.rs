@@ -40,29 +40,30 @@ impl Format {
     }
 }
 
-/// What the rows of a trajectory hold beside time and energy.
+/// Content of the rows of a trajectory besides time and energy.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape<'a> {
-    /// The coordinates, which name columns.
+    /// Indices of the coordinates that are written, which appear in the names of the columns.
     pub coordinates: &'a [usize],
     /// The run's columns.
     pub columns: &'a Columns,
-    /// Number of parameters with respect to which there are derivatives, which text has room for.
+    /// Number of sensitivity parameters; sensitivities are written to CSV only.
     pub parameters: usize,
 }
 
-/// Writes grid points row by row, so that a reader gets the same f64 back.
+/// Writes grid points row by row, with enough digits to restore the same f64.
 ///
-/// The rows live in files beside the destination, under names with `.part`, until [`finish`](Self::finish)
-/// puts the whole in its place at once. A run that is to be gone on with takes a mark and has the parts kept.
+/// The rows are written to files beside the destination, with names in `.part`, until
+/// [`finish`](Self::finish) renames the result to its destination at once. For a run that may be resumed,
+/// `mark` and `keep` preserve these files.
 pub struct TrajectoryWriter {
     rows: Rows,
     every: usize,
-    /// Index of the grid point to come.
+    /// Index of the next grid point.
     index: usize,
     /// Whether the newest row is in the file.
     written: bool,
-    /// Room for a row of text.
+    /// Buffer for a row of text.
     line: String,
 }
 
@@ -72,7 +73,7 @@ enum Rows {
 }
 
 impl Rows {
-    /// NumPy arrays for so many coordinates and these columns, whose files `rows` opens.
+    /// NumPy arrays for `coordinates` coordinates and these columns, whose files `rows` opens.
     fn npz(
         coordinates: usize,
         columns: &Columns,
@@ -89,19 +90,19 @@ impl Rows {
     }
 }
 
-/// How far a trajectory has got: what of its files belongs to so many grid points.
+/// Mark of a trajectory: how far its files are written at a grid point.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct TrajectoryMark {
     pub(crate) format: Format,
     written: bool,
-    /// The names of the arrays, if there are some.
+    /// Names of the NumPy arrays; empty for CSV.
     arrays: Vec<String>,
     files: Vec<Mark>,
 }
 
 impl TrajectoryWriter {
-    /// A writer into a directory of every `every`-th row; the first and the last are always written. The
-    /// states that it takes hold these columns.
+    /// A writer of every `every`-th row into a directory; the first and the last are always written. The
+    /// states passed to it have the columns of `shape`.
     ///
     /// # Errors
     /// If a file cannot be created.
@@ -136,10 +137,10 @@ impl TrajectoryWriter {
         Ok(Self::behind(rows, 1, 0, true))
     }
 
-    /// A writer that goes on behind a mark with grid point `index`.
+    /// A writer that continues behind a mark; the next grid point is `index`.
     ///
     /// # Errors
-    /// If what was marked is no longer there.
+    /// If the marked rows no longer exist.
     pub(crate) fn resume(
         directory: &Path,
         mark: &TrajectoryMark,
@@ -162,7 +163,7 @@ impl TrajectoryWriter {
         Self { rows, every: every.max(1), index, written, line: String::new() }
     }
 
-    /// Whether what was marked is still there. Nothing is changed.
+    /// Whether the marked rows still exist. Changes nothing.
     pub(crate) fn can_resume(directory: &Path, mark: &TrajectoryMark) -> bool {
         let path = directory.join(mark.format.file());
         match (mark.format, mark.files.as_slice()) {
@@ -180,7 +181,7 @@ impl TrajectoryWriter {
         }
     }
 
-    /// Takes the next row.
+    /// Appends the next grid point.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -190,7 +191,7 @@ impl TrajectoryWriter {
         if self.written { self.write(state) } else { Ok(()) }
     }
 
-    /// Takes the next `count` rows, of which `state` makes those that are written.
+    /// Appends the next `count` grid points; `state` is called for those that are written.
     ///
     /// # Errors
     /// If one cannot be written.
@@ -226,7 +227,7 @@ impl TrajectoryWriter {
         }
     }
 
-    /// Has everything on the disk; returns how far the trajectory has got.
+    /// Flushes everything to the disk; returns a mark of the trajectory.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -238,7 +239,7 @@ impl TrajectoryWriter {
         Ok(TrajectoryMark { format, written: self.written, arrays, files })
     }
 
-    /// From now on the parts stay when the writer is dropped.
+    /// From now on the part files are kept when the writer is dropped.
     pub(crate) fn keep(&mut self) {
         match &mut self.rows {
             Rows::Csv(file) => file.keep(),
@@ -246,10 +247,11 @@ impl TrajectoryWriter {
         }
     }
 
-    /// Writes the last row, once more in `last`, if it is not there yet, and puts the file in its place.
+    /// Writes the last row, given in `last`, unless it has been written already, and renames the file to its
+    /// destination.
     ///
     /// # Errors
-    /// If that fails; the file that was there before then still is.
+    /// If that fails; an existing file is then unchanged.
     pub fn finish(mut self, last: &GridState) -> io::Result<()> {
         if !self.written {
             self.write(last)?;

@@ -1,4 +1,4 @@
-//! Tables that memories are made from, made once for many runs.
+//! Tables from which memories are built, computed once for many runs.
 
 use super::EngineError;
 use std::any::{Any, TypeId};
@@ -7,12 +7,12 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 /// Tables of exponentials and of matrix weights, shared by the memories of many runs, on any number of
 /// threads.
 ///
-/// A search for exponentials takes as long as many thousands of steps, and all runs of a sweep that have the
-/// kernel, the step and the length in common need the same table. The first that asks for it makes it, while
-/// others that ask wait. The room is bounded: the table that was not asked for the longest goes first.
+/// A search for exponentials takes as long as many thousands of steps, and all runs of a sweep with the same
+/// kernel, step size and length need the same table. The first request computes it, while others for it wait.
+/// The number of tables is bounded: the least recently used one is dropped first.
 #[derive(Debug, Default)]
 pub struct Tables {
-    /// The one that was asked for last is the last.
+    /// In order of use, the latest last.
     kept: Mutex<Vec<TableEntry>>,
 }
 
@@ -22,18 +22,18 @@ struct TableEntry {
     table: Arc<OnceLock<Box<dyn Any + Send + Sync>>>,
 }
 
-/// The type of a table, and the numbers that it is made from.
+/// The type of a table, and the numbers that it is computed from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Key {
     table: TypeId,
     numbers: Vec<u64>,
 }
 
-/// Most tables that are kept, each of some kilobytes.
+/// Largest number of tables kept, each of some kilobytes.
 const MOST: usize = 256;
 
 impl Tables {
-    /// The table that `make` makes from `numbers`, or the refusal that it met: both are remembered.
+    /// The table that `make` computes from `numbers`, or its error: both are cached.
     pub(super) fn get<V: Send + Sync + 'static>(
         &self,
         numbers: &[u64],
@@ -43,12 +43,12 @@ impl Tables {
         let made = kept.get_or_init(|| Box::new(make().map(Arc::new)));
         match made.downcast_ref::<Result<Arc<V>, EngineError>>() {
             Some(made) => made.clone(),
-            // The key knows the type.
+            // The key includes the type, so the downcast succeeds.
             None => make().map(Arc::new),
         }
     }
 
-    /// The place of a table, which need not be made yet.
+    /// The cell of a table, which may still be empty.
     fn place(&self, key: Key) -> Arc<OnceLock<Box<dyn Any + Send + Sync>>> {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         let known = kept.iter().position(|kept| kept.key == key).map(|index| kept.remove(index));
@@ -85,7 +85,7 @@ mod tests {
             ask(number);
         }
         assert_eq!(made.get(), 2);
-        // Another type is another table.
+        // The same numbers with another type give another table.
         assert_eq!(*tables.get(&[1], || Ok("text")).unwrap(), "text");
         (3..=MOST as u64).for_each(ask);
         ask(2);
@@ -133,7 +133,7 @@ mod tests {
             (ConvolutionFamily::RadauIia { stages: 2 }, Engine::AnyStep),
         ];
         let mut seen = Vec::new();
-        // The second time all tables are there.
+        // In the second round all tables are cached.
         for round in 0..2 {
             for (family, engine) in families {
                 for (exponent, step_size, tolerance) in

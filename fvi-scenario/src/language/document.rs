@@ -18,9 +18,9 @@ pub struct Document {
     name: String,
     directory: PathBuf,
     text: String,
-    /// Files at hand that it may name, with their contents.
+    /// Files supplied in memory that the document may refer to: name and content.
     attached: Vec<(String, Arc<[u8]>)>,
-    /// Files that it has named and that need not be read again.
+    /// Cache of files that have been read, shared by copies of the document.
     kept: Option<Arc<Mutex<KeptFiles>>>,
 }
 
@@ -55,17 +55,16 @@ impl Document {
         Ok(Self { name, directory, text, attached: Vec::new(), kept: None })
     }
 
-    /// A file's content that is at hand; other files that it names are sought in `directory`.
+    /// A document from text; relative paths in it are resolved in `directory`.
     pub fn new(name: &str, directory: &Path, text: &str) -> Self {
         let (name, directory, text) = (name.to_owned(), directory.to_owned(), text.to_owned());
         Self { name, directory, text, attached: Vec::new(), kept: None }
     }
 
-    /// A value with the keys of a file, such as a map or your own struct, as the document that says the
-    /// same.
+    /// A document from a value that serialises to the keys of a file, such as a map or a struct.
     ///
     /// # Errors
-    /// [`Problem::Unreadable`] if the value is no table, or holds what TOML cannot.
+    /// [`Problem::Unreadable`] if the value is no table, or contains something that TOML cannot represent.
     pub fn of_value(name: &str, directory: &Path, value: &impl Serialize) -> Result<Self, InputError> {
         let text = toml::to_string(value).map_err(|error| {
             InputError::unreadable(name, Problem::Unreadable { reason: error.to_string() })
@@ -73,13 +72,14 @@ impl Document {
         Ok(Self::new(name, directory, &text))
     }
 
-    /// The document with a file at hand: where the document names `name`, `content` is what is in it.
+    /// The document with a file supplied in memory: where the document refers to `name`, its content is
+    /// `content`.
     pub fn with_attached(mut self, name: &str, content: impl AsRef<[u8]>) -> Self {
         self.attached.push((name.to_owned(), content.as_ref().into()));
         self
     }
 
-    /// The document, whose copies read each file that they name once, all together.
+    /// The document with a cache of files, so that it and its copies read each file only once.
     pub fn reading_once(self) -> Self {
         Self { kept: Some(Arc::default()), ..self }
     }
@@ -111,17 +111,17 @@ impl Document {
         })
     }
 
-    /// A document with other values in its place: of the same name, naming the same files.
+    /// A document with other values, of the same name and with the same files.
     pub fn with_values(&self, values: &toml::Table) -> Self {
         Self { text: values.to_string(), ..self.clone() }
     }
 
-    /// The content of the file of this name that is at hand.
+    /// The content of the attached file of this name.
     pub(crate) fn attached(&self, name: &str) -> Option<Arc<[u8]>> {
         self.attached.iter().find(|(known, _)| known == name).map(|(_, content)| Arc::clone(content))
     }
 
-    /// The bytes of a file that the document names: attached to it, or in its directory.
+    /// The bytes of a file that the document refers to: attached to it, or in its directory.
     pub(crate) fn read_bytes_named(&self, path: &str) -> std::io::Result<Vec<u8>> {
         if let Some((_, content)) = self.attached.iter().find(|(name, _)| name == path) {
             return Ok(content.to_vec());
@@ -137,10 +137,10 @@ impl Document {
         Ok(bytes)
     }
 
-    /// The content of a file that the document names: attached to it, or in its directory.
+    /// The content of a file that the document refers to: attached to it, or in its directory.
     ///
     /// # Errors
-    /// If it cannot be read, or is no text in UTF-8.
+    /// If it cannot be read, or is not text in UTF-8.
     pub fn read_named(&self, path: &str) -> std::io::Result<String> {
         String::from_utf8(self.read_bytes_named(path)?).map_err(|error| {
             let reason = not_text(error.as_bytes(), &error.utf8_error());
@@ -158,7 +158,7 @@ impl Document {
         files.map(|name| Ok((name.to_owned(), self.read_bytes_named(name)?))).collect()
     }
 
-    /// Hands the file's root table to `read`.
+    /// Parses the file and calls `read` with its root table.
     ///
     /// # Errors
     /// [`Problem::Syntax`], and those of `read`.
@@ -173,14 +173,25 @@ impl Document {
         read(Table { document: self, path: String::new(), span: 0..0, entries: root.get_ref(), beside: &[] })
     }
 
-    /// An error about the value at `path` (such as `system.damping[0].order`), which need not be in the file.
+    /// The document that this one, whose allowed keys are `keys`, refers to as its `scenario`.
+    ///
+    /// # Errors
+    /// If there is another key, or no such document.
+    pub fn scenario(&self, keys: &[&str]) -> Result<Self, InputError> {
+        let path = self.with_root(|root| {
+            root.allow(keys)?;
+            Ok(self.resolve(root.required("scenario")?.text()?))
+        })?;
+        Self::read(&path)
+    }
+
     pub(crate) fn error_at(&self, path: &str, problem: Problem) -> InputError {
         let located = DeTable::parse(&self.text).ok().and_then(|root| locate(root.get_ref(), path));
         let value = located.as_ref().map(|span| self.excerpt(span)).unwrap_or_default();
         InputError::new(&self.name, &self.text, path, value, located, problem)
     }
 
-    /// Whether a value is written at `path`.
+    /// Whether the document has a value at `path`.
     pub fn has(&self, path: &str) -> bool {
         DeTable::parse(&self.text).is_ok_and(|root| locate(root.get_ref(), path).is_some())
     }
@@ -195,14 +206,14 @@ impl Document {
     }
 }
 
-/// Where bytes stop being text.
+/// Message about the first bytes that are not UTF-8.
 fn not_text(bytes: &[u8], error: &core::str::Utf8Error) -> String {
     let place = error.valid_up_to();
     let line = bytes.iter().take(place).filter(|&&byte| byte == b'\n').count() + 1;
     format!("not text in UTF-8: line {line}, byte {} of the file", place + 1)
 }
 
-/// The span of the value at a path, if it is there.
+/// The span of the value at a path, if the file has one.
 fn locate(root: &DeTable<'_>, path: &str) -> Option<Range<usize>> {
     let mut table = Some(root);
     let mut found = None;
@@ -225,17 +236,18 @@ pub struct Table<'a> {
     path: String,
     span: Range<usize>,
     entries: &'a DeTable<'a>,
-    /// Keys that someone else reads.
+    /// Keys that are allowed here but read elsewhere.
     beside: &'static [&'static str],
 }
 
 impl<'a> Table<'a> {
-    /// The same table for a reader of some of its keys only: those beside them are allowed, too.
+    /// The same table for a reader of some of its keys only: `keys`, which are read elsewhere, are allowed
+    /// too.
     pub fn beside(&self, keys: &'static [&'static str]) -> Self {
         Self { beside: keys, ..self.clone() }
     }
 
-    /// Refuses every key but these, in the order of the file.
+    /// Refuses every key that is not listed, at the first one in the file.
     pub fn allow(&self, keys: &[&str]) -> Result<(), InputError> {
         let keys: Vec<&str> = keys.iter().chain(self.beside).copied().collect();
         let mut unknown: Vec<_> =
@@ -250,18 +262,18 @@ impl<'a> Table<'a> {
         Err(self.document.error(&self.child(name), String::new(), first.span(), problem))
     }
 
-    /// The value of a key that need not be there.
+    /// The value of an optional key.
     pub fn optional(&self, key: &str) -> Option<Value<'a>> {
         let (name, value) = self.entries.get_key_value(key)?;
         Some(Value { document: self.document, path: self.child(key), key_span: name.span(), value })
     }
 
-    /// The value of a key that must be there.
+    /// The value of a required key.
     pub fn required(&self, key: &str) -> Result<Value<'a>, InputError> {
         self.optional(key).ok_or_else(|| self.missing(key))
     }
 
-    /// The one of two keys that is there.
+    /// The value of exactly one of two keys, and whether it is the first.
     pub fn either(&self, first: &str, second: &str) -> Result<(bool, Value<'a>), InputError> {
         match (self.optional(first), self.optional(second)) {
             (Some(value), None) => Ok((true, value)),
@@ -297,7 +309,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// A value of the file with its place.
+/// A value of the file with its location.
 #[derive(Clone)]
 pub struct Value<'a> {
     document: &'a Document,
@@ -318,7 +330,7 @@ impl<'a> Value<'a> {
         self.document.error(&self.path, String::new(), self.key_span.clone(), problem)
     }
 
-    /// An error that says what is allowed.
+    /// An error that lists the allowed values.
     pub fn out_of_range(&self, allowed: impl Into<String>) -> InputError {
         self.error(Problem::OutOfRange { allowed: allowed.into() })
     }
@@ -355,33 +367,33 @@ impl<'a> Value<'a> {
         Ok(array.iter().enumerate().map(element).collect())
     }
 
-    /// Whether it is a list.
+    /// Whether the value is a list.
     pub fn is_list(&self) -> bool {
         self.value.get_ref().is_array()
     }
 
-    /// Whether it is a text.
+    /// Whether the value is a text.
     pub(crate) fn is_text(&self) -> bool {
         self.value.get_ref().is_str()
     }
 
-    /// Whether it is a table.
+    /// Whether the value is a table.
     pub fn is_table(&self) -> bool {
         self.value.get_ref().is_table()
     }
 
-    /// The document that it stands in.
+    /// The document that contains it.
     pub fn document(&self) -> &'a Document {
         self.document
     }
 
-    /// An error about the file that this value names.
+    /// An error about the file that this value refers to.
     pub fn file_error(&self, reason: impl Into<String>) -> InputError {
         let file = excerpt(self.text().unwrap_or_default());
         self.error(Problem::File { file, reason: reason.into() })
     }
 
-    /// The matrix in the file that this value names.
+    /// The matrix in the file that this value refers to.
     pub(crate) fn matrix_file(&self) -> Result<FileMatrix, InputError> {
         self.of_file(matrix_file::read)
     }
@@ -456,7 +468,7 @@ impl<'a> Value<'a> {
         self.list("a list of numbers")?.iter().map(Value::number).collect()
     }
 
-    /// A list of `count` numbers, one for each coordinate, or a file that holds one.
+    /// A list of `count` numbers, one for each coordinate, or the name of a file that contains one.
     pub fn vector(&self, count: usize) -> Result<Vec<f64>, InputError> {
         if self.is_text() {
             let vector = self.of_file(matrix_file::read_vector)?;
@@ -481,7 +493,7 @@ impl<'a> Value<'a> {
     pub fn expression(&self, symbols: &Symbols) -> Result<Expression, InputError> {
         let text = self.text()?;
         Expression::parse(text, symbols).map_err(|error| {
-            // Inside quotes without escapes the place is known to the character.
+            // In a string without escapes the location is known to the character.
             let whole = self.value.span();
             let inside = whole.start + 1..whole.end.saturating_sub(1);
             let span = match self.document.text.get(inside.clone()) {

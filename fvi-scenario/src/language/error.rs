@@ -1,4 +1,4 @@
-//! What can be wrong with a scenario file, told with its place and what is allowed.
+//! Errors in scenario files, with their location and the allowed values.
 
 use crate::language::expression::{ExpressionError, ParameterNameError};
 use crate::language::visible::visible;
@@ -21,12 +21,12 @@ struct Details {
     /// The key, as a path such as `system.damping[0].order`; empty for the file as a whole.
     key: String,
     value: String,
-    /// Where in the file; nowhere for a value that is not written there.
+    /// Location in the file; `None` for a value that is not written there.
     place: Option<SourcePlace>,
     problem: Problem,
 }
 
-/// Longest line of a file, in bytes, that a message shows.
+/// Longest line of a file, in bytes, that is shown in a message.
 const LONGEST_LINE: usize = 1000;
 
 #[derive(Debug)]
@@ -34,7 +34,7 @@ struct SourcePlace {
     span: Range<usize>,
     line: usize,
     column: usize,
-    /// Whether the lines around it are short enough to be shown.
+    /// Whether the surrounding lines are short enough to be shown.
     showable: bool,
 }
 
@@ -63,7 +63,7 @@ impl InputError {
         problem: Problem,
     ) -> Self {
         let place = span.map(|span| SourcePlace::new(text, span));
-        // Nothing of the file steers the terminal it is shown on. Places stay valid.
+        // Control characters of the file are not sent to the terminal. Byte offsets stay valid.
         let source = NamedSource::new(visible(name), visible(text).into_owned());
         let (key, value) = (visible(key).into_owned(), visible(&value).into_owned());
         Self(Box::new(Details { source, key, value, place, problem }))
@@ -79,17 +79,18 @@ impl InputError {
         self.0.source.name()
     }
 
-    /// The key to blame, as a path such as `system.damping[0].order`; empty for the file as a whole.
+    /// The key that the error is about, as a path such as `system.damping[0].order`; empty for the whole
+    /// file.
     pub fn key(&self) -> &str {
         &self.0.key
     }
 
-    /// The value to blame, as written; empty where there is none.
+    /// The value that the error is about, as written; empty if there is none.
     pub fn value(&self) -> &str {
         &self.0.value
     }
 
-    /// Line in the file, counted from 1; `None` about what is not written there.
+    /// Line in the file, counted from 1; `None` for a value that is not written in the file.
     pub fn line(&self) -> Option<usize> {
         self.0.place.as_ref().map(|place| place.line)
     }
@@ -134,7 +135,7 @@ impl Diagnostic for InputError {
     }
 }
 
-/// Error of a layer above. Two are equal if their texts are.
+/// Error of a higher layer. Two are equal if their texts are.
 #[derive(Clone, Debug)]
 pub struct Cause(Arc<dyn Error + Send + Sync>);
 
@@ -182,18 +183,18 @@ pub enum Problem {
     /// A key that does not exist.
     #[error("unknown key")]
     UnknownKey {
-        /// The existing key nearest to it.
+        /// The most similar existing key.
         suggestion: Option<String>,
-        /// The keys that exist here.
+        /// The keys allowed here.
         allowed: String,
     },
-    /// A key that must be there is not.
+    /// A required key is missing.
     #[error("the key `{key}` is missing")]
     MissingKey {
         /// The key.
         key: String,
     },
-    /// Two keys that say the same thing, or contradict each other.
+    /// Two keys with the same meaning, or that contradict each other.
     #[error("cannot stand beside `{other}`: give one of them")]
     Conflict {
         /// The other key.
@@ -256,27 +257,27 @@ pub enum Problem {
     NotFinite {
         /// Name of the quantity that is not finite.
         what: &'static str,
-        /// Where.
+        /// Position or time at which it is not finite.
         place: String,
     },
-    /// The step is so long that motions grow that should not.
+    /// The step is so long that the numerical solution grows although the exact one does not.
     #[error("unstable: {}", largest_stable(*.largest_step))]
     Unstable {
-        /// The largest stable step; `None` if there is none worth naming.
+        /// The largest stable step; `None` if there is none of practical size.
         largest_step: Option<f64>,
         /// Advice.
         advice: String,
     },
-    /// A value that the core refuses in the precision of the run.
+    /// A value that fvi-core refuses in the precision of the run.
     #[error("cannot be used in this precision: {reason}")]
     Precision {
-        /// Error of the core.
+        /// Error of fvi-core.
         reason: String,
     },
     /// The memory engine cannot serve the scheme.
     #[error("{0}")]
     Engine(Cause),
-    /// Two settings that do not go together.
+    /// Two settings that cannot be combined.
     #[error("does not go together with {with}")]
     Incompatible {
         /// The other setting.
@@ -284,7 +285,7 @@ pub enum Problem {
         /// Values that can be combined.
         allowed: String,
     },
-    /// A value that another file, which this one refers to, does not allow.
+    /// A value that another file, to which this one refers, does not allow.
     #[error("{file} cannot take it: {reason}")]
     Refused {
         /// The other file.
@@ -292,7 +293,7 @@ pub enum Problem {
         /// The problem, and what is allowed.
         reason: String,
     },
-    /// A value that cannot be used for a reason that takes a sentence.
+    /// A value that cannot be used for a reason given in a sentence.
     #[error("{reason}")]
     Unusable {
         /// The reason.
@@ -326,7 +327,7 @@ fn largest_stable(step: Option<f64>) -> String {
 }
 
 impl Problem {
-    /// Allowed instead, where that can be said.
+    /// Allowed values, if they can be stated.
     pub fn allowed(&self) -> Option<String> {
         match self {
             Self::UnknownKey { suggestion: Some(near), allowed } => {
@@ -335,9 +336,12 @@ impl Problem {
             Self::UnknownKey { suggestion: None, allowed } => Some(format!("keys here: {allowed}")),
             Self::OutOfRange { allowed } => Some(format!("allowed: {allowed}")),
             Self::Incompatible { allowed, .. } => Some(format!("allowed: {allowed}")),
-            Self::NotSymmetric { .. } | Self::NotPositiveDefinite { .. } => {
-                Some("allowed: a symmetric positive definite matrix (diagonal: every number > 0)".to_owned())
-            }
+            Self::NotSymmetric { .. } => Some("allowed: a symmetric matrix".to_owned()),
+            Self::NotPositiveDefinite { .. } => Some(
+                "allowed: a symmetric positive definite matrix (diagonal: every number > 0); rows and columns of zeros are \
+                 coordinates without mass"
+                    .to_owned(),
+            ),
             Self::NotPositiveSemidefinite { .. } => Some(
                 "allowed: a symmetric positive semidefinite matrix (diagonal: every number ≥ 0)".to_owned(),
             ),

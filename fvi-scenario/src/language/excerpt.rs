@@ -1,9 +1,9 @@
-//! What users wrote, as messages show it: on one line, short, and without characters that a terminal acts on.
+//! Excerpts of input text for messages: on one line, short, and without control characters.
 
-/// Most characters of a value that a message shows.
+/// Largest number of characters of a value in a message.
 const LONGEST: usize = 60;
 
-/// Most names that a message lists.
+/// Largest number of names in a message.
 const MOST_NAMES: usize = 40;
 
 /// A text on one line, cut after 60 characters, control characters written out.

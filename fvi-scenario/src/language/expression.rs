@@ -2,7 +2,7 @@
 //!
 //! An expression is parsed once against the names it may use ([`Symbols`]); parameters and everything else
 //! that is constant are folded in `f64`. It is then evaluated in `f32` or `f64` together with as many
-//! derivatives as are asked for, by second-order forward differentiation: exact up to rounding, no
+//! derivatives as are needed, by second-order forward differentiation: exact up to rounding, no
 //! difference quotients. Every function comes from `libm`, so that a host and a microcontroller agree.
 //!
 //! Grammar, loosest binding first:
@@ -15,9 +15,9 @@
 //! primary  = number | name | function "(" sum { "," sum } ")" | "(" sum ")"
 //! ```
 //!
-//! **Sides of a jump.** Inside the argument of `step` and `sign` the time is taken slightly before or
-//! slightly after a grid point when the point is approached from that side (see [`Moment`]); everywhere
-//! else it is exactly the time of the point.
+//! **Sides of a jump.** Inside the argument of `step` and `sign` the time is moved slightly to the side of a
+//! grid point from which that point is approached (see [`Moment`]); everywhere else it is exactly the time of
+//! the point.
 
 mod elementary;
 mod function;
@@ -41,7 +41,7 @@ pub use tree::{Kind, LARGEST_MULTIPLIED, Node, Operator, power};
 pub struct Symbols {
     time: bool,
     variables: Vec<String>,
-    /// Where each variable stands in `variables`: a chain of N coordinates names them some 4N times.
+    /// Index of each variable in `variables`: a chain of N coordinates refers to them some 4N times.
     indices: HashMap<String, usize>,
     parameters: Vec<(String, f64)>,
 }
@@ -72,8 +72,8 @@ impl Symbols {
         self.with_variables((0..count).map(|index| format!("q{index}")))
     }
 
-    /// Adds the velocities `v0`, `v1`, … as variables behind those there are. A name that means something
-    /// else already, as `taken` says or a parameter does, goes on meaning that.
+    /// Adds the velocities `v0`, `v1`, … as variables after the existing ones. A name that already has a
+    /// meaning, according to `taken` or as a parameter, keeps it.
     pub fn with_velocities(mut self, count: usize, taken: impl Fn(&str) -> bool) -> Self {
         for index in 0..count {
             let name = format!("v{index}");
@@ -89,7 +89,7 @@ impl Symbols {
     /// Adds a named constant.
     ///
     /// # Errors
-    /// Why the name cannot be a parameter: it is not a name, or it means something already.
+    /// The reason why the name cannot be a parameter: it is not a name, or it already has a meaning.
     pub fn with_parameter(mut self, name: &str, value: f64) -> Result<Self, ParameterNameError> {
         let mut letters = name.chars();
         let well_formed =
@@ -135,7 +135,7 @@ impl Symbols {
         self.time.then_some("t").into_iter().chain(variables).chain(self.others())
     }
 
-    /// The names for messages: of many variables only the first two and the last.
+    /// The names for messages; of many variables only the first two and the last.
     fn names_in_brief(&self) -> Vec<&str> {
         const MANY: usize = 8;
         let variables: Vec<&str> = match self.variables.as_slice() {
@@ -150,7 +150,7 @@ impl Symbols {
     }
 }
 
-/// Why a name cannot be a parameter.
+/// Reason why a name cannot be a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ParameterNameError {
     /// Not of the form letter, letters, digits and underscores.
@@ -170,7 +170,7 @@ pub enum ParameterNameError {
     Variable,
 }
 
-/// A time as an expression sees it: the point itself, and the side from which jumps at it are seen.
+/// A time at which an expression is evaluated, with the side from which jumps at it are approached.
 ///
 /// Grid times k·h and the times of jumps written in a file are both rounded, so that a jump at a grid point
 /// may be computed to lie on either side of it. The time in the argument of `step` and `sign` is therefore
@@ -184,7 +184,7 @@ pub struct Moment<T> {
 }
 
 impl<T: Real> Moment<T> {
-    /// The time strictly inside a step: jumps are seen where they are computed to be.
+    /// The time strictly inside a step: jumps are evaluated at their computed places.
     pub fn inside(time: T) -> Self {
         Self { time, sided: time }
     }
@@ -205,8 +205,8 @@ impl<T: Real> Moment<T> {
         Moment { time: self.time.to_f64(), sided: self.sided.to_f64() }
     }
 
-    /// The time at which a force that jumps is to be looked at: within rounding of the time, on the side that
-    /// is meant.
+    /// The time at which a force with jumps is evaluated: equal to the time up to rounding, on the intended
+    /// side.
     pub fn sided(&self) -> T {
         self.sided
     }
@@ -224,10 +224,10 @@ pub struct Expression {
 }
 
 impl Expression {
-    /// Parses `text`; names mean what `symbols` says.
+    /// Parses `text` with the names of `symbols`.
     ///
     /// # Errors
-    /// [`ExpressionError`] with what is wrong and where in `text`.
+    /// [`ExpressionError`] with the fault and its place in `text`.
     pub fn parse(text: &str, symbols: &Symbols) -> Result<Self, ExpressionError> {
         Ok(Self { root: syntax::parse(text, symbols)?, text: text.to_owned() })
     }
@@ -237,7 +237,7 @@ impl Expression {
         &self.text
     }
 
-    /// A part of it, or what it becomes, under the same text.
+    /// A part of the expression, or a transformed one, with the same text.
     pub fn with_root(&self, root: Node) -> Self {
         Self { root, text: self.text.clone() }
     }

@@ -12,17 +12,17 @@ pub(crate) struct FileMatrix {
     pub(crate) columns: usize,
     /// (row, column, entry), from 0.
     pub(crate) entries: Vec<(u32, u32, f64)>,
-    /// Whether the file holds one triangle and means both.
+    /// Whether the file stores one triangle of a symmetric matrix.
     pub(crate) half: bool,
 }
 
-/// Most rows or columns.
+/// Largest number of rows or columns.
 const MOST: usize = 1 << 31;
 
-/// Reads a matrix from the bytes of a file; the ending of its name says what they are.
+/// Reads a matrix from the bytes of a file, in the format given by the extension of its name.
 ///
 /// # Errors
-/// The problem in words, with the line or the member of the archive.
+/// A description of the problem, with the line or the member of the archive.
 pub(crate) fn read(name: &str, bytes: &[u8]) -> Result<FileMatrix, String> {
     let matrix = match ending(name).as_str() {
         "mtx" => matrix_market(bytes)?,
@@ -42,8 +42,7 @@ pub(crate) fn read(name: &str, bytes: &[u8]) -> Result<FileMatrix, String> {
     Ok(matrix)
 }
 
-/// A vector in a file: its length, and its entries that need not be zero. The length is what the file
-/// promises, not what it holds.
+/// A vector in a file: its length, and its structurally nonzero entries. The length is as stated by the file.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct FileVector {
     pub(crate) length: usize,
@@ -51,7 +50,7 @@ pub(crate) struct FileVector {
 }
 
 impl FileVector {
-    /// All numbers; takes room for the length.
+    /// All numbers, zeros included; allocates the stated length.
     pub(crate) fn numbers(self) -> Vec<f64> {
         let mut numbers = vec![0.0; self.length];
         for (place, entry) in self.entries {
@@ -79,7 +78,7 @@ fn ending(name: &str) -> String {
     name.rsplit_once('.').map(|(_, ending)| ending.to_ascii_lowercase()).unwrap_or_default()
 }
 
-/// The entries of an array that are not zero; a list is a column.
+/// The nonzero entries of an array; a list is a column.
 fn of_array(array: Array) -> Result<FileMatrix, String> {
     let (rows, columns) = match *array.shape.as_slice() {
         [rows] => (rows, 1),
@@ -102,14 +101,14 @@ fn check_size(rows: usize, columns: usize) -> Result<(), String> {
     Ok(())
 }
 
-/// How a Matrix Market file stores what it means.
+/// Storage scheme of a Matrix Market file.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Layout {
     Coordinates,
     Columns,
 }
 
-/// Reads a Matrix Market file; comments and blank lines may stand anywhere.
+/// Reads a Matrix Market file; comments and blank lines are allowed anywhere.
 fn matrix_market(bytes: &[u8]) -> Result<FileMatrix, String> {
     let text = std::str::from_utf8(bytes).map_err(|error| {
         let line = bytes[..error.valid_up_to()].iter().filter(|&&byte| byte == b'\n').count() + 1;
@@ -162,7 +161,7 @@ fn matrix_market(bytes: &[u8]) -> Result<FileMatrix, String> {
     if half && rows != columns {
         return Err(format!("line {line}: a symmetric matrix of {rows} rows and {columns} columns"));
     }
-    // No more room than the text can fill: two bytes for the shortest entry and its end.
+    // Capacity limited by the length of the text: two bytes for the shortest entry and its separator.
     let mut entries = Vec::with_capacity(count.min(text.len() / 2 + 1));
     let (mut row, mut column) = (0, 0);
     for (line, words) in lines {
@@ -212,11 +211,11 @@ fn matrix_market(bytes: &[u8]) -> Result<FileMatrix, String> {
 /// An archive of arrays as `numpy.savez` writes it, compressed or not.
 struct Archive<'a>(ZipSliceArchive<&'a [u8]>);
 
-/// A deflated member cannot hold more than this many times its own length.
+/// Largest compression ratio of the deflate method.
 const DENSEST: u64 = 1040;
 
 impl Archive<'_> {
-    /// What the archive says of a member; of two by one name nobody knows which is meant.
+    /// The directory entry of a member; an archive with two members of that name is refused.
     fn entry(&self, member: &str) -> Result<ZipFileHeaderRecord<'_>, String> {
         let mut found = None;
         for entry in self.0.entries() {
@@ -251,7 +250,7 @@ impl Archive<'_> {
                 ));
             }
         };
-        // Its checksum is compared at its end.
+        // The checksum is verified at the end of the member.
         let read = file.verifying_reader(content).take(said.saturating_add(1)).read_to_end(&mut bytes);
         read.map_err(|error| format!("{member}: {error}"))?;
         if bytes.len() != length {
@@ -296,7 +295,7 @@ impl Archive<'_> {
 fn sparse_npz(bytes: &[u8]) -> Result<FileMatrix, String> {
     let archive =
         ZipArchive::from_slice(bytes).map(Archive).map_err(|error| format!("not a ZIP archive: {error}"))?;
-    // A text of one to three letters: bytes, or four bytes for each letter.
+    // The format is a text of one to three letters, stored as bytes or as four bytes per letter.
     let format = archive
         .bytes("format.npy")
         .map_err(|reason| format!("{reason} (a file of scipy.sparse.save_npz is wanted)"))?;

@@ -1,15 +1,15 @@
-//! Arrays in NumPy's format, read with every length checked against what is there.
+//! Arrays in NumPy's format, read with every length checked against the size of the file.
 
-/// Numbers of an array with its shape, as float64 whatever they were stored as.
+/// Numbers of an array with its shape, converted to float64.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Array {
     /// Empty for a single number.
     pub shape: Vec<usize>,
-    /// In the order of the last index running fastest.
+    /// In row-major order, the last index fastest.
     pub numbers: Vec<f64>,
 }
 
-/// How the numbers lie.
+/// Type of the stored numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
     Float32,
@@ -30,13 +30,13 @@ impl Kind {
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// Longest header that is read.
+/// Longest header accepted, in bytes.
 const LONGEST_HEADER: usize = 1 << 16;
 
 /// Reads the bytes of a `.npy` file.
 ///
 /// # Errors
-/// The problem in words.
+/// A description of the problem.
 pub fn read(bytes: &[u8]) -> Result<Array, String> {
     let truncated = || "the file ends within its header".to_owned();
     let rest = bytes.strip_prefix(MAGIC).ok_or("not a file of numpy.save")?;
@@ -84,7 +84,7 @@ pub fn read(bytes: &[u8]) -> Result<Array, String> {
     Ok(Array { shape, numbers })
 }
 
-/// The value of a key of the header, which is written like a Python dictionary.
+/// The value of a key of the header, which is written as a Python dictionary.
 fn entry(header: &str, key: &str) -> Result<String, String> {
     let missing = || format!("the header has no `{key}`");
     let (_, rest) = header.split_once(&format!("'{key}':")).ok_or_else(missing)?;
@@ -130,7 +130,7 @@ fn shape(tuple: &str) -> Result<Vec<usize>, String> {
         .collect()
 }
 
-/// The number in as many bytes as its kind has.
+/// The number in the bytes of its type.
 fn number(kind: Kind, big_endian: bool, bytes: &[u8]) -> f64 {
     let mut wide = [0; 8];
     for (index, &byte) in bytes.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Tables of numbers in CSV files that a scenario names.
+//! Tables of numbers in CSV files that a scenario refers to.
 
 use super::document::{Document, Value};
 use super::error::{InputError, Problem};
@@ -9,13 +9,13 @@ use crate::language::excerpt::excerpt;
 pub struct NumberTable {
     /// Names of the columns.
     pub names: Vec<String>,
-    /// A number of each column, row by row.
+    /// One number for each column, row by row.
     pub rows: Vec<Vec<f64>>,
 }
 
 impl NumberTable {
-    /// Reads the file that `value` names, relative to the document's directory. Lines that begin with `#` are
-    /// comments. The first column is `t`, ascending; every number is finite.
+    /// Reads the file that `value` refers to, relative to the document's directory. Lines that begin with `#`
+    /// are comments. The first column is `t`, ascending; every number is finite.
     pub fn read(value: &Value<'_>, document: &Document, allowed: &[String]) -> Result<Self, InputError> {
         let file = document.resolve(value.text()?).display().to_string();
         let unreadable = |reason: String| value.error(Problem::Unreadable { reason });

@@ -1,10 +1,10 @@
-//! Text from files, made fit for a terminal.
+//! Removal of control characters from texts that are printed on a terminal.
 
 use std::borrow::Cow;
 
-/// The text without characters that steer a terminal: control characters except line feed and tab, and those
-/// that turn the direction of writing. Each becomes one of as many bytes, so that places in the text stay
-/// where they are.
+/// The text without characters that control a terminal: control characters except line feed and tab, and
+/// those that change the direction of writing. Each is replaced by one with the same number of bytes, so that
+/// offsets in the text stay valid.
 pub fn visible(text: &str) -> Cow<'_, str> {
     if !text.chars().any(steers) {
         return Cow::Borrowed(text);
@@ -18,7 +18,7 @@ pub fn visible(text: &str) -> Cow<'_, str> {
     Cow::Owned(text.chars().map(shown).collect())
 }
 
-/// The same in one line.
+/// The same on one line.
 pub fn visible_line(text: &str) -> String {
     visible(text).replace('\n', " ")
 }

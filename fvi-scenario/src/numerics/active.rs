@@ -1,19 +1,20 @@
-//! Where a kernel drives a motion.
+//! Regions in which a kernel is not passive.
 
 use nalgebra::Complex;
 use std::fmt;
 
-/// Where a transfer function is not passive: Im K(iω)/ω < 0 in a band of angular frequencies, or, if there is
-/// none, Re K(s)/s < 0 on a stretch of a ray into the right half-plane. Of several the lowest.
+/// Region in which a transfer function is not passive: Im K(iω)/ω < 0 in a band of angular frequencies, or,
+/// if there is none, Re K(s)/s < 0 on a part of a ray into the right half-plane. If there are several, the
+/// lowest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Active {
-    /// s where it is worst.
+    /// s where K is least passive.
     pub place: Complex<f64>,
     /// Re (K(s)/s) |s|/|K(s)| there, in [−1, 0).
     pub resistance: f64,
-    /// |s| from which on; `None` from the lowest that is looked at, 10⁻³⁰.
+    /// Lower bound of |s|; `None` if the region extends to the smallest |s| examined, 10⁻³⁰.
     pub from: Option<f64>,
-    /// |s| up to which; `None` to the highest, 10³⁰.
+    /// Upper bound of |s|; `None` if the region extends to the largest |s| examined, 10³⁰.
     pub to: Option<f64>,
 }
 

@@ -4,7 +4,7 @@
 use fvi_core::DoubleDouble;
 use nalgebra::Complex;
 
-/// Numbers that a formula K(s) can be evaluated with.
+/// Numbers with which a formula K(s) can be evaluated.
 ///
 /// Powers and logarithms are the principal branches, with their cut on the negative real axis.
 pub trait Algebra: Clone {
@@ -42,7 +42,7 @@ pub trait Algebra: Clone {
         self.scale(-1.0)
     }
 
-    /// (1 + x)^e − 1, right to rounding near x = 0.
+    /// (1 + x)^e − 1, accurate to rounding near x = 0.
     #[must_use]
     fn power_beside_one(&self, exponent: f64) -> Self;
 }
@@ -90,7 +90,7 @@ impl Algebra for Complex<f64> {
     }
 
     fn power_beside_one(&self, exponent: f64) -> Self {
-        // ln(1 + x) and eʸ − 1, each in parts that do not cancel.
+        // ln(1 + x) and eʸ − 1, each from terms that do not cancel.
         let size = 0.5 * libm::log1p(self.re * (2.0 + self.re) + self.im * self.im);
         let (re, im) = (exponent * size, exponent * libm::atan2(self.im, 1.0 + self.re));
         let half = libm::sin(0.5 * im);
@@ -99,16 +99,17 @@ impl Algebra for Complex<f64> {
     }
 }
 
-/// Exponents from which on e^{−x} loses digits of two parts, and whose root is nothing, too: then delays of
-/// 512 steps and more, whose weights are no series.
+/// Bounds of x between which e^{−x} is computed as the square of e^{−x/2}: beyond the first the low part of
+/// e^{−x} underflows, beyond the second e^{−x/2} does too. They correspond to delays of 512 steps and more,
+/// whose weights are not computed as series.
 const DEEP: f64 = 600.0;
 const DEEPEST: f64 = 1300.0;
 
 /// The first coefficients of a power series in z, to about 30 digits.
 ///
-/// Coefficients are those of functions that are real for real z. Products, quotients, powers, exponentials
-/// and logarithms are the recursions for their coefficients, of the square of the number of coefficients in
-/// operations; trailing zeros, as a polynomial has them, cost nothing.
+/// The coefficients are real. Products, quotients, powers, exponentials and logarithms are computed by
+/// recursions for their coefficients, with O(n²) operations for n coefficients; trailing zeros, as those of a
+/// polynomial, cost nothing.
 #[derive(Clone, Debug)]
 pub struct Series {
     coefficients: Vec<DoubleDouble>,
@@ -116,7 +117,7 @@ pub struct Series {
 }
 
 impl Series {
-    /// A polynomial, cut off behind `count` coefficients.
+    /// A polynomial, truncated to `count` coefficients.
     pub fn polynomial(coefficients: &[DoubleDouble], count: usize) -> Self {
         Self { coefficients: coefficients.iter().copied().take(count).collect(), count }.trimmed()
     }
@@ -126,7 +127,7 @@ impl Series {
         (0..self.count).map(|n| self.at(n).to_f64()).collect()
     }
 
-    /// The coefficients of the series divided by 1 − z: sums of its own, rounded.
+    /// The coefficients of the series divided by 1 − z: its partial sums, rounded.
     pub fn sums(&self) -> Vec<f64> {
         let mut sum = DoubleDouble::ZERO;
         let mut add = |n: usize| {
@@ -151,7 +152,7 @@ impl Series {
         Self { coefficients, count }.trimmed()
     }
 
-    /// Fills a series whose coefficients follow from those before.
+    /// Computes a series whose coefficients follow from the previous ones.
     fn recursion(
         &self,
         first: DoubleDouble,
@@ -221,8 +222,8 @@ impl Algebra for Series {
 
     /// n g_n = Σ_{j≥1} j f_j g_{n−j}.
     ///
-    /// The first number of a delay e^{−sT} of many steps is nothing in double precision, while those at T are
-    /// not: it begins with the root of it, and the other root follows.
+    /// For a delay e^{−sT} of many steps the first coefficient underflows, while those near T do not: the
+    /// recursion starts with its square root, and the result is multiplied by the square root again.
     fn exponential(&self) -> Self {
         let first = self.at(0);
         let is_delay = (-DEEPEST..-DEEP).contains(&first.to_f64());
@@ -255,7 +256,7 @@ impl Algebra for Series {
     fn power_beside_one(&self, exponent: f64) -> Self {
         let mut power = self.add(&self.constant(1.0)).power(DoubleDouble::exact(exponent));
         if let Some(first) = power.coefficients.first_mut() {
-            // The digits that 1 + x and x^e − 1 lose, where x is small.
+            // 1 + x and x^e − 1 lose digits for small x.
             *first = power_beside_one(self.at(0), exponent);
         }
         power
@@ -275,11 +276,11 @@ fn quotient(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble {
 /// ln 2 minus the nearest number to it.
 const LOW_OF_LN_2: f64 = 2.319_046_813_846_299_6e-17;
 
-/// Halvings of the argument of an exponential, and terms of its series.
+/// Number of halvings of the argument of an exponential, and of terms of its series.
 const HALVINGS: i32 = 9;
 const TERMS: u32 = 11;
 
-/// eˣ − 1 for |x| < 0.4: the series at x/2⁹, then (1 + y)² − 1 = y (2 + y).
+/// eˣ − 1 for |x| < 0.4: Taylor's series at x/2⁹, then (1 + y)² − 1 = y (2 + y) nine times.
 fn small_exponential(x: DoubleDouble) -> DoubleDouble {
     let small = x.scale(0.5_f64.powi(HALVINGS));
     let series = (2..=TERMS)
@@ -303,7 +304,7 @@ fn exponential(x: DoubleDouble) -> DoubleDouble {
     small_exponential(rest).add(DoubleDouble::ONE).scale(libm::exp2(twos))
 }
 
-/// ln x, NaN for x ≤ 0: a step of Newton's method from the nearest number.
+/// ln x, NaN for x ≤ 0: one Newton step from the logarithm in double precision.
 fn logarithm(x: DoubleDouble) -> DoubleDouble {
     let near = DoubleDouble::exact(libm::log(x.to_f64()));
     if !near.to_f64().is_finite() {
@@ -314,7 +315,7 @@ fn logarithm(x: DoubleDouble) -> DoubleDouble {
     near.add(beside).add(beside.multiply(beside).scale(-0.5))
 }
 
-/// ln(1 + x) for x > −1: a step of Newton's method from the nearest number, which loses nothing near 0.
+/// ln(1 + x) for x > −1: one Newton step from the logarithm in double precision, accurate near 0.
 fn logarithm_beside_one(x: DoubleDouble) -> DoubleDouble {
     if x.to_f64().abs() > 0.3 {
         return logarithm(x.add(DoubleDouble::ONE));
@@ -348,7 +349,7 @@ mod tests {
         DoubleDouble::exact(value)
     }
 
-    /// |a − b|, with the digits that double precision leaves out.
+    /// a − b|, with the low parts of both.
     fn apart(a: DoubleDouble, b: DoubleDouble) -> f64 {
         a.add(b.scale(-1.0)).to_f64().abs()
     }

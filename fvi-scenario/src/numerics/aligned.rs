@@ -1,12 +1,12 @@
-//! Numbers that start on a cache line, so that no vector of theirs straddles two.
+//! Numbers that begin on a cache line, so that no vector load straddles two.
 
 /// Bytes of a cache line, and of the widest vector.
 const LINE: usize = 64;
 
-/// A fixed run of numbers whose first lies on a cache line.
+/// An array of fixed length whose first number lies on a cache line.
 ///
-/// A vector that straddles two lines costs two accesses, and one that has just been written so is slow to
-/// read back.
+/// Accessing a vector that straddles two lines takes two accesses, and reading one back right after it was
+/// written is slow.
 #[derive(Debug)]
 pub struct Aligned<T> {
     /// Padding up to the cache line, then the numbers.
@@ -15,7 +15,7 @@ pub struct Aligned<T> {
 }
 
 impl<T: Copy + Default> Aligned<T> {
-    /// `len` times the default number, zero.
+    /// `len` default numbers, zeros.
     pub fn zeros(len: usize) -> Self {
         let mut room = vec![T::default(); len + LINE / size_of::<T>().max(1)];
         let offset = room.as_ptr().align_offset(LINE);
@@ -39,7 +39,7 @@ impl<T: Copy + Default> FromIterator<T> for Aligned<T> {
     }
 }
 
-/// The clone is aligned anew: it lies elsewhere.
+/// The clone gets its own padding, since its address differs.
 impl<T: Copy + Default> Clone for Aligned<T> {
     fn clone(&self) -> Self {
         self.as_ref().into()

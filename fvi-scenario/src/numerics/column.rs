@@ -1,14 +1,15 @@
-//! Looks along a column of numbers, several of them at a time.
+//! Reductions over a column of numbers, several at a time.
 
 use pulp::NullaryFnOnce;
 
-/// Numbers that are looked at side by side.
+/// Number of accumulators.
 const LANES: usize = 8;
 
-/// Numbers from which on it is worth asking for a vector unit.
+/// Number of numbers from which dispatch to a vector unit is worth while.
 const MANY: usize = 16;
 
-/// Looks along so many numbers with the vectors of the processor, where they are many; the bits are the same.
+/// Runs `look` on `count` numbers with the vectors of the processor, if there are many; the bits are the
+/// same.
 #[inline(always)]
 fn along<L: NullaryFnOnce>(count: usize, look: L) -> L::Output {
     #[cfg(target_arch = "x86_64")]
@@ -20,10 +21,10 @@ fn along<L: NullaryFnOnce>(count: usize, look: L) -> L::Output {
     look.call()
 }
 
-/// Joins the numbers of a column to `start`, in no particular order.
+/// Folds the numbers of a column with `join` from `start`, in no particular order.
 #[inline(always)]
 fn fold(numbers: &[f64], start: f64, join: impl Fn(f64, f64) -> f64) -> f64 {
-    // Of large systems few states are looked at together.
+    // For large systems only few states are reduced together.
     if numbers.len() < LANES {
         return numbers.iter().fold(start, |joined, &number| join(joined, number));
     }
@@ -42,7 +43,7 @@ fn fold_in_lanes(numbers: &[f64], start: f64, join: impl Fn(f64, f64) -> f64) ->
     rest.iter().fold(joined(lanes, &join), |joined, &number| join(joined, number))
 }
 
-/// Joins what lanes hold: halves, of which the compiler makes vectors.
+/// Combines the accumulators by halves, which the compiler vectorises.
 #[inline(always)]
 fn joined(lanes: [f64; LANES], join: impl Fn(f64, f64) -> f64) -> f64 {
     let four: [f64; LANES / 2] = core::array::from_fn(|lane| join(lanes[lane], lanes[lane + LANES / 2]));
@@ -65,8 +66,8 @@ pub fn extremes(numbers: &[f64]) -> (f64, f64) {
     along(numbers.len(), Extremes(numbers))
 }
 
-/// The look for [`extremes`]. A closure of its size would be a call, compiled for the vectors that every
-/// processor has.
+/// The reduction of [`extremes`]. A closure of this size would not be inlined, and would be compiled without
+/// the wider vectors.
 struct Extremes<'a>(&'a [f64]);
 
 impl NullaryFnOnce for Extremes<'_> {
@@ -85,22 +86,22 @@ impl NullaryFnOnce for Extremes<'_> {
     }
 }
 
-/// The lowest number, infinity if there is none. What is not a number is passed over.
+/// The smallest number, infinity for an empty slice. Values that are not numbers are ignored.
 pub fn lowest(numbers: &[f64]) -> f64 {
     fold(numbers, f64::INFINITY, lower)
 }
 
-/// The highest number, minus infinity if there is none. What is not a number is passed over.
+/// The largest number, minus infinity for an empty slice. Values that are not numbers are ignored.
 pub fn highest(numbers: &[f64]) -> f64 {
     fold(numbers, f64::NEG_INFINITY, higher)
 }
 
-/// The largest absolute value, zero if there is none. What is not a number is passed over.
+/// The largest absolute value, zero for an empty slice. Values that are not numbers are ignored.
 pub fn largest(numbers: &[f64]) -> f64 {
     fold(numbers, 0.0, |largest, number| if number.abs() > largest { number.abs() } else { largest })
 }
 
-/// Where a number stands first.
+/// Index of the first occurrence of a number.
 pub fn first_place(numbers: &[f64], wanted: f64) -> Option<usize> {
     let row = along(numbers.len(), || {
         let mut rows = numbers.as_chunks::<LANES>().0.iter();
@@ -113,7 +114,7 @@ pub fn first_place(numbers: &[f64], wanted: f64) -> Option<usize> {
 
 /// Whether all numbers are finite.
 pub fn is_finite(numbers: &[f64]) -> bool {
-    // Zero times what is infinite or not a number is not a number, and stays so in sums.
+    // Zero times an infinity or not-a-number is not a number, and stays so in sums.
     fold(numbers, 0.0, |sum, number| sum + 0.0 * number) == 0.0
 }
 

@@ -8,8 +8,8 @@ use fvi_core::{
 };
 use std::fmt::{LowerExp, Write as _};
 
-/// The tables of a controller on exponential sums, made for a step of 1: [`Kernel::exponential_sum`] scales
-/// them.
+/// The tables of a controller on exponential sums, computed for a step of 1: [`Kernel::exponential_sum`]
+/// scales them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControllerTables {
     /// D^{−λ}, or D^{1−λ} for λ ≥ 1.
@@ -49,11 +49,11 @@ impl ControllerTables {
     }
 }
 
-/// Why there is no source of a controller.
+/// Reason why no source of a controller was generated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ControllerSourceError {
-    /// No constant may have this name.
+    /// The name is not a valid identifier.
     #[error("`{name}` is no name for constants: it has letters, digits and underscores, the first a letter")]
     Name {
         /// The name.
@@ -62,12 +62,12 @@ pub enum ControllerSourceError {
     /// A setting is not allowed.
     #[error(transparent)]
     Setting(#[from] ParameterError),
-    /// A table could not be made.
+    /// A table could not be computed.
     #[error("the table of the {part}: {reason}")]
     Table {
-        /// `controller`, or the part whose numbers do not fit into the precision.
+        /// `controller`, or the part whose numbers are out of range in the precision.
         part: &'static str,
-        /// Why.
+        /// The reason.
         reason: String,
     },
 }
@@ -81,18 +81,19 @@ impl From<ExponentialKernelError> for ControllerSourceError {
     }
 }
 
-/// Rust source of a controller on exponential sums, for `include!` in a program without std: what a build
-/// script writes, and `fvi controller` prints.
+/// Rust source of a controller on exponential sums, for `include!` in a program without std: for build
+/// scripts, and printed by `fvi controller`.
 ///
-/// For the name `axis` there are the tables `AXIS_INTEGRAL`, `AXIS_DERIVATIVE` (and `AXIS_FILTER` of a
-/// fractional filter); the law by `axis_law()`, with these settings; the type `AxisPid`, a
-/// [`FractionalPid`](fvi_core::FractionalPid) to name in a struct, which has its law by value, and as
-/// `AxisPid<&'static PidLaw<f32>>` shares it; `new_axis()` with a law of its own, and `axis_with(law)` with
-/// the one given. Where the gain of the derivative is 0 there is no memory for it. The numbers are those of
-/// T, `f32` or `f64`; nothing but fvi-core is named.
+/// For the name `axis` it contains the tables `AXIS_INTEGRAL` and `AXIS_DERIVATIVE` (and `AXIS_FILTER` with a
+/// fractional filter); `axis_law()` for the law with these settings; the type `AxisPid`, a
+/// [`FractionalPid`](fvi_core::FractionalPid) that owns its law, or shares it as `AxisPid<&'static
+/// PidLaw<f32>>`; `new_axis()` with a law of its own, and `axis_with(law)` with a given one. If the gain of
+/// the derivative is 0 there is no memory for it. The numbers are those of T, `f32` or `f64`; the source
+/// depends on fvi-core only.
 ///
-/// `horizon` is the number of ticks that the weights hold for, each to the relative tolerance `tolerance`
-/// ([`ExponentialKernel::bdf`]); [`ENDLESS`](crate::numerics::exponential_table::ENDLESS) for no end.
+/// `horizon` is the number of ticks for which the weights hold, each within the relative tolerance
+/// `tolerance` ([`ExponentialKernel::bdf`]); [`ENDLESS`](crate::numerics::exponential_table::ENDLESS) for no
+/// limit.
 ///
 /// ```
 /// use fvi_core::{AntiWindup, PidGains, PidSettings};
@@ -114,8 +115,8 @@ impl From<ExponentialKernelError> for ControllerSourceError {
 /// ```
 ///
 /// # Errors
-/// [`ControllerSourceError`] if the name is none, [`PidLaw::new`] refuses the settings, or there are no such
-/// tables.
+/// [`ControllerSourceError`] if the name is not an identifier, [`PidLaw::new`] refuses the settings, or there
+/// are no such tables.
 pub fn controller_source<T: Real + LowerExp>(
     name: &str,
     settings: &PidSettings<T>,
@@ -127,10 +128,10 @@ pub fn controller_source<T: Real + LowerExp>(
     source_with_tables(name, &law, &tables, "")
 }
 
-/// The same with tables that have been made; `note` follows the sample time in the documentation of the law.
+/// The same with given tables; `note` follows the sample time in the documentation of the law.
 ///
 /// # Errors
-/// If the name is none, or a table does not fit into the precision.
+/// If the name is not an identifier, or a table is out of range in the precision.
 pub fn source_with_tables<T: Real + LowerExp>(
     name: &str,
     law: &PidLaw<T>,
@@ -231,7 +232,7 @@ fn camel_case(name: &str) -> String {
     name.split('_').map(word).collect()
 }
 
-/// The function that makes the law.
+/// Writes the function that constructs the law.
 fn write_law<T: Real>(text: &mut String, small: &str, settings: &PidSettings<T>, note: &str) {
     let scalar = scalar::<T>();
     let number = |number: T| match number.to_f64() {
@@ -326,7 +327,7 @@ mod tests {
         ] {
             assert!(source.contains(passage), "no {passage} in\n{source}");
         }
-        // Numbers of the precision of the settings; no end on request.
+        // Numbers in the precision of the settings; tables without a horizon on request.
         let gains = PidGains::Parallel { proportional: 0.1, integral: 4.0, derivative: 0.0 };
         let source = controller_source::<f64>("a", &PidSettings::new(gains, 0.5), ENDLESS, 1e-12).unwrap();
         assert!(source.contains("proportional: 0.1, ") && source.contains("::ENDLESS"), "{source}");

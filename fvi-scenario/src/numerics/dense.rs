@@ -1,5 +1,5 @@
-//! Decompositions of dense matrices of any size, compiled once: what the library has of them is generic and
-//! large, and each crate that asks it would compile it again.
+//! Decompositions of dense matrices of any size, compiled once: those of the library are generic and large,
+//! and would be compiled again in each crate that uses them.
 
 use nalgebra::{Complex, DMatrix, DVector, Dyn, LU, SymmetricEigen};
 
@@ -40,7 +40,7 @@ impl Factored {
             .then_some(Self(factors))
     }
 
-    /// Puts the solutions in place of the columns.
+    /// Replaces the columns by the solutions.
     pub fn solve(&self, columns: &mut DMatrix<f64>) {
         self.0.solve_mut(columns);
     }
@@ -58,7 +58,7 @@ pub struct SingularValues {
 }
 
 impl SingularValues {
-    /// Those of a matrix.
+    /// The singular values of a matrix.
     pub fn of(matrix: DMatrix<f64>) -> Self {
         let (rows, columns) = matrix.shape();
         let count = rows.min(columns);
@@ -73,8 +73,7 @@ impl SingularValues {
     }
 }
 
-/// R and the first entries of Qᵀb with A = QR: |Ax + b|² is |Rx + Qᵀb|² and a number that does not depend
-/// on x.
+/// R and the first entries of Qᵀb with A = QR: |Ax + b|² is |Rx + Qᵀb|² plus a constant.
 pub fn triangle(matrix: DMatrix<f64>, right: &DVector<f64>) -> (DMatrix<f64>, DVector<f64>) {
     let count = matrix.nrows().min(matrix.ncols());
     if count == 0 {

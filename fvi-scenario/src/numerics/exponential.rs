@@ -3,8 +3,8 @@
 /// One term, coefficient · e^{−rate n}.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exponential {
-    /// Decay per step.
+    /// Decay rate per step.
     pub rate: f64,
-    /// Value continued to n = 0.
+    /// Value extrapolated to n = 0.
     pub coefficient: f64,
 }

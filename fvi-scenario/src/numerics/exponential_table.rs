@@ -8,21 +8,21 @@
 //! w_n = −(sin πβ / π) h^{−β} ∫₀^∞ |γ_p(1+m)|^β (1+m)^{−n−1} dm ,
 //! ```
 //!
-//! up to what the other roots ζ of γ_p add, which falls like |ζ|^{−n} and is left to the head. The integral
-//! over y = ln m by the trapezoidal rule is a sum of exponentials with rates s = ln(1+m); for p = 1 it is a
-//! Beta function, whose poles bound the error of the rule at every n. The rule needs many nodes of tiny
-//! rates, and some of large ones that die out just behind the head: both groups are replaced by the Gauss
-//! rules of their own discrete measures. How much each group can be compressed, and how short the head may
-//! be, is found by measuring the error of the weights and not by a bound.
+//! up to contributions of the other roots ζ of γ_p, which fall like |ζ|^{−n} and are left to the head. The
+//! integral over y = ln m by the trapezoidal rule is a sum of exponentials with rates s = ln(1+m); for p = 1
+//! it is a Beta function, whose poles bound the error of the rule at every n. The rule needs many nodes of
+//! tiny rates, and some of large rates that decay just after the head: both groups are replaced by the Gauss
+//! rules of their own discrete measures. How far each group can be compressed, and how short the head may be,
+//! is determined by measuring the error of the weights, not from a bound.
 //!
-//! For a memory on increments the kernel is divided by 1 − z = −m: the same rates, other coefficients.
+//! For a memory on increments the kernel is divided by 1 − z = −m: the same rates with other coefficients.
 //!
 //! Kernels of several β can share their rates: the trapezoidal rule is the same up to its coefficients, and
 //! the nodes of one Gauss rule, that of the geometric mean of their measures, serve all of them with the
 //! coefficients that integrate polynomials exactly against each.
 //!
-//! Other transfer functions K(s) have other jumps across the cut, which may begin behind m = 0, and poles on
-//! it, which are exponentials of their own (`principal_cut.rs`).
+//! Other transfer functions K(s) have other jumps across the cut, which may begin beyond m = 0, and poles on
+//! it, which are separate exponentials (`principal_cut.rs`).
 //!
 //! Sources: \[HJO\] eq. 18–22, 30; the Gauss rule of a discrete measure by Lanczos' algorithm,
 //! \[GolubWelsch69\], \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
@@ -57,17 +57,17 @@ pub struct ExponentialKernel {
     tolerance: f64,
 }
 
-/// Why no table was made.
+/// Reason why no table was computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum ExponentialKernelError {
     /// A parameter is not allowed.
     Parameter(ParameterError),
-    /// The cut of the kernel takes more exponentials than a table has.
+    /// The cut of the kernel is so narrow that it would need more exponentials than a table may have.
     Narrow(ParameterError),
-    /// No head of acceptable length brings the weights to the tolerance.
+    /// No head of acceptable length gives weights within the tolerance.
     ToleranceMissed {
-        /// The tolerance that was asked for.
+        /// The requested tolerance.
         tolerance: f64,
         /// Smallest error reached.
         reached: f64,
@@ -97,76 +97,76 @@ impl From<ParameterError> for ExponentialKernelError {
     }
 }
 
-/// Smallest relative tolerance of a table: below it the rounding of the coefficients decides.
+/// Smallest relative tolerance of a table: below it the rounding of the coefficients dominates.
 pub const SMALLEST_TOLERANCE: f64 = 4e-15;
 
-/// Below this tolerance, rounding takes a good part of it.
+/// Tolerance below which rounding is a considerable part of it.
 const ROUNDING_COUNTS: f64 = 1e-14;
 
-/// Share of rounding in double precision in the measured error of a weight.
+/// Rounding error in double precision in the measured error of a weight.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-/// Errors of a tail count for nothing that are this much smaller than those allowed of the first weight.
+/// Ratio of errors of a tail to those allowed for the first weight below which they are neglected.
 const NOTHING: f64 = 1e-9;
 
-/// The part of the tolerance that is left to the quadrature where rounding counts.
+/// Fraction of the tolerance left to the quadrature where rounding matters.
 const PART_OF_THE_QUADRATURE: f64 = 0.25;
 
-/// Lengths n₀ of the head that are tried: n₀ − 1 weights are summed directly, in whole vectors.
+/// Candidates for the length n₀ of the head: n₀ − 1 weights are summed directly, in whole vectors.
 const HEADS: [usize; 15] = [5, 9, 17, 25, 33, 41, 49, 65, 81, 97, 129, 193, 257, 385, 513];
 
-/// The last of them.
+/// The largest of these lengths.
 const LONGEST_HEAD: usize = HEADS[HEADS.len() - 1];
 
-/// The search ends after so many longer heads that cost more: each saves fewer exponentials than the one
-/// before.
+/// Number of successive longer heads with a higher cost after which the search ends: each saves fewer
+/// exponentials than the previous one.
 const DEARER_HEADS: usize = 2;
 
-/// Multiply–adds per step of an exponential beside those that it has for each kernel; a weight of the head
-/// has one for each.
+/// Multiply–adds per step of an exponential that all kernels share; each exponential and each weight of the
+/// head costs one more for each kernel.
 const COST_OF_EXPONENTIAL: usize = 1;
 
-/// Running sums of rates below this are kept in two parts: they would gather the rounding errors of 1/rate
-/// steps.
+/// Running sums of rates below this are kept in two parts, as they would accumulate the rounding errors of
+/// 1/rate steps.
 const SLOW_RATE: f64 = 1.0 / 32.0;
 
-/// How far the slow nodes reach that a Gauss rule is tried for, as rate · horizon: up to there e^{−sn} is
-/// nearly a polynomial in s.
+/// Upper ends of the group of slow nodes for which Gauss rules are tried, as rate · horizon: up to there
+/// e^{−sn} is nearly a polynomial in s.
 const SLOW_REACHES: [f64; 5] = [2.0, 4.0, 8.0, 16.0, 32.0];
 
-/// How far down the fast nodes reach, as rate · head.
+/// Lower ends of the group of fast nodes, as rate · head.
 const FAST_REACHES: [f64; 6] = [16.0, 13.0, 10.0, 8.0, 6.0, 4.0];
 
-/// Lags behind the head at which the error of a table is measured one by one; from there on they are an
-/// eighth apart.
+/// Number of lags after the head at which the error of a table is measured one by one; the following ones
+/// increase by an eighth each.
 const DENSE_LAGS: usize = 64;
 
-/// The measurement goes up to this many times the longest head.
+/// End of the measurement in multiples of the longest head.
 const MEASURED_HEADS: usize = 4;
 
-/// Nodes of the longest Gauss rule that is tried.
+/// Number of nodes of the longest Gauss rule tried.
 pub(super) const LONGEST_RULE: usize = 24;
 
-/// Exponentials in a block of the core's table.
+/// Exponentials per block of the table of fvi-core.
 const BLOCK: usize = 4;
 
-/// The horizon that is asked for where there is to be no end.
+/// The horizon of a table without a limit.
 pub const ENDLESS: usize = usize::MAX;
 
 /// The largest lag at which the weights of an endless table hold to the tolerance, 2⁵⁰: 35 000 years at 1
 /// kHz.
 pub const ENDLESS_REACH: usize = (1u64 << 50) as usize;
 
-/// Sums of more samples than this over ε, the distance from 1 to the next number, are kept in three parts: of
-/// N samples of one size two parts lose N ε²/4 at worst.
+/// Sums of more than this number of samples over ε, the distance from 1 to the next number, are kept in three
+/// parts: of N samples of one size two parts lose N ε²/4 at worst.
 const IN_TWO_PARTS: f64 = 16.0;
 
 impl ExponentialKernel {
     /// Weights of the backward differentiation formula `order` for the operator D^`exponent` and the step
     /// size `step_size`, each within the relative tolerance `tolerance` up to lag `horizon`.
     ///
-    /// Kernels of exponent 0 and 1 end after a few weights: they are all head. Next to them, and to 2, what
-    /// is behind the head may be next to nothing; its errors are then held to 10⁻⁹ of those allowed of w₀.
+    /// Kernels of exponent 0 and 1 end after a few weights: they are all head. For exponents near 0, 1 and 2
+    /// the weights after the head may be tiny; their errors are then limited to 10⁻⁹ of those allowed for w₀.
     ///
     /// # Errors
     /// If the exponent is outside (−1, 2), the step size not positive, the horizon zero or the tolerance
@@ -181,7 +181,7 @@ impl ExponentialKernel {
         Self::one(Cut { order, exponent, on_increments: false }, step_size, horizon, tolerance)
     }
 
-    /// The same for a memory on increments: the sums of the weights
+    /// The same for a memory on increments: the partial sums of the weights
     /// ([`ConvolutionWeights::on_increments`]).
     ///
     /// # Errors
@@ -201,9 +201,9 @@ impl ExponentialKernel {
         Self::one(Cut { order, exponent, on_increments: true }, step_size, horizon, tolerance)
     }
 
-    /// Kernels of several exponents that share length of the head and rates, as [`bdf`](Self::bdf) or
-    /// [`bdf_on_increments`](Self::bdf_on_increments) makes them one by one; there are a few more
-    /// exponentials than in the largest alone.
+    /// Kernels of several exponents that share the length of the head and the rates, otherwise as by
+    /// [`bdf`](Self::bdf) or [`bdf_on_increments`](Self::bdf_on_increments); a few more exponentials are
+    /// needed than for the most demanding one alone.
     ///
     /// # Errors
     /// As there, and for exponents 0 and 1, which have no exponentials.
@@ -228,12 +228,12 @@ impl ExponentialKernel {
     /// relative tolerance `tolerance` up to lag `horizon`, on values or on increments: the Taylor
     /// coefficients of K(γ_p(z)/h), or of K(γ_p(z)/h)/(1 − z).
     ///
-    /// Weights that fall off exponentially are held to the tolerance down to 10⁻⁹ of w₀, divided by the
-    /// length of the head.
+    /// The tolerance is relative to each weight; weights that fall off exponentially are held to it as far as
+    /// 10⁻⁹ of w₀ divided by the length of the head.
     ///
     /// # Errors
-    /// As [`bdf`](ExponentialKernel::bdf); and if the transfer function has singularities elsewhere than on
-    /// the negative real axis, so that no decaying exponentials make up its weights.
+    /// As [`bdf`](ExponentialKernel::bdf); and if the transfer function has singularities off the negative
+    /// real axis, so that its weights are not a sum of decaying exponentials.
     pub fn of_transfer(
         transfer: &TransferFunction,
         order: BdfOrder,
@@ -260,7 +260,7 @@ impl ExponentialKernel {
         if let Some(narrow) = transfer.narrow() {
             return Err(ExponentialKernelError::Narrow(narrow));
         }
-        // The strip of a formula is a guess.
+        // The width of the strip of a formula is a guess.
         for refinement in [1.0, 0.5, 0.25] {
             let source = TransferSource {
                 on_increments,
@@ -306,10 +306,11 @@ impl ExponentialKernel {
         made.pop().ok_or(ExponentialKernelError::ToleranceMissed { tolerance, reached: f64::INFINITY })
     }
 
-    /// Makes a table up to [`ENDLESS_REACH`] one without an end.
+    /// Turns a table for lags up to [`ENDLESS_REACH`] into one without a horizon.
     fn end_never(&mut self) {
         self.horizon = ENDLESS;
-        // What stands still up to the reach must not do so for ever: its sum would grow without bound.
+        // An exponential that is constant up to the reach must decay beyond: its sum would grow without
+        // bound.
         let standing = 0.01 * self.tolerance / ENDLESS_REACH as f64;
         self.exponentials.iter_mut().for_each(|e| e.rate = e.rate.max(standing));
     }
@@ -357,7 +358,7 @@ impl ExponentialKernel {
                 .collect();
             let largest = errors.iter().copied().fold(0.0, f64::max);
             reached = reached.min(largest);
-            // Next to whole exponents the tail is next to nothing, and its errors are less.
+            // Near integer exponents the tail is tiny, and its errors are relaxed.
             let missed = |((&error, exact), cut): ((&f64, &Vec<f64>), &S)| {
                 let tail = head as f64 * exact[head].abs();
                 let is_nothing =
@@ -367,7 +368,7 @@ impl ExponentialKernel {
             if errors.iter().zip(&exact).zip(cuts).any(missed) {
                 continue;
             }
-            // One that has no room for the rounding of its sums is better than none.
+            // A table with no margin for the rounding of its sums is better than none.
             let tight = largest > tolerance.min(quadrature_tolerance + ROUNDING);
             let exponentials = rules.first().map_or(0, Vec::len);
             let cost = cuts.len() * (head + exponentials) + COST_OF_EXPONENTIAL * exponentials;
@@ -402,8 +403,8 @@ impl ExponentialKernel {
         &self.exponentials
     }
 
-    /// Largest lag at which the weights hold; [`ENDLESS`] where there is no end: beyond [`ENDLESS_REACH`]
-    /// they then fade, and nothing is refused.
+    /// Largest lag at which the weights hold; [`ENDLESS`] without a limit: beyond [`ENDLESS_REACH`] the
+    /// weights decay, and no sample is refused.
     pub fn horizon(&self) -> usize {
         self.horizon
     }
@@ -413,7 +414,7 @@ impl ExponentialKernel {
         self.on_increments
     }
 
-    /// Step size that the weights hold.
+    /// Step size contained in the weights.
     pub fn step_size(&self) -> f64 {
         self.step_size
     }
@@ -431,7 +432,7 @@ impl ExponentialKernel {
         }
     }
 
-    /// The table that the memory of the core reads, in its scalar.
+    /// The table in the format and scalar of fvi-core's memory.
     pub fn table<T: Real>(&self) -> ExponentialTable<Aligned<T>> {
         let first = self.head.len() as f64;
         let blocks = self.exponentials.chunks(BLOCK);
@@ -468,14 +469,14 @@ pub(super) fn check_range(horizon: usize, tolerance: f64) -> Result<(), Paramete
     range(accepted, "tolerance", tolerance, "at least 4e-15 and at most 0.1")
 }
 
-/// The check of a table must not be less accurate than the table, so the sum is compensated.
+/// The check of a table must be more accurate than the table, so the sum is compensated.
 fn sum_of_exponentials(exponentials: &[Exponential], n: usize) -> f64 {
     let terms = exponentials.iter().map(|e| e.coefficient * libm::exp(-e.rate * n as f64));
     terms.collect::<CompensatedSum>().total()
 }
 
-/// Largest relative error of the exponentials against exact weights behind the head: every lag at first, then
-/// ever fewer. Weights smaller than `floor` count as that large.
+/// Largest relative error of the exponentials against exact weights after the head: at every lag at first,
+/// then at ever larger distances. Weights smaller than `floor` count as that large.
 fn largest_error(
     exponentials: &[Exponential],
     exact: &[f64],
@@ -495,9 +496,9 @@ fn largest_error(
         .fold(0.0, f64::max)
 }
 
-/// Where a kernel's weights and the exponentials of their tail come from.
+/// Source of a kernel's weights and of the exponentials for their tail.
 trait Source {
-    /// The first weights themselves.
+    /// The exact first weights.
     fn exact(&self, step_size: f64, count: usize) -> Result<Vec<f64>, ParameterError>;
 
     /// Whether the weights are those of a memory on increments.
@@ -506,37 +507,37 @@ trait Source {
     /// The factor of all coefficients for a step size other than that of the rule.
     fn unit(&self, step_size: f64) -> f64;
 
-    /// Size below which weights are nothing, behind a head of this length.
+    /// Size below which weights are negligible, after a head of this length.
     fn floor(&self, head: usize) -> f64;
 
-    /// The lag up to which there is something left of the weights.
+    /// The lag up to which the weights are not negligible.
     fn reach(&self, horizon: usize) -> usize;
 
     /// Spacing of the trapezoidal rule for a relative tolerance.
     fn spacing(&self, tolerance: f64) -> f64;
 
-    /// Rate from which on nodes have died away at the end of a head.
+    /// Rate from which nodes are negligible at the end of a head.
     fn fastest(&self, head: usize, tolerance: f64) -> f64;
 
     /// The trapezoidal rule up to a rate, slowest node first, without the common [`factor`](Self::factor).
     fn rule(&self, spacing: f64, fastest: f64, horizon: usize, tolerance: f64) -> Nodes;
 
-    /// The factor of the nodes of the rule.
+    /// The common factor of the nodes of the rule.
     fn factor(&self) -> f64;
 
-    /// Exponentials beside those of the rule, with their own coefficients.
+    /// Exponentials in addition to those of the rule, with their own coefficients.
     fn poles(&self) -> &[Exponential];
 
     /// Rate of the slowest node.
     fn slowest(&self) -> f64;
 }
 
-/// Any transfer function, at a step size of its own.
+/// Any transfer function, at a given step size.
 struct TransferSource<'a> {
     cut: PrincipalCut<'a>,
     on_increments: bool,
     exact: Vec<f64>,
-    /// Part of the spacing that is taken.
+    /// Fraction of the spacing of the trapezoidal rule that is used.
     refinement: f64,
 }
 
@@ -586,7 +587,7 @@ impl Source for TransferSource<'_> {
     }
 }
 
-/// Lags from `first` to `last`, an eighth apart from one to the next.
+/// Lags from `first` to `last`, each an eighth larger than the previous one.
 fn lags(first: usize, last: usize) -> impl Iterator<Item = usize> {
     let next = move |&n: &usize| if n == last { None } else { Some((n + n / 8 + 1).min(last)) };
     std::iter::successors(Some(first), next).filter(move |&n| n <= last)
@@ -600,7 +601,7 @@ struct Cut {
     on_increments: bool,
 }
 
-/// A discrete positive measure: exponentials up to the common sign.
+/// A discrete positive measure: exponentials up to a common sign.
 type Nodes = Vec<Exponential>;
 
 impl Source for Cut {
@@ -616,7 +617,7 @@ impl Source for Cut {
         step_size.power(-self.exponent)
     }
 
-    /// They fall off like a power, so that every one of them counts.
+    /// They decay like a power of n, so none is negligible.
     fn floor(&self, _: usize) -> f64 {
         0.0
     }
@@ -651,18 +652,18 @@ impl Source for Cut {
 }
 
 impl Cut {
-    /// The weights themselves.
+    /// The exact weights.
     fn exact_weights(self, step_size: f64) -> Result<ConvolutionWeights, ParameterError> {
         let weights = ConvolutionWeights::bdf(self.order, self.exponent, step_size)?;
         Ok(if self.on_increments { weights.on_increments() } else { weights })
     }
 
-    /// The power of m that the function is like at the branch point: β or β − 1.
+    /// Exponent of m in the behaviour of the function at the branch point: β or β − 1.
     fn power(self) -> f64 {
         self.exponent - if self.on_increments { 1.0 } else { 0.0 }
     }
 
-    /// −sin(πβ)/π, exact to rounding also near a whole β; with the other sign for weights on increments.
+    /// −sin(πβ)/π, exact to rounding also near an integer β; with the other sign for weights on increments.
     fn jump(self) -> f64 {
         let nearest = self.exponent.round();
         let sign = if (nearest.abs() == 1.0) != self.on_increments { 1.0 } else { -1.0 };
@@ -694,7 +695,8 @@ impl Cut {
     /// The trapezoidal rule up to this rate, slowest node first, without the common factor
     /// [`jump`](Self::jump).
     ///
-    /// Nodes so slow that they stand still up to the horizon, a geometric series, are one node of rate 0.
+    /// Nodes so slow that they are constant up to the horizon, a geometric series, are merged to one node of
+    /// rate 0.
     fn trapezoidal_rule(self, spacing: f64, fastest: f64, horizon: usize, tolerance: f64) -> Nodes {
         let standing = 0.01 * tolerance / horizon as f64;
         let first = libm::log(libm::expm1(fastest));
@@ -732,7 +734,7 @@ fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, toleranc
         }
         rule
     };
-    // Gauss rules are those of positive measures.
+    // Gauss rules need positive measures.
     let signed = rules.iter().flatten().any(|node| node.coefficient.is_nan() || node.coefficient < 0.0);
     if nodes.is_empty() || signed {
         return rules.into_iter().zip(cuts).map(finished).collect();
@@ -746,7 +748,7 @@ fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, toleranc
         weights.iter().all(|(n, weights)| {
             groups.iter().zip(rules).zip(weights).all(|((group, rule), weight)| {
                 let difference = sum_of_exponentials(group, *n) - sum_of_exponentials(rule, *n);
-                // Rates are numbers of double precision too.
+                // Rates are rounded to double precision too.
                 let rounding = f64::EPSILON * slowest * *n as f64;
                 difference.abs() <= (allowed + rounding) * weight
             })
@@ -764,14 +766,14 @@ fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, toleranc
             part(nodes.partition_point(|node| (node.rate - slowest) * head as f64 <= reach)..nodes.len());
         shortest_rules(&groups, fast_gauss_rules(&groups, head), &agrees)
     };
-    // Of the reaches, the one that saves most.
+    // Of the candidates the one that saves most nodes.
     let most = |rules: Vec<(usize, Vec<Nodes>)>| {
         let saved = |(replaced, rules): &(usize, Vec<Nodes>)| replaced - rules.first().map_or(0, Vec::len);
         rules.into_iter().max_by_key(saved).unwrap_or_default()
     };
     let (slow_count, slow_rules) = most(SLOW_REACHES.map(slow).into());
     let (fast_count, fast_rules) = most(FAST_REACHES.map(fast).into());
-    // Of a short horizon the two groups may meet.
+    // For a short horizon the two groups may overlap.
     let middle = match nodes.len().checked_sub(fast_count) {
         Some(end) if end >= slow_count => part(slow_count..end),
         _ => return rules.into_iter().zip(cuts).map(finished).collect(),
@@ -794,8 +796,8 @@ fn shortest_rules(
     (count, rules.unwrap_or_else(|| groups.iter().map(|group| group.to_vec()).collect()))
 }
 
-/// Gauss rules of the measures in the rate beyond the slowest, by size: e^{−sn} is nearly a polynomial in s
-/// where s n is moderate.
+/// Gauss rules, by size, of the measures in the rate minus the slowest one: e^{−sn} is nearly a polynomial in
+/// s where s n is moderate.
 fn slow_gauss_rules(groups: &[&[Exponential]], slowest: f64) -> impl Fn(usize) -> Vec<Nodes> {
     let beyond = move |node: &Exponential| node.rate - slowest;
     let unit = groups.first().and_then(|group| group.last()).map_or(1.0, beyond);
@@ -808,8 +810,8 @@ fn slow_gauss_rules(groups: &[&[Exponential]], slowest: f64) -> impl Fn(usize) -
     }
 }
 
-/// Gauss rules of the measures in t = e^{−s}, by size, weighted as they stand behind the head: e^{−s(n−n₀)}
-/// is a power of t.
+/// Gauss rules, by size, of the measures in t = e^{−s}, weighted with their values after the head:
+/// e^{−s(n−n₀)} is a power of t.
 fn fast_gauss_rules(groups: &[&[Exponential]], head: usize) -> impl Fn(usize) -> Vec<Nodes> {
     let behind = head as f64;
     let first = groups.first().and_then(|group| group.first());
@@ -832,7 +834,7 @@ fn fast_gauss_rules(groups: &[&[Exponential]], head: usize) -> impl Fn(usize) ->
     }
 }
 
-/// Discrete positive measures on the same places, and what Gauss rules on common nodes need of them.
+/// Discrete positive measures on the same places, with the quantities for Gauss rules on common nodes.
 struct Measures {
     jacobi: JacobiMatrix,
     /// For each of several measures, the integrals of the orthonormal polynomials of their mean.
@@ -840,7 +842,7 @@ struct Measures {
 }
 
 impl Measures {
-    /// Of lists of (place, mass).
+    /// From lists of (place, mass).
     fn of(measures: Vec<Vec<(f64, f64)>>) -> Self {
         let (first, count) = match &measures[..] {
             [] => return Self { jacobi: JacobiMatrix::of(&[]), integrals: Vec::new() },
@@ -849,14 +851,14 @@ impl Measures {
         };
         let mass = |measure: &[(f64, f64)]| measure.iter().map(|(_, mass)| *mass).sum::<f64>();
         let masses: Vec<f64> = measures.iter().map(|measure| mass(measure)).collect();
-        // The geometric mean of the shares: of powers of the rate it is the one of the mean exponent.
+        // The geometric mean of the normalised masses: for powers of the rate it has the mean exponent.
         let mean = |(index, &(place, _)): (usize, &(f64, f64))| {
             let shares = measures.iter().zip(&masses).map(|(measure, mass)| (measure[index].1 / mass).ln());
             (place, (shares.sum::<f64>() / count).exp())
         };
         let mean: Vec<(f64, f64)> = first.iter().enumerate().map(mean).collect();
         let (jacobi, basis) = JacobiMatrix::with_basis(&mean);
-        // The basis has p_j √m of the mean's masses m.
+        // The basis consists of p_j √m with the masses m of the mean.
         let integral = |measure: &[(f64, f64)], row: &[f64]| -> f64 {
             let parts = measure.iter().zip(&mean).zip(row);
             parts.map(|(((_, mass), (_, mean)), basis)| basis * (mass / mean.sqrt())).sum()
@@ -894,13 +896,13 @@ pub(super) struct JacobiMatrix {
 }
 
 impl JacobiMatrix {
-    /// For a measure of (place, mass), as far as rules of [`LONGEST_RULE`] nodes need it: Lanczos' algorithm
+    /// For a measure of (place, mass), large enough for rules of [`LONGEST_RULE`] nodes: Lanczos' algorithm
     /// on the diagonal matrix of places, started from the square roots of the masses and reorthogonalised.
     pub(super) fn of(measure: &[(f64, f64)]) -> Self {
         Self::with_basis(measure).0
     }
 
-    /// The same, and Lanczos' vectors: the orthonormal polynomials at the places times the roots of the
+    /// The same with Lanczos' vectors: the orthonormal polynomials at the places times the roots of the
     /// masses.
     fn with_basis(measure: &[(f64, f64)]) -> (Self, Vec<Vec<f64>>) {
         let mass = measure.iter().map(|(_, mass)| *mass).collect::<CompensatedSum>().total();
@@ -971,7 +973,7 @@ mod tests {
             for (p, on_increments) in [(1, false), (2, false), (2, true), (4, true), (6, false)] {
                 for step_size in [1e-3, 0.1] {
                     if p == 6 && step_size == 0.1 {
-                        // Other preimages of fast poles fall off too slowly for a head.
+                        // The weights from other preimages of fast poles decay too slowly for a head.
                         continue;
                     }
                     for tolerance in [1e-7, SMALLEST_TOLERANCE] {

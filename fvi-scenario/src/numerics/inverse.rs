@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix4, SMatrix};
 
-/// The inverse; zero for a singular matrix, which those of the methods at hand are far from.
+/// The inverse; zero for a singular matrix, which does not occur for the methods used here.
 ///
-/// By cofactors, as part of a 4×4 matrix that is one elsewhere: the same code for every R, and as accurate as
-/// the weights of the quadrature need it.
+/// By cofactors, as part of a 4×4 matrix padded with the identity: the same code for every R, accurate enough
+/// for the weights of the quadrature.
 pub(super) fn inverse<const R: usize>(matrix: &SMatrix<f64, R, R>) -> SMatrix<f64, R, R> {
     const { assert!(R <= 4, "methods have at most four stages") };
     let mut whole = Matrix4::identity();
@@ -14,7 +14,7 @@ pub(super) fn inverse<const R: usize>(matrix: &SMatrix<f64, R, R>) -> SMatrix<f6
     SMatrix::from_fn(|row, column| whole[(row, column)])
 }
 
-/// Apart from the above, so that it is compiled once.
+/// A separate function, so that it is compiled once.
 #[inline(never)]
 fn invert(matrix: &mut Matrix4<f64>) {
     if !matrix.try_inverse_mut() {
@@ -28,7 +28,7 @@ mod tests {
 
     #[test]
     fn the_product_with_a_matrix_is_one() {
-        // No symmetry, and nothing in the first place of the diagonal.
+        // Not symmetric, with a zero in the first place of the diagonal.
         let matrix = SMatrix::<f64, 3, 3>::new(0.0, 2.0, -1.0, 4.0, 1.0, 0.5, -3.0, 5.0, 7.0);
         let product = inverse(&matrix) * matrix;
         assert!((product - SMatrix::identity()).amax() < 1e-15, "{product}");

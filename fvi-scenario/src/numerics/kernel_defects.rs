@@ -1,4 +1,4 @@
-//! What convolution quadrature misses of K(D) on powers of time, for kernels other than s^β.
+//! Defects of convolution quadrature of K(D) on powers of time, for kernels other than s^β.
 
 use super::multistep_weights::multistep_weights;
 use super::starting_defects::{FAR, reciprocal_gamma, zeta_at_minus};
@@ -15,9 +15,9 @@ use std::f64::consts::PI;
 /// Σ_n n^ν e^{−nσ} = Γ(ν+1)/σ^{ν+1} + Σ_i ζ(−ν−i) (−σ)^i/i!        for |σ| < 2π.
 /// ```
 ///
-/// For small k the sum is formed as it is. From some k on the integral is taken on Talbot's contour about the
-/// negative real axis, where both parts have their singularities; what is subtracted has the size of K(D) t^ν
-/// itself, not of t^ν, so that d_k has an error of 10⁻¹² of that.
+/// For small k the sum is computed directly. From some k on the integral is taken on Talbot's contour around
+/// the negative real axis, where both terms have their singularities; the subtracted quantities have the size
+/// of K(D) t^ν, not of t^ν, so that d_k has an error of 10⁻¹² of that.
 ///
 /// Source: \[Lubich86\] for the symbols; \[TWS06\] for the contour.
 #[derive(Clone, Debug)]
@@ -37,17 +37,17 @@ struct Power {
     near: Vec<f64>,
 }
 
-/// Terms of the series in σ, which is up to 1.2 where anything is left of e^{kσ}.
+/// Terms of the series in σ, |σ| ≤ 1.2 where e^{kσ} is not negligible.
 const TERMS: usize = 28;
 
 /// Nodes of the contour.
 const NODES: usize = 28;
 
 impl KernelDefects {
-    /// The defects of K by BDF p with a step size and the exponents ν ≥ 0.
+    /// The defects of K by BDF p with a step size, for powers with the exponents ν ≥ 0.
     ///
     /// # Errors
-    /// If the kernel has singularities off the negative real axis, or none is known of it.
+    /// If the kernel has singularities off the negative real axis, or is given by weights.
     pub(crate) fn new(
         transfer: &TransferFunction,
         order: BdfOrder,
@@ -110,7 +110,7 @@ impl KernelDefects {
         self.transfer.value(sigma / self.step_size)
     }
 
-    /// γ_p(e^{−σ}), with the digits of 1 − e^{−σ} for small σ.
+    /// γ_p(e^{−σ}), with 1 − e^{−σ} accurate for small σ.
     fn formula(&self, sigma: Complex<f64>) -> Complex<f64> {
         let half = libm::sin(0.5 * sigma.im);
         let decayed = libm::exp(-sigma.re);
@@ -162,7 +162,7 @@ mod tests {
                 for k in [1, 2, 7, 31, 33, 63, 64, 200, 10_000] {
                     for ((found, known), nu) in found.at(k).iter().zip(known.at(k)).zip(exponents) {
                         let known = known * libm::pow(step, -beta);
-                        // Of K(D) t^ν, or of the sum for the first.
+                        // Relative to K(D) t^ν, or to the sum for small k.
                         let size = libm::pow(step, -beta)
                             * libm::pow(k as f64, nu - beta.min(if k < 64 { 0.0 } else { beta }));
                         assert!(

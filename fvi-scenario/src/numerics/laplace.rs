@@ -1,4 +1,4 @@
-//! Creep and relaxation of kernels: inverse Laplace transforms by numbers.
+//! Creep and relaxation functions of kernels: numerical inverse Laplace transforms.
 
 use super::transfer::TransferFunction;
 use nalgebra::Complex;
@@ -21,7 +21,7 @@ pub fn creep(transfer: &TransferFunction, time: f64) -> Option<f64> {
     invert(transfer, time, |s| (s * whole(transfer, s)).inv())
 }
 
-/// K(s) with its spring.
+/// K(s) including its spring.
 pub fn whole(transfer: &TransferFunction, s: Complex<f64>) -> Complex<f64> {
     transfer.value(s) + transfer.spring()
 }

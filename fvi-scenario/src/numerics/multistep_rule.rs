@@ -9,7 +9,7 @@ use nalgebra::Complex;
 pub enum MultistepRule {
     /// γ_p(z) = Σ_{i=1}^p (1 − z)^i/i, backward differentiation.
     Bdf(BdfOrder),
-    /// γ(z) = 2 (1 − z)/(1 + z), the trapezoidal rule: of order 2, and it damps nothing of itself, |γ| being
+    /// γ(z) = 2 (1 − z)/(1 + z), the trapezoidal rule: of order 2 and without numerical damping, since |γ| is
     /// infinite at z = −1. The weights of K(s) ~ s^μ have a part that alternates in sign like (−1)ⁿ n^(μ−1).
     Trapezoidal,
 }
@@ -29,8 +29,8 @@ impl MultistepRule {
         }
     }
 
-    /// Whether Re γ ≥ 0 in |z| ≤ 1 and arg γ ∈ [−π/2, 0] on the upper half of the circle: what the theorem on
-    /// passive kernels asks for (book/src/theory/kernels.md).
+    /// Whether Re γ ≥ 0 in |z| ≤ 1 and arg γ ∈ [−π/2, 0] on the upper half of the circle: the hypothesis of
+    /// the theorem on passive kernels (book/src/theory/kernels.md).
     pub fn is_passive(self) -> bool {
         self.order() <= 2
     }
@@ -52,7 +52,7 @@ impl MultistepRule {
         let inverse = DoubleDouble::ONE.divide(step_size);
         match self {
             Self::Bdf(order) => {
-                // Sixty times the coefficients are whole numbers.
+                // Sixty times the coefficients are integers.
                 let coefficient = |scaled: f64| inverse.scale((60.0 * scaled).round()).divide(60.0);
                 let coefficients: Vec<_> = order.coefficients().into_iter().map(coefficient).collect();
                 Series::polynomial(&coefficients, count)

@@ -11,11 +11,11 @@ use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
 use fvi_fft::real_transforms;
 use nalgebra::Complex;
 
-/// Weights that are taken from the power series, so many that nothing is left of what the integral over the
-/// cut leaves out: |ζ|⁻ⁿ with |ζ| ≥ 1.13 for BDF 6.
+/// Number of weights computed from the power series. Beyond these the contributions that the integral over
+/// the cut leaves out are negligible: |ζ|⁻ⁿ with |ζ| ≥ 1.13 for BDF 6.
 const HEAD: usize = 512;
 
-/// The last of them, which tell whether the integral goes on with them.
+/// Number of the last weights of the series that are compared with the integral over the cut.
 const COMPARED: usize = 64;
 
 /// Relative accuracy of the integral over the cut.
@@ -24,24 +24,25 @@ const TOLERANCE: f64 = 1e-18;
 /// Lags from one exact evaluation of the parts of a weight to the next.
 const BLOCK: usize = 16;
 
-/// By how much an integral may miss the last weights of the head, relative to them or to this part of w₀.
+/// Largest difference between the integral and the last weights of the series, relative to these, and
+/// smallest weight, relative to w₀, to which it is related.
 const AGREEMENT: f64 = 64.0 * f64::EPSILON;
 const NOTHING: f64 = 1e-5;
 
-/// Points on the circle for each weight.
+/// Number of points on the circle per weight.
 const POINTS: usize = 16;
 
 /// The first `count` weights of K(γ(z)/h) = Σ w_n zⁿ, or of K(γ(z)/h)/(1 − z) on increments.
 ///
-/// The first of them are the coefficients of a power series that is computed to about 30 digits. The others
-/// are an integral over the cut of K and its poles, without cancellation, so that each weight is right
-/// relative to itself however small (`principal_cut.rs`). Where K has singularities elsewhere, which the
-/// last weights of the series show, and with the trapezoidal rule, they come from a transform on a circle:
-/// right relative to w₀.
+/// The first weights are the coefficients of a power series computed to about 30 digits. The others are an
+/// integral over the cut of K and its poles, without cancellation, so that even small weights are relatively
+/// accurate (`principal_cut.rs`). With the trapezoidal rule, and where K has singularities elsewhere, which
+/// shows in the last weights of the series, they are computed by a transform on a circle, with an error
+/// relative to w₀.
 ///
 /// # Errors
-/// If h is not positive and finite, or a weight is not finite: then K is singular where γ_p(z)/h lies for
-/// |z| < 1, in the right half-plane.
+/// If h is not positive and finite, or a weight is not finite: then K is singular at some γ_p(z)/h, |z| < 1,
+/// in the right half-plane.
 pub fn multistep_weights(
     transfer: &TransferFunction,
     rule: impl Into<MultistepRule>,
@@ -81,7 +82,8 @@ pub fn multistep_weights(
     if let Some(&weight) = weights.iter().find(|weight| !weight.is_finite()) {
         return Err(refused(weight));
     }
-    // Weights of K(s) = O(s^μ), μ < 2, that is analytic to the right are at most a few times the first.
+    // If K(s) = O(s^μ), μ < 2, is analytic in the right half-plane, no weight is more than a few times the
+    // first.
     let largest = weights.iter().fold(0.0_f64, |largest, weight| largest.max(weight.abs()));
     if largest > GROWN * first {
         return Err(refused(largest));
@@ -108,7 +110,7 @@ pub fn multistep_weights(
     Ok(weights)
 }
 
-/// Of those that are given, the first.
+/// The first of the given weights.
 fn given_weights(
     table: &WeightTable,
     step_size: f64,
@@ -131,9 +133,8 @@ fn given_weights(
     Ok(sums.collect())
 }
 
-/// The derivatives of [`multistep_weights`] with respect to a parameter of K: the first of them from a power
-/// series, each right relative to itself, the others from a transform on a circle, right relative to the
-/// largest.
+/// The derivatives of [`multistep_weights`] with respect to a parameter of K: the first from a power series,
+/// with small relative errors, the others from a transform on a circle, with errors relative to the largest.
 ///
 /// # Errors
 /// If h is not positive and finite, or a weight is not finite.
@@ -181,7 +182,7 @@ fn power_derivative(
     on_increments: bool,
     count: usize,
 ) -> Vec<f64> {
-    // Sixty times the coefficients are whole numbers.
+    // Sixty times the coefficients are integers.
     let gamma: Vec<f64> = order.coefficients().into_iter().map(|entry| (60.0 * entry).round()).collect();
     let mut sum = 0.0;
     let quotient = gamma.iter().map(|entry| {
@@ -230,7 +231,7 @@ fn trapezoidal_power(exponent: f64, first: f64, on_increments: bool, count: usiz
     weights
 }
 
-/// Weights that exceed the first by more than this factor are taken for those of a kernel with growing parts.
+/// Ratio to the first weight above which weights are taken for those of a kernel with growing parts.
 const GROWN: f64 = 1e6;
 
 /// Weights from `first` to `count` by the integral over the cut, each relative to itself.
@@ -283,10 +284,10 @@ fn power(x: DoubleDouble, n: usize) -> DoubleDouble {
     power
 }
 
-/// All weights by Cauchy's integral on a circle inside of |z| = 1.
+/// All weights by Cauchy's integral on a circle inside |z| = 1.
 ///
-/// With the trapezoidal rule a kernel that grows like s^μ is large near z = −1: what is transformed has the
-/// factor (1 + z)^m, m ≥ μ, by which the series is divided again.
+/// With the trapezoidal rule a kernel that grows like s^μ is large near z = −1: the transformed function is
+/// multiplied by (1 + z)^m, m ≥ μ, and the series is divided by that again.
 fn transform(
     (function, growth): (&dyn Fn(Complex<f64>) -> Complex<f64>, f64),
     rule: MultistepRule,
@@ -295,7 +296,7 @@ fn transform(
     count: usize,
 ) -> Vec<f64> {
     let length = (POINTS * count).next_power_of_two();
-    // What is folded back from beyond the end is r^length of a weight.
+    // Aliasing from beyond the end is r^length of a weight.
     let radius = libm::exp(libm::log(1e-20) / length as f64);
     let factors = match rule {
         MultistepRule::Bdf(_) => 0,
@@ -309,7 +310,7 @@ fn transform(
         if on_increments { value / difference } else { value }
     };
     let mut values: Vec<Complex<f64>> = (0..=length / 2).map(value).collect();
-    // Real for real z, whatever the rounding.
+    // Real for real z, without rounding errors of the imaginary part.
     for end in [0, length / 2] {
         values[end].im = 0.0;
     }
@@ -350,7 +351,7 @@ mod tests {
 
     #[test]
     fn orders_next_to_one_take_no_longer_than_others() {
-        // The form becomes τs/(1 + τs) at order 1, with weights that are those of an exponential.
+        // At order 1 the form becomes τs/(1 + τs), whose weights are an exponential.
         let (rule, count, step_size) = (BdfOrder::new(2).unwrap(), 900, 0.02);
         let weights =
             |transfer: &TransferFunction| multistep_weights(transfer, rule, step_size, false, count).unwrap();
@@ -369,7 +370,7 @@ mod tests {
             for p in 1..=6 {
                 let order = BdfOrder::new(p).unwrap();
                 for on_increments in [false, true] {
-                    // Longer steps leave the cut of (s + 2)^β no real preimage, and the pole at −10.
+                    // For longer steps the cut of (s + 2)^β and the pole at −10 have no real preimage.
                     for step_size in [1e-3, 0.005, 0.02] {
                         let (first, length) = (HEAD - COMPARED, HEAD + 100);
                         let series = transfer.series(&MultistepRule::from(order).series(step_size, length));
@@ -397,7 +398,7 @@ mod tests {
                 let function = |s| transfer.value(s);
                 let found = transform((&function, transfer.growth()), rule, 0.05, false, 300);
                 let error = series.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-                // Those of the trapezoidal rule do not fall off: relative to the sum of them.
+                // The weights of the trapezoidal rule do not decay: the error is relative to their sum.
                 let size = match rule {
                     MultistepRule::Bdf(_) => 2.0 * series[0],
                     MultistepRule::Trapezoidal => series.iter().map(|weight| weight.abs()).sum(),

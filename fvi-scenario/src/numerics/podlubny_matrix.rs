@@ -1,8 +1,8 @@
 //! Podlubny's matrix method: triangular strip matrices for linear fractional differential equations with
 //! constant coefficients.
 //!
-//! A benchmark that shares nothing with the integrators of this project: it discretises the equation itself,
-//! position by position, and its weights come from their own recursion.
+//! An independent benchmark: it discretises the equation in the positions directly, with weights from a
+//! separate recursion.
 
 use fvi_core::ParameterError;
 
@@ -24,8 +24,8 @@ pub struct LinearTerm {
 /// ```
 ///
 /// B^{(β)} is the triangular strip matrix of the backward difference of order β: (1, −1)/h for the first
-/// derivative, (1, −2, 1)/h² for the second, Grünwald–Letnikov weights between. The zero values at the
-/// beginning, as many as the largest order rounded up, take the place of as many first rows. What remains is
+/// derivative, (1, −2, 1)/h² for the second, Grünwald–Letnikov weights between. The zero initial values, as
+/// many as the largest order rounded up, replace the same number of first rows. What remains is
 /// a lower triangular Toeplitz system, solved by forward substitution in N² operations with N numbers of
 /// storage. Every difference is of first order, and so is the solution.
 ///
@@ -65,7 +65,7 @@ pub fn podlubny_matrix_method(
     Ok(values)
 }
 
-/// The first column of Σ_m a_m B^{(β_m)}, which says it all.
+/// The first column of Σ_m a_m B^{(β_m)}, which determines the Toeplitz matrix.
 fn strip(terms: &[LinearTerm], step_size: f64, length: usize) -> Vec<f64> {
     let mut strip = vec![0.0; length];
     for term in terms {
@@ -91,7 +91,7 @@ mod tests {
         LinearTerm { coefficient: 1.0, order: 0.0 },
     ];
 
-    /// Largest error on [0, 1] for the force that belongs to t³.
+    /// Largest error on [0, 1] for the force whose solution is t³.
     fn error(steps: usize) -> f64 {
         let force = |t: f64| 6.0 * t + 6.0 / libm::tgamma(2.5) * t.powf(1.5) + t.powi(3);
         let step_size = 1.0 / steps as f64;

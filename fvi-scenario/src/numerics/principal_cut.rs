@@ -5,7 +5,7 @@ use super::transfer::{self, Pole, TransferFunction};
 use fvi_core::{BdfOrder, DoubleDouble};
 use std::f64::consts::PI;
 
-/// Most of the nodes that stand still, and the size relative to their sum from which on they are left out.
+/// Largest number of constant nodes summed, and ratio to their sum below which further ones are dropped.
 const MOST_STANDING: usize = 20_000;
 const NEGLIGIBLE: f64 = 1e-18;
 
@@ -17,22 +17,22 @@ const NOTHING_LEFT: f64 = 1e-30;
 
 /// The part of the weights of convolution quadrature that comes from the negative real axis of s.
 ///
-/// The weights are the Taylor coefficients of K(γ_p(z)/h). Cauchy's contour is wrapped around the cut of K
-/// and its poles, seen from z = 1 + m, m > 0, with g(m) = −γ_p(1 + m) = m − m²/2 + … and x = g(m)/h:
+/// The weights are the Taylor coefficients of K(γ_p(z)/h). Cauchy's contour is deformed to the cut of K and
+/// its poles in the z-plane at z = 1 + m, m > 0, with g(m) = −γ_p(1 + m) = m − m²/2 + … and x = g(m)/h:
 ///
 /// ```text
 /// w_n = −(1/π) ∫ Im K(−x + i0) (1+m)^{−n−1} dm + Σ_poles residue·h/(g′(m) (1 + m)) (1+m)^{−n} .
 /// ```
 ///
-/// Weights on increments are those of K(γ_p(z)/h)/(1 − z), 1 − z = −m. What other preimages of the cut and
-/// the poles add falls like |ζ|^{−n} with |ζ| ≥ 1.2, and is left to the first weights.
+/// Weights on increments are those of K(γ_p(z)/h)/(1 − z), 1 − z = −m. Contributions of other preimages of
+/// the cut and the poles fall like |ζ|^{−n} with |ζ| ≥ 1.2, and are left to the first weights.
 pub(super) struct PrincipalCut<'a> {
     transfer: &'a TransferFunction,
     order: BdfOrder,
     step_size: f64,
     on_increments: bool,
     cut: Option<Start>,
-    /// Sign of the jump, that of most of the cut where it changes.
+    /// Sign of the jump; if it changes, the sign on most of the cut.
     jump_sign: f64,
     poles: Vec<Exponential>,
 }
@@ -94,7 +94,7 @@ impl<'a> PrincipalCut<'a> {
         self.cut.as_ref().map_or(0.0, |start| libm::log1p(start.place))
     }
 
-    /// The lag up to which there is something left of the weights.
+    /// The lag up to which the weights are not negligible.
     pub(super) fn reach(&self, horizon: usize) -> usize {
         let rate = self.slowest();
         if rate == 0.0 {
@@ -104,13 +104,13 @@ impl<'a> PrincipalCut<'a> {
     }
 
     /// Spacing of the trapezoidal rule in ln d at which its relative error is about half the tolerance:
-    /// e^{−2πs/spacing} in a strip of half width s, times what the integrand grows towards its edge.
+    /// e^{−2πs/spacing} in a strip of half width s, times the growth of the integrand towards its edge.
     pub(super) fn spacing(&self, tolerance: f64) -> f64 {
         let strip = self.cut.as_ref().map_or(0.5 * PI, |start| start.cut.strip);
         2.0 * PI * strip / (libm::log(2.0 / tolerance) + 6.0)
     }
 
-    /// Rate from which on nodes have died away at the end of a head.
+    /// Rate from which nodes are negligible at the end of a head.
     pub(super) fn fastest(&self, head: usize, tolerance: f64) -> f64 {
         let power = self.cut.as_ref().map_or(0.0, |start| start.cut.power.max(self.transfer.growth()));
         self.slowest() + (libm::log(2.0 / tolerance) + 2.0 + 1.5 * power) / head as f64
@@ -119,7 +119,8 @@ impl<'a> PrincipalCut<'a> {
     /// The trapezoidal rule in ln d up to a rate, slowest node first, without the [`sign`](Self::sign) and
     /// the poles.
     ///
-    /// Nodes so slow that they stand still beside the branch point up to the horizon are one node there.
+    /// Nodes so slow that they are constant relative to the branch point up to the horizon are merged to one
+    /// node there.
     pub(super) fn rule(
         &self,
         spacing: f64,
@@ -230,8 +231,8 @@ impl<'a> PrincipalCut<'a> {
     }
 }
 
-/// The exponential of a pole; `None` where it has no real preimage, so that its part dies out within a few
-/// weights.
+/// The exponential of a pole; `None` if the pole has no real preimage, so that its contribution decays within
+/// a few weights.
 fn exponential(order: BdfOrder, step_size: f64, on_increments: bool, pole: Pole) -> Option<Exponential> {
     let m = preimage(order, pole.rate * step_size)?;
     let slope = taylor(order, m)[0];
@@ -296,7 +297,7 @@ fn taylor(order: BdfOrder, m: f64) -> [f64; 6] {
     coefficients
 }
 
-/// The m > 0 next to 0 with g(m) = `value`; `None` where there is none on the branch that begins at 0.
+/// The smallest m > 0 with g(m) = `value` on the branch that begins at 0; `None` if there is none.
 fn preimage(order: BdfOrder, value: f64) -> Option<f64> {
     if value == 0.0 {
         return Some(0.0);
@@ -317,7 +318,7 @@ fn preimage(order: BdfOrder, value: f64) -> Option<f64> {
         let middle = 0.5 * (low + high);
         if negative_formula(order, middle) < value { low = middle } else { high = middle }
     }
-    // To the last digit, however small.
+    // Newton's method, to full relative accuracy for any size.
     let mut m = if low == 0.0 { value } else { low };
     for _ in 0..8 {
         m -= (negative_formula(order, m) - value) / taylor(order, m)[0];

@@ -1,16 +1,17 @@
-//! Relaxations c/(s + λ) that make up a kernel, and fewer in their place.
+//! Relaxations c/(s + λ) that approximate a kernel, and their compression.
 //!
-//! What lies below the horizon's rate acts as a polynomial in λ, what lies above the shortest step's as a
-//! power of 1/λ times a polynomial in 1/λ: there Gauss rules of the measure of the nodes take their place.
+//! Nodes with rates below the inverse of the horizon act as a polynomial in λ, those above the inverse of the
+//! shortest step as a power of 1/λ times a polynomial in 1/λ: they are replaced by Gauss rules of the measure
+//! of the nodes.
 
 use super::exponential_table::{JacobiMatrix, LONGEST_RULE};
 use super::inverse::inverse;
 use nalgebra::{SMatrix, SVector};
 
-/// How far the slow nodes reach that a Gauss rule is tried for, as rate · horizon.
+/// Upper ends of the group of slow nodes for which Gauss rules are tried, as rate · horizon.
 const SLOW_REACHES: [f64; 6] = [0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
 
-/// How far down the fast nodes reach, as rate · shortest step.
+/// Lower ends of the group of fast nodes, as rate · shortest step.
 const FAST_REACHES: [f64; 6] = [64.0, 32.0, 16.0, 8.0, 4.0, 2.0];
 
 /// A relaxation c/(s + λ).
@@ -20,16 +21,16 @@ pub(super) struct Relaxation {
     pub(super) coefficient: f64,
 }
 
-/// What must stay as it is while nodes are replaced.
+/// Responses that the compression of nodes must preserve.
 pub(super) struct Compression {
-    /// Of the fast nodes, and of the slow ones.
+    /// For the fast nodes, and for the slow ones.
     pub(super) early: Vec<Response>,
     pub(super) late: Vec<Response>,
     pub(super) shortest: f64,
     pub(super) horizon: f64,
     pub(super) tolerance: f64,
-    /// The rate of a relaxation that makes up Σ c/λ where nodes are replaced, what they are worth within a
-    /// step; without it that is left to others.
+    /// Rate of a relaxation that preserves Σ c/λ, the contribution of the replaced nodes within a step;
+    /// `None` if that is preserved otherwise.
     pub(super) closing: Option<f64>,
 }
 
@@ -55,14 +56,14 @@ impl Compression {
         };
         let fast =
             |reach: f64| replaced(&nodes[nodes.partition_point(|node| node.rate * shortest <= reach)..]);
-        // Of the reaches, the one that saves most.
+        // Of the candidates the one that saves most nodes.
         let most = |rules: Vec<(usize, Vec<Relaxation>)>| {
             let saved = |(replaced, rule): &(usize, Vec<Relaxation>)| replaced.saturating_sub(rule.len());
             rules.into_iter().max_by_key(saved).unwrap_or_default()
         };
         let (slow_count, slow_rule) = most(SLOW_REACHES.map(slow).into());
         let (fast_count, fast_rule) = most(FAST_REACHES.map(fast).into());
-        // Runs of a few steps: the two may meet.
+        // For runs of a few steps the two groups may overlap.
         let middle = nodes.get(slow_count..nodes.len() - fast_count);
         match middle {
             Some(middle) => [&slow_rule, middle, &fast_rule].concat(),
@@ -105,9 +106,9 @@ impl Relaxation {
 /// f(λ)
 pub(super) type Response = Box<dyn Fn(f64) -> f64>;
 
-/// Whether a rule takes the place of some nodes, judged by responses.
+/// Check that a rule can replace some nodes, by comparing responses.
 struct Agreement {
-    /// Each with the difference that is allowed.
+    /// Each response with its tolerance.
     responses: Vec<(Response, f64)>,
 }
 
@@ -141,8 +142,8 @@ impl Agreement {
     }
 }
 
-/// What is left of a relaxation after times up to the horizon: of many short steps e^{−λt}, of two long ones
-/// (1 + λt/2)^{−2}.
+/// Decay factors of a relaxation at times up to the horizon: e^{−λt} for many short steps, (1 + λt/2)^{−2}
+/// for two long ones.
 pub(super) fn late_responses(horizon: f64) -> Vec<Response> {
     let times = (0..24).map(move |k| horizon * 0.5_f64.powi(k));
     let responses = times.flat_map(|time| -> [Response; 2] {
@@ -168,7 +169,7 @@ pub(super) fn early_responses<const R: usize>(matrix: &SMatrix<f64, R, R>, short
     entries.map(response).collect()
 }
 
-/// The entries of hA(I + hλA)⁻¹, what a relaxation is worth in a step of the length h itself.
+/// The entries of hA(I + hλA)⁻¹, the contribution of a relaxation within a step of length h.
 pub(super) fn responses_within<const R: usize>(matrix: &SMatrix<f64, R, R>, length: f64) -> Vec<Response> {
     let matrix = *matrix;
     let entries = (0..R).flat_map(|i| (0..R).map(move |j| (i, j)));
@@ -178,7 +179,7 @@ pub(super) fn responses_within<const R: usize>(matrix: &SMatrix<f64, R, R>, leng
     entries.map(response).collect()
 }
 
-/// The same less 1/λ where the relaxation dies out within the step: what is left when Σ c/λ is made up.
+/// The same minus 1/λ where the relaxation decays within the step: the remainder if Σ c/λ is preserved.
 pub(super) fn responses_beyond<const R: usize>(matrix: &SMatrix<f64, R, R>, length: f64) -> Vec<Response> {
     let matrix = *matrix;
     let entries = (0..R).flat_map(|i| (0..R).map(move |j| (i, j)));
@@ -191,7 +192,7 @@ pub(super) fn responses_beyond<const R: usize>(matrix: &SMatrix<f64, R, R>, leng
     entries.map(response).collect()
 }
 
-/// (I + xA)⁻¹, also where determinants would be no numbers.
+/// (I + xA)⁻¹, also for x whose determinants overflow.
 fn resolvent<const R: usize>(matrix: &SMatrix<f64, R, R>, x: f64) -> SMatrix<f64, R, R> {
     const LARGE: f64 = 1e50;
     match x < LARGE {

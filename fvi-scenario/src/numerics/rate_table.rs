@@ -7,8 +7,8 @@
 //!
 //! The integrals over ln λ are those of analytic functions that decay at both ends, for which the trapezoidal
 //! rule converges like e^{−π²/d} in its spacing d. Its slowest and fastest nodes are replaced by fewer
-//! (`rate_rules.rs`), so that the number of rates grows with the logarithm of horizon over shortest step, and
-//! by nothing else.
+//! (`rate_rules.rs`), so that the number of rates grows only with the logarithm of the ratio of horizon and
+//! shortest step.
 //!
 //! Other kernels have other densities in place of the power of λ (`spectrum.rs`).
 
@@ -25,14 +25,14 @@ use super::transfer::TransferFunction;
 use fvi_core::{ParameterError, RateTable, Real, RungeKutta};
 use nalgebra::SMatrix;
 
-/// Smallest relative tolerance of a table: below it rounding decides.
+/// Smallest relative tolerance of a table: below it rounding dominates.
 pub const SMALLEST_TOLERANCE: f64 = 1e-14;
 
-/// Rates in a block of the core's memory.
+/// Rates per block of fvi-core's memory.
 const BLOCK: usize = 4;
 
-/// The table of D^`exponent` for a method, for steps from `shortest` on and times up to `horizon`, with the
-/// weights of the past within the relative tolerance `tolerance`.
+/// The table of D^`exponent` for a method, for steps of at least `shortest` and times up to `horizon`, with
+/// the weights of the history within the relative tolerance `tolerance`.
 ///
 /// # Errors
 /// If the exponent is outside (−1, 2), the lengths are outside [10⁻²⁸⁰, 10²⁸⁰], the horizon is shorter than
@@ -62,7 +62,7 @@ fn check_ranges(shortest: f64, horizon: f64, tolerance: f64) -> Result<(), Param
         true => Ok(()),
         false => Err(ParameterError { parameter, value, allowed }),
     };
-    // Beyond, rates and coefficients are no numbers of double precision.
+    // Beyond, rates and coefficients leave the range of double precision.
     range(
         (1e-280..=1e280).contains(&shortest),
         "shortest step",
@@ -104,15 +104,15 @@ fn table<T: Real>(
     }
 }
 
-/// Why a kernel has no table.
+/// Reason why a kernel has no table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum RateTableError {
     /// A parameter is not allowed.
     Parameter(ParameterError),
-    /// No sum of relaxations is the kernel to the tolerance.
+    /// No sum of relaxations approximates the kernel within the tolerance.
     ToleranceMissed {
-        /// The tolerance that was asked for.
+        /// The requested tolerance.
         tolerance: f64,
         /// The error that was reached.
         reached: f64,
@@ -141,20 +141,20 @@ impl From<ParameterError> for RateTableError {
     }
 }
 
-/// Fastest rate, as rate · shortest step: beyond, relaxations count by c/λ alone.
+/// Fastest rate, as rate · shortest step: faster relaxations only contribute through c/λ.
 const ENDLESS: f64 = 1e16;
 
 /// The table of any transfer function whose singularities lie on the negative real axis.
 ///
-/// The relaxations make up K(s)/s^d to `tolerance`, relative to K, for |s| from the inverse of the horizon to
-/// ten times that of the shortest step, Re s ≥ 0. Then those faster than the shortest step or slower than the
-/// horizon are merged, which changes responses at times between the two by `tolerance` at most: as a function
-/// of s the sum is that accurate some way within both ends only. The table of s^β is [`rate_table`]'s, that
-/// of a Prony series has its terms.
+/// The sum of relaxations approximates K(s)/s^d within `tolerance`, relative to K, for |s| from the inverse
+/// of the horizon to ten times that of the shortest step, Re s ≥ 0. Then those faster than the shortest step
+/// or slower than the horizon are merged, which changes responses at times between the two by at most
+/// `tolerance`; near both ends the sum is less accurate as a function of s. The table of s^β is that of
+/// [`rate_table`], that of a Prony series consists of its terms.
 ///
 /// # Errors
-/// As [`rate_table`]; and [`RateTableError::ToleranceMissed`] where K has singularities elsewhere, or a
-/// formula is not so accurate; and for weights, which are for equal steps.
+/// As [`rate_table`]; and [`RateTableError::ToleranceMissed`] if K has singularities elsewhere, or a formula
+/// is not accurate enough; and for kernels given by weights, which are for equal steps.
 pub fn rate_table_of<T: Real, const R: usize>(
     method: &RungeKutta<R>,
     transfer: &TransferFunction,
@@ -173,7 +173,7 @@ pub fn rate_table_of<T: Real, const R: usize>(
     let growth = transfer.growth();
     let (derivatives, exponent) = match growth {
         growth if growth < 0.0 => (0, growth),
-        // One derivative makes a measure of decaying functions of it, G(t) = L⁻¹[K(s)/s].
+        // With one derivative, K/s is an integral over decaying functions, G(t) = L⁻¹[K(s)/s].
         0.0 => (1, 1.0),
         growth if growth <= 1.0 => (1, growth),
         growth => (2, growth),
@@ -186,7 +186,7 @@ pub fn rate_table_of<T: Real, const R: usize>(
         relaxations.sort_by(|a, b| a.rate.total_cmp(&b.rate));
         Ok(table(exponent, Aligned::zeros(0), &relaxations, [shortest, horizon]))
     };
-    // A series is itself.
+    // A Prony series is a sum of relaxations already.
     if !transfer.poles().is_empty() {
         return finished(nodes);
     }
@@ -204,7 +204,7 @@ pub fn rate_table_of<T: Real, const R: usize>(
         let closing = Some(ENDLESS / shortest);
         let compression = Compression { early, late, shortest, horizon, tolerance, closing };
         compression.of(&nodes).into_iter().map(move |node| {
-            // So that products with steps are numbers of single precision, too.
+            // So that products with steps stay in the range of single precision too.
             let rate = node.rate.min(ENDLESS / shortest);
             let worth = if node.rate > rate { node.coefficient / node.rate * rate } else { node.coefficient };
             Relaxation { rate, coefficient: sign * worth }
@@ -216,7 +216,7 @@ pub fn rate_table_of<T: Real, const R: usize>(
 /// s^{−μ}
 struct Power {
     mu: f64,
-    /// sin(πμ)/π, exact to rounding also near a whole order.
+    /// sin(πμ)/π, exact to rounding also near an integer order.
     jump: f64,
 }
 
@@ -236,9 +236,9 @@ impl Power {
         fine
     }
 
-    /// The trapezoidal rule, slowest node first. Nodes so slow that they stand still up to the horizon, a
-    /// geometric series, are one of rate 0; faster ones than the last add less than the tolerance to any
-    /// step.
+    /// The trapezoidal rule, slowest node first. Nodes so slow that they are constant up to the horizon, a
+    /// geometric series, are merged to one of rate 0; nodes faster than the last contribute less than the
+    /// tolerance to any step.
     fn trapezoidal_rule(&self, shortest: f64, horizon: f64, tolerance: f64) -> Vec<Relaxation> {
         let (spacing, ratio) = (self.spacing(tolerance), 1.0 - self.mu);
         let fastest = (100.0 / tolerance).ln() / (1.0 + self.mu) - shortest.ln();
@@ -255,8 +255,8 @@ impl Power {
             .collect()
     }
 
-    /// The rule with its slowest and fastest nodes compressed, for a method whose shortest step has these
-    /// responses.
+    /// The rule with its slowest and fastest nodes compressed, for a method with the given responses of the
+    /// shortest step.
     fn compressed(
         &self,
         early: Vec<Response>,
@@ -287,7 +287,7 @@ mod tests {
                 assert!(rates.len() <= most, "{} rates for {exponent}, {tolerance:e}", rates.len());
                 let mu = exponent.ceil() - exponent;
                 for decade in 0..=68 {
-                    // The shortest step is where the memory begins; its stages lie within.
+                    // The history begins one shortest step back; the stages lie within the step.
                     let time = 1e-8 * 10_f64.powf(f64::from(decade) / 4.25);
                     let terms = rates.iter().zip(coefficients).map(|(rate, c)| c * (-rate * time).exp());
                     let exact = time.powf(mu - 1.0) / libm::tgamma(mu);
@@ -334,7 +334,7 @@ mod tests {
             let count = table.rates.as_ref().len();
             assert!(count <= most && table.leading.as_ref().is_empty(), "{transfer}: {count} rates");
             for decade in -5..=8 {
-                // Off the axis, and by the rates that are left.
+                // Off the axis, with the compressed rates.
                 let s = Complex::from_polar(10f64.powi(decade), 1.2);
                 let (found, known) = (value(&table, s), transfer.value(s));
                 let error = (found - known).norm() / (known.norm() + transfer.spring());

@@ -6,7 +6,7 @@ use nalgebra::Complex;
 
 /// K(s) = s Ĝ(s) of a relaxation function G: the force ∫ G(t − τ) q̇(τ) dτ.
 ///
-/// G is linear between its rows, and G(T) e^{−(t−T)/τ} behind the last one, at T:
+/// G is linear between its rows, and G(T) e^{−(t−T)/τ} after the last one, at T:
 ///
 /// ```text
 /// K(s) = G(0) + Σ_i m_i (e^{−s t_i} − e^{−s t_{i+1}})/s − G(T) e^{−sT} / (1 + τ s) ,
@@ -19,19 +19,19 @@ pub struct Relaxation {
     /// t and G, one after the other.
     rows: Vec<f64>,
     decay: Option<f64>,
-    /// Whether it is one of a matrix, which alone is passive or not.
+    /// Whether the kernel is an entry of a matrix, for which passivity is a property of the whole.
     part: bool,
 }
 
 impl Relaxation {
-    /// Of rows (t, G) with ascending t from 0, in a file of this name, that go on with the time constant
-    /// `decay`; without one, G is zero behind them.
+    /// From rows (t, G) with ascending t from 0, of a file of this name, continued with the time constant
+    /// `decay`; without one, G is zero after them.
     pub fn new(name: &str, rows: &[(f64, f64)], decay: Option<f64>) -> Self {
         let rows = rows.iter().flat_map(|&(time, modulus)| [time, modulus]).collect();
         Self { name: name.to_owned(), rows, decay, part: false }
     }
 
-    /// The same as an entry of a matrix: not looked at by itself.
+    /// The same as an entry of a matrix: its passivity is not checked by itself.
     pub fn of_matrix(self) -> Self {
         Self { part: true, ..self }
     }
@@ -61,7 +61,7 @@ impl Relaxation {
         let (_, end) = self.last();
         let after = self.decay.map_or(0.0, |decay| -end / decay);
         let slopes: Vec<f64> = self.pieces().map(|(.., slope)| slope).chain([after]).collect();
-        // A step down to zero behind the last row is no convex end.
+        // A step down to zero after the last row is not convex.
         let ends = end == 0.0 || (end > 0.0 && self.decay.is_some());
         ends && slopes.is_sorted() && slopes.last().is_none_or(|&slope| slope <= 0.0)
     }
@@ -87,7 +87,7 @@ impl Formula for Relaxation {
         let tail = (s * -end).exponential() * modulus;
         let tail = self.decay.map_or(tail, |decay| tail / (s * decay + 1.0));
         let sum = pieces + self.row(0).1 - tail;
-        // Far to the left exponentials grow beyond all numbers.
+        // Far to the left the exponentials overflow.
         if sum.re.is_finite() && sum.im.is_finite() { sum } else { Complex::new(f64::NAN, f64::NAN) }
     }
 
@@ -165,7 +165,7 @@ mod tests {
         let order = BdfOrder::new(2).unwrap();
         let weights =
             |of: &TransferFunction, count| multistep_weights(of, order, 0.05, false, count).unwrap();
-        // From the series, and from the transform behind it.
+        // By the series, and by the transform for later weights.
         for count in [60, 700] {
             for (a, b) in weights(&measured, count).iter().zip(weights(&maxwell, count)) {
                 assert!((a - b).abs() < 1e-6, "{a} {b}");

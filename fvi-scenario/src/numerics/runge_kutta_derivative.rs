@@ -8,18 +8,18 @@ use fvi_fft::real_transforms;
 use nalgebra::{Complex, SMatrix};
 use std::f64::consts::PI;
 
-/// Points on the circle for each weight.
+/// Number of points on the circle per weight.
 const POINTS: usize = 16;
 
-/// What is folded back from beyond the end of the transform, relative to a weight.
+/// Aliasing error of the transform, relative to a weight.
 const FOLDED: f64 = 1e-20;
 
-/// Corrections of the eigenvalues of Δ(z), which begin at those of the point before.
+/// Largest number of corrections of the eigenvalues of Δ(z), which start from those at the previous point.
 const CORRECTIONS: usize = 60;
 
-/// The derivatives ∂W_n of matrix weights by a parameter θ of the kernel, n = 0 … count − 1, plane by plane:
-/// entry (i, j) of ∂W_n is at (i·R + j)·count + n. On values, or on rises where `on_rises` is set, as
-/// [`RungeKuttaWeights::of_transfer`](super::runge_kutta_weights::RungeKuttaWeights::of_transfer) has them.
+/// The derivatives ∂W_n of matrix weights with respect to a parameter θ of the kernel, n = 0 … count − 1,
+/// plane by plane: entry (i, j) of ∂W_n is at (i·R + j)·count + n. On values, or on rises if `on_rises` is
+/// set, as in [`RungeKuttaWeights::of_transfer`](super::runge_kutta_weights::RungeKuttaWeights::of_transfer).
 ///
 /// ```text
 /// Σ_n ∂W_n zⁿ = f(Δ(z)/h) ,      f = ∂K/∂θ ;      on rises f(Δ(z)/h) (Δ(z)/h)⁻¹ A⁻¹/h
@@ -27,8 +27,8 @@ const CORRECTIONS: usize = 60;
 ///
 /// Δ(z) = A⁻¹ − z A⁻¹ 1 bᵀ A⁻¹ has the eigenvalues λ with z R(λ) = 1, R the stability function of a stiffly
 /// accurate method, and for each the eigenvectors v = (I − λA)⁻¹ 1 and wᵀ = bᵀ (I − λA)⁻¹, so that
-/// f(Δ/h) = Σ f(λ/h) v wᵀ / wᵀv. Cauchy's integral on a circle inside of |z| = 1, as a transform, gives the
-/// weights, right relative to the largest.
+/// f(Δ/h) = Σ f(λ/h) v wᵀ / wᵀv. The weights follow from Cauchy's integral on a circle inside |z| = 1, as a
+/// transform, with errors relative to the largest.
 ///
 /// # Errors
 /// If h is not positive and finite, or a weight is not finite.
@@ -104,7 +104,7 @@ impl Tables {
         let (_, inverse) = real_transforms(length);
         let (mut planes, mut plane) = (Vec::with_capacity(entries * count), vec![0.0; length]);
         for mut values in values {
-            // Real for real z, whatever the rounding.
+            // Real for real z, without rounding errors of the imaginary part.
             for end in [0, length / 2] {
                 values[end].im = 0.0;
             }
@@ -120,7 +120,7 @@ impl Tables {
         }
     }
 
-    /// Adds factor · v wᵀ/(wᵀv), on rises times A⁻¹, of an eigenvalue.
+    /// Adds factor · v wᵀ/(wᵀv) for an eigenvalue, times A⁻¹ on rises.
     fn add_projection(
         &self,
         eigenvalue: Complex<f64>,
@@ -182,7 +182,7 @@ impl Tables {
     }
 }
 
-/// The zeros λ of below(λ) − z above(λ), all at once by Weierstrass' method from where they were.
+/// The zeros λ of below(λ) − z above(λ), all at once by Weierstrass' method from the given estimates.
 fn find_roots(below: &[f64], above: &[f64], z: Complex<f64>, roots: &mut [Complex<f64>]) {
     let coefficients: Vec<Complex<f64>> = below.iter().zip(above).map(|(q, p)| q - z * p).collect();
     let leading = coefficients.last().copied().unwrap_or(Complex::ONE);
@@ -214,7 +214,7 @@ mod tests {
 
     type Made = Result<TransferFunction, ParameterError>;
 
-    /// A parameter, its index and value, and the function of it.
+    /// A parameter, its index and value, and the kernel as a function of it.
     type Case = (&'static str, usize, f64, Box<dyn Fn(f64) -> Made>);
 
     fn assert_differences<const R: usize>(method: &RungeKutta<R>, case: &Case) {

@@ -13,7 +13,7 @@ use nalgebra::{Complex, DMatrix, DVector, SMatrix, SVector};
 /// (1 − `decrement`)^{n−1} · `left` · `right`ᵀ.
 #[derive(Clone, Copy, Debug)]
 pub struct RankOneExponential<const R: usize> {
-    /// 1 − R(−x), R the stability function: in (0, 2), accurate relative to itself however small.
+    /// 1 − R(−x), R the stability function: in (0, 2), with full relative accuracy.
     pub decrement: f64,
     /// Coefficient times (I + xA)⁻¹ 1.
     pub left: SVector<f64, R>,
@@ -27,14 +27,14 @@ const CONTOUR_POINTS: usize = 2048;
 /// Relative accuracy of the quadrature over the cut.
 const TOLERANCE: f64 = 1e-17;
 
-/// Exponentials in a block of the core's table.
+/// Exponentials per block of fvi-core's table.
 const EXPONENTIALS_IN_BLOCK: usize = 4;
 
-/// Running sums that forget more slowly than this are kept in two parts: they would gather the rounding
-/// errors of many steps.
+/// Decrement below which running sums are kept in two parts: they would accumulate the rounding errors of
+/// many steps.
 const SLOW_DECREMENT: f64 = 1.0 / 32.0;
 
-/// Powers between two exact evaluations of an exponential in [`RungeKuttaWeights::planes`].
+/// Number of powers between two exact evaluations of an exponential in [`RungeKuttaWeights::planes`].
 const RESTART: usize = 16;
 
 /// The matrix weights W_n of D^β for a Runge–Kutta method, n = 0 … count − 1.
@@ -58,12 +58,13 @@ const RESTART: usize = 16;
 /// W_n = −(sin πβ / π) h^{−β} ∫₀^∞ x^β R(−x)^{n−1} (I+xA)⁻¹1 · bᵀ(I+xA)⁻¹ dx ,
 /// ```
 ///
-/// by the trapezoidal rule in ln x. No cancellation is left there, so each weight is accurate relative to
-/// itself, where a transform on a circle loses all digits of the tail. The powers come from
-/// ln(1 − decrement), not from R rounded to a number near one.
+/// by the trapezoidal rule in ln x. There is no cancellation, so each weight has a small relative error,
+/// where a transform on a circle loses all digits of the tail. The powers are computed from ln(1 −
+/// decrement), not from R rounded to a number near one.
 ///
-/// For 1 < β < 2 the first three follow from those of β − 1 by the semigroup: the integral needs n > β + 1 to
-/// end soon. Whole exponents have two coefficients at most: D¹ has A⁻¹/h and −A⁻¹1bᵀA⁻¹/h. Source: \[LO93\];
+/// For 1 < β < 2 the first three follow from those of β − 1 by the semigroup property: the integral needs n >
+/// β + 1 to converge fast. Integer exponents have at most two nonzero weights: D¹ has A⁻¹/h and −A⁻¹1bᵀA⁻¹/h.
+/// Source: \[LO93\];
 /// \[LS02\] for the contour.
 #[derive(Clone, Debug)]
 pub struct RungeKuttaWeights<const R: usize> {
@@ -71,7 +72,7 @@ pub struct RungeKuttaWeights<const R: usize> {
     step_size: f64,
     /// W₀, W₁ and for β > 1 also W₂.
     near: Vec<SMatrix<f64, R, R>>,
-    /// Empty for whole exponents.
+    /// Empty for integer exponents.
     exponentials: Vec<RankOneExponential<R>>,
 }
 
@@ -109,11 +110,12 @@ impl<const R: usize> RungeKuttaWeights<R> {
         Ok(Self { count, step_size, near, exponentials })
     }
 
-    /// Weights for the same operator on rises X_k − 1 x_k, stages beyond the main node before them, which is
-    /// the last stage of the interval before: V_n with D^β X = Σ_n V_n (X_{k−n} − 1 x_{k−n}).
+    /// Weights of the same operator on rises X_k − 1 x_k, the differences of the stages from the main node
+    /// x_k at the beginning of their step, the last stage of the previous step: V_n with D^β X = Σ_n V_n
+    /// (X_{k−n} − 1 x_{k−n}).
     ///
     /// The discrete derivative of the method is a multiple of the rises, Δ(z)X = A⁻¹(X_k − 1 x_k), so that
-    /// V_n are the weights of D^{β−1} times A⁻¹/h.
+    /// V_n is the weight of D^{β−1} times A⁻¹/h.
     ///
     /// # Errors
     /// As [`new`](RungeKuttaWeights::new), and if the exponent is not positive.
@@ -135,12 +137,12 @@ impl<const R: usize> RungeKuttaWeights<R> {
         Ok(weights)
     }
 
-    /// Weights for any transfer function K that is made up by its cut and poles, on values, or on rises where
+    /// Weights of any transfer function K that is determined by its cut and poles, on values, or on rises if
     /// `on_rises` is set: Σ W_n zⁿ = K(Δ(z)/h), or K(Δ(z)/h) (Δ(z)/h)⁻¹ times A⁻¹/h.
     ///
     /// # Errors
     /// As [`new`](RungeKuttaWeights::new) and [`on_rises`](RungeKuttaWeights::on_rises); and if K has
-    /// singularities elsewhere than on the negative real axis.
+    /// singularities off the negative real axis.
     pub fn of_transfer(
         method: &RungeKutta<R>,
         transfer: &TransferFunction,
@@ -168,7 +170,7 @@ impl<const R: usize> RungeKuttaWeights<R> {
         let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
         let weights = SVector::<f64, R>::from(*method.quadrature().weights());
         let growth = transfer.growth() - if on_rises { 1.0 } else { 0.0 };
-        // The integral over the cut needs n > μ + 1 to end.
+        // The integral over the cut needs n > μ + 1 to converge.
         let first = if growth > 0.9 { 3 } else { 2 };
         let function = |lambda: Complex<f64>| {
             let s = lambda / step_size;
@@ -202,19 +204,18 @@ impl<const R: usize> RungeKuttaWeights<R> {
         DMatrix::from_column_slice(R, R, self.leading().as_slice()).determinant()
     }
 
-    /// The first weights, two or three of them, that the exponentials do not give.
+    /// The first two or three weights, which are not given by the exponentials.
     pub fn near(&self) -> &[SMatrix<f64, R, R>] {
         &self.near
     }
 
-    /// The exponentials that the other weights are sums of; none where those vanish.
+    /// The exponentials whose sum are the other weights; none if these vanish.
     pub fn exponentials(&self) -> &[RankOneExponential<R>] {
         &self.exponentials
     }
 
-    /// (Δ(z)/h)^β = Σ_n W_n zⁿ for |z| ≤ 1, as the sum of geometric series. The exponentials describe the
-    /// weights below [`count`](Self::count), so z must keep away from 1 by much more than the inverse of
-    /// that.
+    /// (Δ(z)/h)^β = Σ_n W_n zⁿ for |z| ≤ 1, as a sum of geometric series. The exponentials describe the
+    /// weights below [`count`](Self::count), so |z − 1| must be much larger than the inverse of that.
     pub fn symbol(&self, z: Complex<f64>) -> SMatrix<Complex<f64>, R, R> {
         let mut power = Complex::new(1.0, 0.0);
         let mut symbol = SMatrix::zeros();
@@ -230,12 +231,12 @@ impl<const R: usize> RungeKuttaWeights<R> {
         symbol
     }
 
-    /// The table that the exponential-sum memory of the core reads, in its scalar.
+    /// The table in the format and scalar of fvi-core's exponential-sum memory.
     pub fn table<T: Real>(&self) -> ExponentialTable<Aligned<T>> {
         let first = self.near.len();
         let entries = (0..R).flat_map(|i| (0..R).map(move |j| (i, j)));
         let head = entries.flat_map(|place| self.near.iter().map(move |weight| T::of(weight[place])));
-        // Slow exponentials come first.
+        // Slow exponentials must come first.
         let slow_first: Vec<_> = self.exponentials.iter().rev().collect();
         let mut numbers = Vec::new();
         for block in slow_first.chunks(EXPONENTIALS_IN_BLOCK) {
@@ -248,7 +249,7 @@ impl<const R: usize> RungeKuttaWeights<R> {
             };
             numbers.extend(lane(&|exponential| exponential.decrement));
             for stage in 0..R {
-                // The table of a plain kernel has no inputs: they are part of the outputs.
+                // The table of a scalar kernel has no inputs: they are included in the outputs.
                 let input =
                     |exponential: &RankOneExponential<R>| if R == 1 { exponential.right[0] } else { 1.0 };
                 numbers.extend(lane(&|exponential| {
@@ -273,7 +274,7 @@ impl<const R: usize> RungeKuttaWeights<R> {
         }
     }
 
-    /// All weights, plane by plane as the engines take them: entry (i, j) of W_n is at (i·R + j)·count + n.
+    /// All weights, plane by plane as engines expect them: entry (i, j) of W_n is at (i·R + j)·count + n.
     pub fn planes(&self) -> Vec<f64> {
         let mut planes = vec![0.0; R * R * self.count];
         let mut put = |n: usize, weight: &SMatrix<f64, R, R>| {
@@ -286,7 +287,7 @@ impl<const R: usize> RungeKuttaWeights<R> {
         for (n, weight) in self.near.iter().enumerate().take(self.count) {
             put(n, weight);
         }
-        // Largest x first: what has died out at n is dropped for good.
+        // Largest x first: terms that have decayed at n are dropped for good.
         let mut alive = self.exponentials.len();
         let mut powers = vec![0.0; alive];
         let first = self.near.len();
@@ -357,9 +358,9 @@ fn near_weights<const R: usize>(
 /// W₀ and W₁ for h = 1 by the trapezoidal rule on a circle around the spectrum of A⁻¹, in the right
 /// half-plane.
 ///
-/// The circle about m through the geometric mean of the distances of the farthest eigenvalue and of the
-/// branch point 0 from m; the rule converges like a power of their ratio. m = |λ|²/Re λ makes that ratio
-/// smallest for the eigenvalue λ.
+/// The circle around m passes through the geometric mean of the distances of the farthest eigenvalue and of
+/// the branch point 0 from m; the rule converges like a power of their ratio. m = |λ|²/Re λ minimises that
+/// ratio for the eigenvalue λ.
 fn contour_weights<const R: usize>(
     matrix: &SMatrix<f64, R, R>,
     weights: &SVector<f64, R>,
@@ -386,7 +387,7 @@ fn contour_weights_of<const R: usize>(
     near.iter().take(count).map(|weight| SMatrix::from_column_slice(weight.as_slice())).collect()
 }
 
-/// The first three for any number of stages, compiled once for all of them.
+/// The first three weights for any number of stages, compiled once for all of them.
 fn contour_integrals(
     matrix: &DMatrix<f64>,
     inverse: &DMatrix<f64>,
@@ -434,7 +435,7 @@ fn exponentials_of<const R: usize>(
     range: Range<usize>,
 ) -> Vec<RankOneExponential<R>> {
     let ones = SVector::<f64, R>::repeat(1.0);
-    // With the part `coefficient` of ∫ dμ(x) R(−x)^{n−1} (I + xA)⁻¹1 · bᵀ(I + xA)⁻¹.
+    // The exponential at x for the weight `coefficient` in ∫ dμ(x) R(−x)^{n−1} (I + xA)⁻¹1 · bᵀ(I + xA)⁻¹.
     let at = |x: f64, coefficient: f64| {
         let resolvent = inverse(&(SMatrix::identity() + matrix * x));
         let right = resolvent.tr_mul(weights);
@@ -451,9 +452,9 @@ fn exponentials_of<const R: usize>(
         let growth = transfer.growth() - if on_rises { 1.0 } else { 0.0 };
         let power = cut.power - if on_rises && cut.start == 0.0 { 1.0 } else { 0.0 };
         let width = 2.0 * PI * cut.strip / (digits + (growth + 0.5).max(0.0) * 4.0);
-        // What stands still beside the branch point up to the last weight is one node there.
+        // Nodes that are constant relative to the branch point up to the last weight are merged to one there.
         let stand = power < 0.0 || cut.start > 0.0;
-        // Maxwell's form follows its powers only far out: the lesser of both is counted on.
+        // Maxwell's form follows its powers only far out: the smaller one is assumed.
         let fall = 1.0 + power.min(growth) + if stand { 1.0 } else { 0.0 };
         let lowest = -digits / fall - libm::log(range.end as f64);
         let highest = libm::log(200.0) + digits / (range.start as f64 - growth);
@@ -490,8 +491,8 @@ fn cut_exponentials<const R: usize>(
     let digits = -libm::log(TOLERANCE);
     let width = PI * PI / (digits + (exponent + 0.5).max(0.0) * 4.0);
     // On the left the integrand falls like x^{1+β}, on the right like x^{β−n}. For β < 0, where the former is
-    // slow, the nodes that stand still up to the last weight, a geometric series, are one at x = 0: what they
-    // would move is like (nx)^{2+β}.
+    // slow, the nodes that are constant up to the last weight, a geometric series, are merged to one at x =
+    // 0: the error of that is like (nx)^{2+β}.
     let stand = exponent < 0.0;
     let fall = if stand { 2.0 + exponent } else { 1.0 + exponent };
     let lowest = -digits / fall - libm::log(range.end as f64);
@@ -519,7 +520,7 @@ fn cut_exponentials<const R: usize>(
 mod tests {
     use super::*;
 
-    /// Σ_n W_n zⁿ by weights at a z inside the circle.
+    /// Σ_n W_n zⁿ from the weights, at a z inside the circle.
     fn series<const R: usize>(weights: &RungeKuttaWeights<R>, z: f64, count: usize) -> SMatrix<f64, R, R> {
         let planes = weights.planes();
         let entry = |n: usize, i: usize, j: usize| planes[(i * R + j) * weights.count() + n];
@@ -533,12 +534,13 @@ mod tests {
         let inverse = inverse(&matrix);
         let (z, count) = (0.5, 120);
         let last = SMatrix::<f64, R, R>::from_fn(|_, j| f64::from(u8::from(j + 1 == R)));
-        // Δ = A⁻¹ − z A⁻¹ 1 bᵀA⁻¹, the latter the last unit vector; its powers are an independent series in
-        // A.
+        // Δ = A⁻¹ − z A⁻¹ 1 bᵀA⁻¹, where bᵀA⁻¹ is the last unit vector; its powers are independent of the
+        // weights.
         let delta = (inverse - inverse * last * z) / step_size;
         let values = RungeKuttaWeights::of_transfer(method, transfer, false, step_size, count).unwrap();
         let found = series(&values, z, count);
-        // K(Δ) commutes with Δ and maps its eigenvectors: compared through K of Δ's characteristic values.
+        // K(Δ) commutes with Δ and has the same eigenvectors: they are compared through K of the eigenvalues
+        // of Δ.
         let commutator = (found * delta - delta * found).norm() / (found.norm() * delta.norm());
         assert!(commutator < 1e-13, "{transfer}: {commutator:e}");
         let eigenvalues = DMatrix::from_column_slice(R, R, delta.as_slice()).complex_eigenvalues();

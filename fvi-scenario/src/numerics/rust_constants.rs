@@ -1,10 +1,10 @@
-//! Tables of exponentials as constants of Rust.
+//! Tables of exponentials as Rust constants.
 
 use crate::numerics::exponential_table::{ENDLESS, ExponentialKernel};
 use fvi_core::Real;
 use std::fmt::LowerExp;
 
-/// Whether constants of Rust and of C may have this name: letters, digits and underscores, the first one a
+/// Whether a constant of Rust and C may have this name: letters, digits and underscores, beginning with a
 /// letter.
 pub fn is_identifier(name: &str) -> bool {
     let mut characters = name.chars();
@@ -12,7 +12,7 @@ pub fn is_identifier(name: &str) -> bool {
     begins && characters.all(|character| character.is_ascii_alphanumeric() || character == '_')
 }
 
-/// Whether a table has no number that is not finite in the precision of T, or vanishes there though it is not
+/// Whether all numbers of a table are finite in the precision of T, and none that is not zero underflows to
 /// zero.
 pub fn table_fits<T: Real>(kernel: &ExponentialKernel) -> bool {
     let smallest = T::SMALLEST_NORMAL.to_f64();
@@ -25,7 +25,7 @@ pub fn table_fits<T: Real>(kernel: &ExponentialKernel) -> bool {
 }
 
 /// The constant `name`, an [`ExponentialTable`](fvi_core::ExponentialTable) of `f32` or `f64`; `origin` is
-/// said in its documentation.
+/// part of its documentation.
 pub fn table_constant<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &str, name: &str) -> String {
     let (table, scalar) = (kernel.table::<T>(), scalar::<T>());
     let name = name.to_ascii_uppercase();
@@ -51,12 +51,12 @@ pub fn table_constant<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &s
     )
 }
 
-/// `f32` or `f64`.
+/// Name of the scalar: `f32` or `f64`.
 pub(super) fn scalar<T: Real>() -> &'static str {
     if T::BYTES == f32::BYTES { "f32" } else { "f64" }
 }
 
-/// Numbers in rows of four, each with the digits that bring the same number back, and a suffix.
+/// Numbers in rows of four, each with enough digits to restore the same number, and a suffix.
 pub fn rows<T: LowerExp>(numbers: &[T], indent: &str, suffix: &str) -> String {
     numbers
         .chunks(4)

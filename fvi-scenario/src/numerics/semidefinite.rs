@@ -4,8 +4,8 @@ use fvi_sparse::{Analysis, FactorError, Pattern};
 
 /// Refuses a matrix that is not positive semidefinite beyond rounding of relative size `rounding`.
 ///
-/// A lift of the diagonal by rounding makes a semidefinite matrix definite, and then it has a Cholesky
-/// factor. Rows without entries are left out.
+/// A semidefinite matrix becomes definite when its diagonal is raised by the rounding error, and then has a
+/// Cholesky factor. Rows without entries are left out.
 ///
 /// # Errors
 /// [`FactorError`], with the coordinate of the pivot that is not positive.
@@ -28,7 +28,7 @@ pub fn check_positive_semidefinite(
     }
     let lift = largest * rounding * 64.0 * kept.len() as f64;
     let diagonal = |row: usize| pattern.columns()[pattern.row(row)].binary_search(&(row as u32)).is_ok();
-    // With all rows the pattern is analysed once for all its matrices.
+    // If no row is left out, all matrices with the pattern share its analysis.
     if kept.len() == pattern.size() && (0..pattern.size()).all(diagonal) {
         let mut lifted = values.to_vec();
         (0..pattern.size()).for_each(|row| lifted[pattern.slot(row, row)] += lift);

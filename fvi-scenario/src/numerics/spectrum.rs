@@ -1,4 +1,4 @@
-//! A transfer function as relaxations in continuous time, whose sum is compared with it.
+//! A transfer function as a sum of relaxations in continuous time, with a check of that sum.
 
 use super::exponential_table::JacobiMatrix;
 use super::rate_rules::Relaxation;
@@ -6,24 +6,24 @@ use super::transfer::{Cut, TransferFunction};
 use nalgebra::Complex;
 use std::f64::consts::PI;
 
-/// Narrower strips than this want so fine a trapezoidal rule that Gauss rules of windows serve with fewer
-/// nodes.
+/// Width of the strip below which the trapezoidal rule would be so fine that Gauss rules in windows need
+/// fewer nodes.
 const WIDE_STRIP: f64 = 1.2;
 
 /// Width of a window in ln d.
 const WINDOW: f64 = 4.0;
 
-/// ln ρ of the ellipse about a window that reaches to half a turn, from which on e^{−λt} grows.
+/// ln ρ of the ellipse around a window that reaches to half a turn, beyond which e^{−λt} grows.
 const ELLIPSE: f64 = 0.723;
 
-/// A window is halved this often at most, into no more than so many pieces.
+/// Largest number of halvings of a window, and of pieces.
 const HALVINGS: usize = 48;
 const PIECES: usize = 600;
 
-/// Parts of a sum smaller than this are left out.
+/// Ratio to a sum below which its terms are dropped.
 const NEGLIGIBLE: f64 = 1e-18;
 
-/// Nearest and farthest place on the cut, in units of 1/horizon and of 1/shortest step.
+/// Nearest and farthest place on the cut, as multiples of 1/horizon and of 1/shortest step.
 const FAR: f64 = 1e120;
 
 /// Spectrum of K: with d derivatives, K(s)/s^d = Σ c/(s + λ).
@@ -37,16 +37,17 @@ pub(super) struct Spectrum<'a> {
 }
 
 impl Spectrum<'_> {
-    /// The relaxations, slowest first, and those of both ends; or the largest error of their sum where it is
-    /// beyond the tolerance.
+    /// The relaxations, slowest first, and those at both ends; or the largest error of their sum if it
+    /// exceeds the tolerance.
     ///
-    /// Cauchy's contour about the negative real axis gives c(λ) = −(−1)^d Im K(−λ + i0)/(π λ^d), and poles
-    /// are relaxations themselves. A dashpot, K ~ s, is one of an endless rate, what K/s² has at s = 0 one of
-    /// rate 0: both are what is left of K at a short and at a long time.
+    /// Cauchy's contour around the negative real axis gives c(λ) = −(−1)^d Im K(−λ + i0)/(π λ^d), and poles
+    /// are relaxations themselves. A dashpot, K ~ s, is a relaxation of infinite rate, the pole of K/s² at s
+    /// = 0 one of rate 0: they are the limits of K at short and at long times.
     ///
     /// The sum is compared with K on three rays into the right half-plane, from the inverse of the horizon to
-    /// ten times that of the shortest step. A stiffly accurate, A-stable method on equal steps has its
-    /// spectrum there, so that this bounds the error of the sums, relative to K with its spring.
+    /// ten times that of the shortest step. The spectrum of a stiffly accurate, A-stable method on equal
+    /// steps lies in that region, so that this bounds the error of the sums, relative to K including its
+    /// spring.
     pub(super) fn relaxations(&self) -> Result<[Vec<Relaxation>; 2], f64> {
         let mut nodes = self.of_poles();
         // The cut of a formula may begin anywhere.
@@ -88,20 +89,20 @@ impl Spectrum<'_> {
         sign * self.transfer.jump(d) * d * rate.powi(-(self.derivatives as i32))
     }
 
-    /// |K| d/λ^d, relative to which the density of a formula has the rounding of its value.
+    /// K| d/λ^d, the scale of the rounding error in the density of a formula.
     fn rounded(&self, cut: &Cut, d: f64) -> f64 {
         let rate = cut.start + d;
         let value = self.transfer.value(Complex::new(-rate, 0.0)).norm();
         value.max(self.transfer.spring().abs()) * d * rate.powi(-(self.derivatives as i32))
     }
 
-    /// Below it nodes stand still beside the branch point up to the horizon.
+    /// Distance from the branch point below which nodes are constant up to the horizon.
     fn standing(&self) -> f64 {
         0.01 * self.tolerance / self.horizon
     }
 
-    /// Adds up what lies beyond one end: nodes of places ever farther out, until they are negligible or
-    /// follow the power that they end with.
+    /// Sums the nodes beyond one end, farther and farther out, until they are negligible or follow a power
+    /// law.
     fn beyond(part: impl Fn(usize) -> f64, most: usize) -> f64 {
         let (mut sum, mut before) = (0.0, 0.0);
         for k in 0..most {
@@ -133,7 +134,7 @@ impl Spectrum<'_> {
             let y = lowest + k as f64 * spacing;
             Relaxation { rate: cut.start + libm::exp(y), coefficient: at(y) }
         }));
-        // Far out nodes count by c/λ, and those at the end are one.
+        // Far out nodes contribute through c/λ only, and those at the end are merged to one.
         let mut sum = 0.0;
         let mut last = count;
         for k in count..count + far {
@@ -153,7 +154,7 @@ impl Spectrum<'_> {
         nodes
     }
 
-    /// What follows the last nodes by the power that they end with, as one at the end.
+    /// The power-law continuation of the last nodes, merged to one at the end.
     fn closing(&self, nodes: &[Relaxation]) -> Option<Relaxation> {
         let [.., before, last] = nodes else { return None };
         let worth = |node: &Relaxation| node.coefficient / node.rate;
@@ -164,8 +165,8 @@ impl Spectrum<'_> {
             .then(|| Relaxation { rate, coefficient: worth(last) * ratio / (1.0 - ratio) * rate })
     }
 
-    /// Gauss rules of the density in windows of ln d: for jumps that change within less than a turn, or begin
-    /// somewhere.
+    /// Gauss rules of the density in windows of ln d: for jumps that are analytic in a narrow strip only, or
+    /// begin at some place.
     fn in_windows(&self, cut: &Cut) -> Vec<Relaxation> {
         let lowest = libm::log(self.standing());
         let highest = libm::log(1e3 / self.shortest);
@@ -205,7 +206,8 @@ impl Spectrum<'_> {
         nodes
     }
 
-    /// Places y and masses of the density in a window, halved until both halves agree with the whole.
+    /// Places y and masses of the density in a window, which is halved until both halves agree with the
+    /// whole.
     fn fine(&self, cut: &Cut, begin: f64) -> Vec<(f64, f64)> {
         /// The Gauss–Legendre rule with eight nodes on [−1, 1]: places and weights of the right half.
         const RULE: [(f64, f64); 4] = [
@@ -240,7 +242,7 @@ impl Spectrum<'_> {
             let whole = rule(from, to);
             let halves = [rule(from, middle), rule(middle, to)].concat();
             let error = (total(&whole) - total(&halves)).abs();
-            // The jump of a formula has the rounding of its value.
+            // The jump of a formula has the rounding error of its value.
             let noise = 1e-15 * 0.5 * (to - from) * self.rounded(cut, libm::exp(middle));
             let agrees = error <= 1e-15 * scale || error <= 1e-15 * size(&halves) || error <= noise;
             if agrees || halvings == HALVINGS || found.len() + open.len() >= 16 * PIECES {
@@ -261,8 +263,8 @@ impl Spectrum<'_> {
         nodes.iter().map(|node| (s + node.rate).inv() * node.coefficient).sum()
     }
 
-    /// A relaxation of rate 0 and one of an endless rate that make up what is missing at both ends of the
-    /// positive axis.
+    /// A relaxation of rate 0 and one of infinite rate that account for the difference from K at both ends of
+    /// the positive axis.
     fn what_is_left(&self, nodes: &[Relaxation]) -> Vec<Relaxation> {
         let left = |s: f64| {
             let s = Complex::new(s, 0.0);
@@ -284,7 +286,7 @@ impl Spectrum<'_> {
         found
     }
 
-    /// Largest error of the sum on the rays, relative to K with its spring.
+    /// Largest error of the sum on the rays, relative to K including its spring.
     fn largest_error(&self, nodes: &[Relaxation]) -> f64 {
         let (first, last) = (libm::log(1.0 / self.horizon), libm::log(10.0 / self.shortest));
         let count = (2.0 * (last - first)).ceil().max(1.0);
@@ -295,7 +297,7 @@ impl Spectrum<'_> {
                 let s = Complex::new(size * libm::cos(angle), size * libm::sin(angle));
                 let missing =
                     (0..self.derivatives).fold(self.value(s) - Self::sum(nodes, s), |left, _| left * s);
-                // A zero of K is no reason to refuse it: it grows no faster than s².
+                // At a zero of K the error is related to a nearby value instead; K grows no faster than s².
                 let sizes = [1.0, 1.5].map(|ratio| self.transfer.value(s * ratio).norm() / (ratio * ratio));
                 let error = missing.norm() / sizes[0].max(sizes[1]).max(self.transfer.spring().abs());
                 if error.is_nan() || error > largest {

@@ -1,7 +1,7 @@
 //! The Runge–Kutta methods of convolution quadrature by family and number of stages, known at run time.
 
-/// A method of one of the families: the one place that turns the two into a
-/// [`RungeKutta`](fvi_core::RungeKutta), by [`with_staged_method!`](crate::with_staged_method).
+/// A method of one of the families. Family and number of stages are converted to a
+/// [`RungeKutta`](fvi_core::RungeKutta) only by [`with_staged_method!`](crate::with_staged_method).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum StagedMethod {
     /// Radau IIA of 1 to 3 stages R, of order 2R − 1, L-stable.
@@ -34,7 +34,7 @@ impl StagedMethod {
         }
     }
 
-    /// The error for a number of stages that the family does not have.
+    /// The error for a number of stages that does not exist in the family.
     pub fn unknown(self) -> fvi_core::ParameterError {
         let allowed = match self {
             Self::RadauIia(_) => "1, 2 or 3 with the family radau-iia",
@@ -44,10 +44,11 @@ impl StagedMethod {
     }
 }
 
-/// Evaluates an expression with the method that a [`StagedMethod`](crate::numerics::StagedMethod) names, a
-/// `RungeKutta<R>` with the R at hand: `with_staged_method!(staged, method => stages_of(&method))`.
+/// Evaluates an expression with the `RungeKutta<R>` of a [`StagedMethod`](crate::numerics::StagedMethod),
+/// where R is known at compile time: `with_staged_method!(staged, method => stages_of(&method))`.
 ///
-/// Gives a `Result`, an error where the family has no method of so many stages. The crate that calls it must
+/// Returns a `Result`, an error if the family has no method with that number of stages. The crate that calls
+/// it must
 /// depend on `fvi_core`.
 #[macro_export]
 macro_rules! with_staged_method {

@@ -9,7 +9,7 @@ use fvi_core::{
 };
 use nalgebra::{DMatrix, DVector};
 
-/// Above this condition number of the starting system its weights have lost half of their digits.
+/// Condition number of the starting system above which its weights have lost half of their digits.
 pub const TRUSTED_CONDITION: f64 = 1e8;
 
 /// A memory with starting weights: exact on the powers t^ν, ν from a list.
@@ -19,35 +19,35 @@ pub const TRUSTED_CONDITION: f64 = 1e8;
 /// Σ_j ϖ_{k,j} j^ν = Γ(ν+1)/Γ(ν+1−β) k^{ν−β} − Σ_{n=0}^{k} ŵ_n (k−n)^ν       for every ν of the list
 /// ```
 ///
-/// with as many samples x_j as exponents: from j = 0 on if ν = 0 is one of them, from j = 1 on otherwise (a
-/// column of zeros belongs to x₀ then). The sum of the corrections is Σ_ν a_ν (D^β t^ν − its quadrature),
-/// where Σ_ν a_ν t^ν interpolates the first samples: once these are known no weights are needed any more.
-/// What the quadrature misses of a power is known beforehand, with all digits at every step, where a sum of
-/// k^ν would leave its rounding.
+/// with as many samples x_j as exponents: from j = 0 if ν = 0 is one of them, otherwise from j = 1 (with a
+/// column of zeros for x₀). The sum of the corrections is Σ_ν a_ν (D^β t^ν − its quadrature), where Σ_ν a_ν
+/// t^ν interpolates the first samples: once these are known no weights are needed any more. The defect of the
+/// quadrature for a power is computed in advance, to full accuracy at every step, where a sum of k^ν would
+/// leave its rounding error.
 ///
-/// The quadrature's error on t^ν grows like t^{ν−β−p}, with the order p: exponents above β + p bring in a
-/// force that grows without end, and are for the few who know that their solution is that power.
+/// The quadrature's error on t^ν grows like t^{ν−β−p}, with the order p: exponents above β + p add a force
+/// that grows without bound, and are useful only if the solution is known to be that power.
 ///
-/// While there are fewer samples than exponents the smallest exponents are made exact, as many as there are
-/// samples, the one to come included: the corrections of a step never ask for a later sample, and the scheme
-/// stays explicit in the memory. The correction of x_k itself is part of [`leading`](Memory::leading), which
-/// for this memory changes over the first steps.
+/// While there are fewer samples than exponents, quadrature is exact for the smallest exponents, as many as
+/// there are samples, the sample to come included: the corrections of a step never need a later sample, and
+/// the scheme stays explicit in the memory. The correction of x_k itself is part of
+/// [`leading`](Memory::leading), which changes over the first steps for this memory.
 ///
-/// The corrections are as good as the first samples. Where the scheme takes the first step with an error that
-/// is a fixed part of x₁ itself, as under a force that starts like √t, that part of the quadrature's error
-/// stays at every step size.
+/// The corrections are as accurate as the first samples. If the error of the scheme's first step is a fixed
+/// fraction of x₁, as under a force that starts like √t, that fraction of the quadrature's error remains at
+/// every step size.
 ///
 /// Source: \[HJO\] eq. 26–27; \[Lubich86\] eq. 4.1 ff.; \[DFFW06\] for the condition.
 #[derive(Clone, Debug)]
 pub struct StartingCorrection<T, M> {
     memory: M,
-    /// Error of its kernel on K(D) t^ν.
+    /// Defects of its kernel on t^ν.
     defects: Defects,
     /// ν, ascending.
     exponents: Vec<f64>,
     /// The first values, one row of channels for each.
     first: Vec<Vec<f64>>,
-    /// x_{k−1} of each channel as long as the first values are not complete: on increments, their sum.
+    /// x_{k−1} of each channel, the sum of increments, until the first values are complete.
     last: Vec<f64>,
     /// a_ν for each channel, once the first samples are known.
     coefficients: Option<DMatrix<f64>>,
@@ -57,9 +57,9 @@ pub struct StartingCorrection<T, M> {
 /// Defects of powers of time.
 #[derive(Clone, Debug)]
 enum Defects {
-    /// Of s^β with step size 1, and h^{−β}.
+    /// Defects of s^β with step size 1, and the factor h^{−β}.
     Power { defects: PowerDefects, scale: f64 },
-    /// Of another kernel.
+    /// Defects of another kernel.
     Kernel(Box<KernelDefects>),
 }
 
@@ -96,7 +96,7 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
     /// The same for any kernel whose singularities lie on the negative real axis.
     ///
     /// # Errors
-    /// As [`new`](Self::new); and for other kernels, and weights.
+    /// As [`new`](Self::new); and if the kernel is another one, or given by weights.
     pub fn of_transfer(
         memory: M,
         order: BdfOrder,
@@ -141,18 +141,18 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         Ok(this)
     }
 
-    /// Header of the saved state: what a state must agree with to be restored.
+    /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<2> {
         let exponents = fingerprint(&self.exponents);
         [("channels", self.memory.channels() as u64), ("fingerprint of the starting exponents", exponents)]
     }
 
-    /// The samples that the corrections use are x_j with j from here on.
+    /// Smallest index j of the samples x_j that the corrections use.
     fn first_index(&self) -> usize {
         usize::from(self.exponents.first() != Some(&0.0))
     }
 
-    /// D^β t^ν minus its quadrature at step k ≥ 1, for every ν: what the corrections have to make up.
+    /// D^β t^ν minus its quadrature at step k ≥ 1, for every ν: the quantities to be corrected.
     fn defects(&self) -> Vec<f64> {
         let k = self.memory.len();
         match &self.defects {
@@ -168,7 +168,7 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         starting_matrix(&self.exponents[..count], self.first_index()).lu().solve(&defects).unwrap_or(defects)
     }
 
-    /// Finds the a_ν once all samples that they need are known.
+    /// Computes the a_ν once all samples that they need are known.
     fn interpolate(&mut self) {
         let wanted = self.exponents.len();
         if wanted > 0 && self.first.len() == wanted {
@@ -179,7 +179,7 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         }
     }
 
-    /// The leading weight for the sample to come, and the corrections' part of its memory term.
+    /// Sets the leading weight for the sample to come, and adds the corrections to its memory term.
     fn correct(&mut self, term: &mut [T]) {
         let k = self.memory.len();
         self.leading = [self.memory.leading().first().copied().unwrap_or(T::zero())];
@@ -194,7 +194,7 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
             }
             return;
         }
-        // The sample to come is one of the first.
+        // The sample to come is one of the first samples.
         let weights = self.starting_weights(&defects, self.first.len() + 1);
         for (weight, sample) in weights.iter().zip(&self.first) {
             for (term, x) in term.iter_mut().zip(sample) {
@@ -203,7 +203,7 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         }
         if let Some(&weight) = weights.iter().next_back() {
             self.leading[0] += T::of(weight);
-            // x_k is what the sample to come adds to this.
+            // x_k is the sum of this and the sample to come.
             for (term, x) in term.iter_mut().zip(&self.last) {
                 *term += T::of(weight * x);
             }
@@ -327,8 +327,8 @@ fn starting_matrix(exponents: &[f64], first: usize) -> DMatrix<f64> {
     })
 }
 
-/// Condition number of the system of the starting weights, its rows scaled to largest entry 1: how many times
-/// larger than rounding the errors of the weights can be. Infinite if the system is singular.
+/// Condition number of the system of the starting weights, its rows scaled to largest entry 1: the largest
+/// amplification of rounding errors in the weights. Infinite if the system is singular.
 pub fn starting_condition(exponents: &[f64]) -> f64 {
     if exponents.is_empty() {
         return 1.0;
@@ -400,8 +400,8 @@ mod tests {
             for nu in exponents {
                 memory.clear();
                 let values = stream(&mut memory, |k| power(k as f64 * STEP_SIZE, nu));
-                // From the step on at which as many samples are known as exponents are wanted; the smallest
-                // at once.
+                // From the step at which there are as many samples as exponents; for the smallest exponent at
+                // once.
                 let from = if nu == 1.0 { 1 } else { 3 };
                 for (k, value) in values.iter().enumerate().skip(from) {
                     let t = k as f64 * STEP_SIZE;
@@ -415,7 +415,7 @@ mod tests {
 
     #[test]
     fn the_corrections_are_those_of_the_starting_weights() {
-        // [HJO] eq. 26 with the weights ϖ solved for at every step.
+        // [HJO] eq. 26 with the weights ϖ computed at every step.
         let (beta, exponents) = (0.6, [0.0, 0.6, 1.2]);
         let table = weights(2, beta);
         let signal = |k: usize| (0.3 * k as f64).cos() + 0.1 * k as f64;
@@ -433,7 +433,7 @@ mod tests {
         }
     }
 
-    /// Pushes the samples from step `from` on; the leading weights and terms of all steps as bits.
+    /// Pushes the samples from step `from` on; returns the leading weights and terms of all steps as bits.
     fn go_on<M: Memory<f64>>(memory: &mut M, from: usize) -> Vec<[u64; 2]> {
         let step = |k: usize| {
             let mut term = [0.0];

@@ -1,4 +1,4 @@
-//! What convolution quadrature misses of the derivative of a power of time, with all digits.
+//! Defects of convolution quadrature of the derivative of a power of time, to full accuracy.
 
 use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
 
@@ -8,10 +8,10 @@ use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
 /// d_k = Γ(ν+1)/Γ(ν+1−β) k^{ν−β} − Σ_{n=0}^{k} w_n (k−n)^ν ~ k^{ν−β−p} .
 /// ```
 ///
-/// Of the numbers on the right, of size k^ν, nothing but d_k is left: in double precision k^{β+p} units of
-/// rounding of it would be lost. For small k the sum is therefore formed in double-double arithmetic, and
-/// from some k on there is the asymptotic expansion, in which the large parts cancel on paper. With
-/// z = e^{−s} and (γ_p(e^{−s})/s)^β = Σ_m c_m s^m, c₀ = 1,
+/// The terms on the right, of size k^ν, cancel to d_k: in double precision rounding would be k^{β+p} units of
+/// it. For small k the sum is therefore computed in double-double arithmetic, and from some k on by the
+/// asymptotic expansion, in which the large terms cancel analytically. With z = e^{−s} and (γ_p(e^{−s})/s)^β
+/// = Σ_m c_m s^m, c₀ = 1,
 ///
 /// ```text
 /// Σ_n n^ν e^{−ns} = Γ(ν+1) s^{−ν−1} + Σ_i ζ(−ν−i) (−s)^i/i! ,      s^μ ↔ k^{−μ−1}/Γ(−μ)
@@ -43,15 +43,15 @@ struct Power {
     start: [f64; TERMS],
 }
 
-/// Terms of the expansions. The first left out is below 10⁻¹⁶ of the defect everywhere that they are used.
+/// Terms of the expansions. The first omitted term is below 10⁻¹⁶ of the defect wherever they are used.
 const TERMS: usize = 24;
 
-/// Steps until the other zeros of γ_p, of absolute value 1/r, have died out like r^k, and the expansion has
-/// converged.
+/// Number of steps until the contributions of the other zeros of γ_p, of absolute value 1/r, have decayed
+/// like r^k, and the expansion has converged.
 pub(crate) const FAR: [usize; 6] = [32, 48, 64, 96, 160, 384];
 
 impl PowerDefects {
-    /// The defects for the operator D^β by BDF p and the exponents ν ≥ 0.
+    /// The defects for the operator D^β by BDF p, for powers with the exponents ν ≥ 0.
     ///
     /// # Errors
     /// If β is outside (−1, 2).
@@ -118,7 +118,7 @@ impl Power {
 }
 
 /// d_k for k below the last index of the weights, which are divided by `leading`. The coefficient of k^{ν−β},
-/// which would have to be known to 30 digits, is the one with which the sum at the last index has the defect
+/// which would have to be known to 30 digits, is chosen such that the sum at the last index has the defect
 /// `last` of the expansion.
 fn near_defects(nu: f64, beta: f64, leading: f64, weights: &[DoubleDouble], last: f64) -> Vec<f64> {
     let far = weights.len() - 1;
@@ -194,7 +194,7 @@ pub(crate) fn zeta_at_minus(x: f64) -> f64 {
     -libm::pow(2.0 * PI, -x) / PI * sine * libm::tgamma(1.0 + x) * zeta(1.0 + x)
 }
 
-/// ζ(s) for s > 1: a sum and the Euler–Maclaurin formula for its rest.
+/// ζ(s) for s > 1: a finite sum and the Euler–Maclaurin formula for the remainder.
 fn zeta(s: f64) -> f64 {
     /// B_{2k}/(2k)!, k = 1, 2, …
     const BERNOULLI: [f64; 6] = [
@@ -230,7 +230,7 @@ fn logarithm(x: f64) -> DoubleDouble {
     rough.add(correction)
 }
 
-/// e^x: Taylor's series for a 512th of what is left without the multiples of ln 2, squared nine times.
+/// e^x: Taylor's series for a 512th of the remainder modulo ln 2, squared nine times.
 fn exponential(x: DoubleDouble) -> DoubleDouble {
     const LN_2_LOW: f64 = 2.319_046_813_846_299_6e-17;
     const SQUARINGS: i32 = 9;
@@ -238,7 +238,7 @@ fn exponential(x: DoubleDouble) -> DoubleDouble {
     let whole = DoubleDouble::product(core::f64::consts::LN_2, multiple)
         .add(DoubleDouble::product(LN_2_LOW, multiple));
     let part = x.add(whole.scale(-1.0)).scale(libm::ldexp(1.0, -SQUARINGS));
-    // e^y − 1, for which nothing is lost beside the 1.
+    // e^y − 1, so that no digits are lost beside the 1.
     let mut sum = DoubleDouble::ZERO;
     for i in (1..=10).rev() {
         sum = part.multiply(sum.add(DoubleDouble::ONE)).divide(f64::from(i));
@@ -276,8 +276,8 @@ mod tests {
 
     #[test]
     fn sums_and_expansions_meet() {
-        // The two ways are independent but for the leading coefficient, which is taken at the last step of
-        // the sums.
+        // The two computations are independent except for the leading coefficient, which is taken from the
+        // last step of the sums.
         for order in 1..=6 {
             let bdf = BdfOrder::new(order).unwrap();
             for (beta, nu) in [(0.5, 0.0), (0.5, 1.25), (1.5, 2.5), (0.75, 3.0), (1.9, 0.6), (-0.5, 1.0)] {

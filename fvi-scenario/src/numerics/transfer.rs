@@ -1,4 +1,4 @@
-//! Transfer functions of memories: what a damping force does to the motion, K(s) in the Laplace variable.
+//! Transfer functions of memories: the damping force as a function K(s) of the Laplace variable.
 
 pub use super::active::Active;
 use super::algebra::{Algebra, Series};
@@ -22,8 +22,8 @@ use std::sync::Arc;
 /// | [`formula`](Self::formula) | any formula that is analytic off the negative real axis |
 /// | [`weights`](Self::weights) | unknown: the weights of one step are given |
 ///
-/// It is the one place that knows a form: its value, its jump across the cut, its poles, how it grows, and
-/// the numbers by which tables and files tell it from others. Powers are principal branches.
+/// Everything that depends on the form is implemented here: its value, its jump across the cut, its poles,
+/// its growth, and the numbers that identify it in tables and files. Powers are principal branches.
 ///
 /// Sources: \[Lubich86\] for the operational calculus; \[Mainardi10\] for the materials.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,7 +54,7 @@ enum Form {
         power: f64,
         time: f64,
     },
-    /// K(s) − K(0) where the spring K(0) stands beside it.
+    /// K(s) − K(0), where the spring K(0) is kept separately.
     Formula {
         formula: SharedFormula,
         growth: f64,
@@ -70,9 +70,9 @@ enum Form {
 pub trait Formula: fmt::Debug + Send + Sync {
     /// K(s) for a complex s off the negative real axis, or on its upper side.
     fn value(&self, s: Complex<f64>) -> Complex<f64>;
-    /// K of a power series; coefficients that are not numbers where it has none.
+    /// K of a power series; its coefficients are not numbers if K has no such series.
     fn series(&self, s: &Series) -> Series;
-    /// How it is written: an expression, or the file that it comes from.
+    /// Source text: an expression, or the name of the file that it comes from.
     fn text(&self) -> &str;
     /// The name of its form in files.
     fn form(&self) -> &'static str {
@@ -82,11 +82,11 @@ pub trait Formula: fmt::Debug + Send + Sync {
     fn parameters(&self) -> Vec<(&'static str, f64)> {
         Vec::new()
     }
-    /// Numbers behind its text.
+    /// Numbers that the text refers to.
     fn numbers(&self) -> &[f64] {
         &[]
     }
-    /// Whether it is passive by its shape.
+    /// Whether its passivity is known from its form.
     fn is_passive(&self) -> bool {
         false
     }
@@ -118,9 +118,10 @@ pub struct Cut {
     pub strip: f64,
 }
 
-/// Narrowest strip through which an integral over the cut is taken: the points of the rule are as many as the
-/// inverse of its width, and that of Maxwell's form goes to zero where the difference of its orders goes to
-/// 1, that of Havriliak and Negami where their order does. π/x − π at x = 0.9968.
+/// Width of the narrowest strip for which an integral over the cut is used: the number of points of the rule
+/// is proportional to the inverse of the width. The width for Maxwell's form goes to zero as the difference
+/// of its orders goes to 1, that for Havriliak and Negami's as its order does: π/x − π, which is 0.01 at x =
+/// 0.9968.
 const NARROWEST: f64 = 0.01;
 
 /// Rates below this are none: powers of s over them are no numbers.
@@ -190,7 +191,7 @@ impl TransferFunction {
         Ok(Self { form: Form::Maxwell { order, inner, time } })
     }
 
-    /// Σ g τ s/(1 + τ s), a Prony series: Maxwell elements side by side.
+    /// Σ g τ s/(1 + τ s), a Prony series: Maxwell elements in parallel.
     ///
     /// # Errors
     /// If there is no term, the numbers of strengths and times differ, a strength is not finite or zero, or a
@@ -221,7 +222,7 @@ impl TransferFunction {
         Ok(Self { form: Form::HavriliakNegami { order, power, time } })
     }
 
-    /// K(s) by a formula that is analytic off the negative real axis. What it has at s = 0 is split off as a
+    /// K(s) by a formula that is analytic off the negative real axis. Its value at s = 0 is split off as a
     /// [`spring`](Self::spring).
     ///
     /// # Errors
@@ -235,17 +236,13 @@ impl TransferFunction {
         }
         let size = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).norm();
         let slope = (libm::log10(size(60.0)) - libm::log10(size(50.0))) / 10.0;
-        // To digits that a formula without a power law at infinity may not have.
+        // The growth to as many digits as are reliable for a formula without a power law at infinity.
         let growth = (slope * 1e6).round() / 1e6;
         let allowed = "a symbol that grows more slowly than s²";
         check(growth.is_finite() && growth < 2.0, "growth of the symbol", growth, allowed)?;
         let allowed = "a symbol that does not vanish like an integral for large s";
         check(growth > -1.0, "growth of the symbol", growth, allowed)?;
-        let at = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).re;
-        let (near, far) = (at(-60.0), at(-50.0));
-        // What falls to nothing is no spring, nor what rounding leaves of sums.
-        let stays = (near - far).abs() <= 1e-9 * near.abs() && near.abs() > 1e-13 * at(0.0).abs();
-        let spring = if stays { near } else { 0.0 };
+        let spring = value_at_zero(&*formula);
         let formula = SharedFormula(formula);
         let (relaxation, active, is_beside) = (false, None, true);
         let mut made =
@@ -260,12 +257,12 @@ impl TransferFunction {
         Ok(made)
     }
 
-    /// Weights in place of a transfer function: what is asked of K(s) is answered by [`WeightTable::value`].
+    /// Weights in place of a transfer function: K(s) is then [`WeightTable::value`].
     pub fn weights(table: WeightTable) -> Self {
         Self { form: Form::Weights(Arc::new(table)) }
     }
 
-    /// The weights, if it is given by them.
+    /// The weights, if it is given by weights.
     pub fn table(&self) -> Option<&WeightTable> {
         match &self.form {
             Form::Weights(table) => Some(table),
@@ -289,7 +286,7 @@ impl TransferFunction {
         }
     }
 
-    /// μ, where K(s) is like s^μ for large s.
+    /// μ with K(s) ~ s^μ for large s.
     pub fn growth(&self) -> f64 {
         match self.form {
             Form::Power { order } | Form::Tempered { order, .. } => order,
@@ -347,13 +344,13 @@ impl TransferFunction {
             Form::HavriliakNegami { order, power, time } => {
                 s.scale(*time).power(exact(*order)).power_beside_one(-*power).negate()
             }
-            // A series of weights is no function of a series.
+            // A table of weights cannot be evaluated for a series.
             Form::Formula { .. } | Form::Weights(_) => s.constant(f64::NAN),
         }
     }
 
-    /// The cut on the negative real axis; `None` if there is none, as for whole powers and sums of poles.
-    /// That of a formula is taken to begin at s = 0.
+    /// The cut on the negative real axis; `None` if there is none, as for integer powers and sums of poles.
+    /// The cut of a formula is assumed to begin at s = 0.
     pub fn cut(&self) -> Option<Cut> {
         let half = 0.5 * PI;
         match self.form {
@@ -361,7 +358,7 @@ impl TransferFunction {
             Form::Power { order } => Some(Cut { start: 0.0, rest: 0.0, power: order, strip: half }),
             Form::Tempered { order, rate } => Some(Cut { start: rate, rest: 0.0, power: order, strip: half }),
             Form::Maxwell { order, inner, .. } => {
-                // Behind the cut 1 + (τs)^{β−α} vanishes at the angle π/(β − α). (τs)^1 itself has no jump.
+                // Beyond the cut 1 + (τs)^{β−α} vanishes at the angle π/(β − α). (τs)^1 itself has no jump.
                 let power = if order == 1.0 { 2.0 - inner } else { order };
                 Some(Cut { start: 0.0, rest: 0.0, power, strip: half.min(PI / (order - inner) - PI) })
             }
@@ -387,8 +384,8 @@ impl TransferFunction {
         }
     }
 
-    /// The parameter that makes the cut so narrow that an integral over it would take too many points;
-    /// `None` where it is wide.
+    /// The parameter that makes the cut so narrow that an integral over it would need too many points; `None`
+    /// if the cut is wide enough.
     pub fn narrow(&self) -> Option<ParameterError> {
         let allowed = "exactly 1, or at most 0.9968: between these the integral over the cut of K(s) takes too many points, and weights \
                        come from transforms, with `convolution.family` = \"bdf\" and the engines \"direct\", \"block-fft\" and \
@@ -402,7 +399,7 @@ impl TransferFunction {
         is_narrow.then_some(ParameterError { parameter, value, allowed })
     }
 
-    /// Im K(−a − d + i0)/π behind the start a of the [`cut`](Self::cut).
+    /// Im K(−a − d + i0)/π beyond the start a of the [`cut`](Self::cut).
     pub fn jump(&self, d: f64) -> f64 {
         match self.form {
             Form::Power { order } | Form::Tempered { order, .. } => {
@@ -445,8 +442,8 @@ impl TransferFunction {
         }
     }
 
-    /// Whether K(s)/s = ∫ (Im K(−x + i0)/π) /(x (s + x)) dx, that is, whether a formula that grows more
-    /// slowly than s has no singularity off its cut, at a few s.
+    /// Whether K(s)/s = ∫ (Im K(−x + i0)/π) /(x (s + x)) dx at a few s, that is, whether a formula that grows
+    /// more slowly than s has no singularity off its cut.
     fn is_made_up_by_its_cut(&self) -> bool {
         const SPACING: f64 = 0.05;
         const REACH: i32 = 1840;
@@ -461,12 +458,12 @@ impl TransferFunction {
         })
     }
 
-    /// Whether there is nothing beside cut and poles: a sum of decaying exponentials.
+    /// Whether the kernel is determined by cut and poles: its response is a sum of decaying exponentials.
     pub fn is_relaxation(&self) -> bool {
         !matches!(self.form, Form::Formula { relaxation: false, .. } | Form::Weights(_))
     }
 
-    /// The k-th derivative of L⁻¹\[K\](t) at a time t > 0, by the jump across the cut and the poles; `None`
+    /// The k-th derivative of L⁻¹\[K\](t) at a time t > 0, from the jump across the cut and the poles; `None`
     /// for formulas that have other singularities or grow like s or faster.
     ///
     /// ```text
@@ -479,7 +476,7 @@ impl TransferFunction {
         let decayed = |rate: f64| (-rate).powi(k) * libm::exp(-rate * time);
         let poles: f64 = self.poles().iter().map(|pole| pole.residue * decayed(pole.rate)).sum();
         let Some(cut) = self.cut() else { return Some(poles) };
-        // The trapezoidal rule in ln(x t) over all that rounding leaves.
+        // The trapezoidal rule in ln(x t) over the range where the integrand is above rounding.
         let spacing = 2.0 * PI * cut.strip / 42.0;
         let lowest = -40.0 / (1.0 + cut.power + if cut.start == 0.0 { f64::from(k) } else { 0.0 });
         let highest = libm::log(60.0);
@@ -491,9 +488,8 @@ impl TransferFunction {
         Some(poles - spacing * (0..=nodes).map(node).sum::<f64>())
     }
 
-    /// K with K(0) in it, for K(D) of a signal: its first weight has the spring, and a
-    /// memory
-    /// acts on values.
+    /// K including K(0), for K(D) of a signal: its first weight includes the spring, and a memory acts on
+    /// values.
     #[must_use]
     pub fn with_its_spring(mut self) -> Self {
         if let Form::Formula { is_beside, .. } = &mut self.form {
@@ -503,7 +499,8 @@ impl TransferFunction {
     }
 
     /// K(0) of a formula, the stiffness of the spring beside the memory: [`value`](Self::value) and
-    /// [`series`](Self::series) are without it, but for a kernel [`with_its_spring`](Self::with_its_spring).
+    /// [`series`](Self::series) do not include it, except for a kernel
+    /// [`with_its_spring`](Self::with_its_spring).
     pub fn spring(&self) -> f64 {
         match self.form {
             Form::Formula { spring, .. } => spring,
@@ -511,11 +508,11 @@ impl TransferFunction {
         }
     }
 
-    /// Where it is not passive: `None` if R(s) = K(s)/s is positive real, as far as a fine look tells.
+    /// The region where K is not passive; `None` if R(s) = K(s)/s is positive real, as far as sampling shows.
     ///
-    /// The forms with known signs are passive by their formula. Others are looked at on the imaginary axis
-    /// and on rays into the right half-plane, forty places a decade over sixty decades, closer where the real
-    /// part of R is small.
+    /// The passivity of most forms follows from their formula. Others are sampled on the imaginary axis and
+    /// on rays into the right half-plane, at forty places per decade over sixty decades, and more densely
+    /// where the real part of R is small.
     pub fn active(&self) -> Option<Active> {
         match &self.form {
             Form::Power { order } if *order >= 0.0 => None,
@@ -530,13 +527,13 @@ impl TransferFunction {
 
     fn look_for_activity(&self) -> Option<Active> {
         if self.spring() < 0.0 {
-            // It pushes away, at rest already.
+            // The static force is repulsive.
             let place = Complex::new(f64::MIN_POSITIVE, 0.0);
             return Some(Active { place, resistance: -1.0, from: None, to: None });
         }
         let resistance = |angle: f64, logarithm: f64| {
             let size = libm::exp10(logarithm);
-            // On the imaginary axis itself Re K(iω)/(iω) is Im K/ω, without the rounding of a cosine.
+            // On the imaginary axis Re K(iω)/(iω) is Im K/ω, without the rounding of a cosine.
             let s = if angle == 0.5 * PI {
                 Complex::new(0.0, size)
             } else {
@@ -547,12 +544,12 @@ impl TransferFunction {
         };
         const PER_DECADE: i32 = 40;
         const DECADES: i32 = 30;
-        // Rounding of formulas that cancel.
+        // Rounding error of formulas with cancellation.
         const ROUNDING: f64 = -1e-9;
         let at = |k: i32| f64::from(k) / f64::from(PER_DECADE);
         let (first, last) = (at(-DECADES * PER_DECADE), at(DECADES * PER_DECADE));
         for angle in [0.5 * PI, 0.45 * PI, 0.4 * PI, 0.3 * PI, 0.2 * PI, 0.1 * PI, 0.0] {
-            // A value that is no number shows nothing: of functions that under- or overflow.
+            // A value that is not a number, from under- or overflow, is ignored.
             let value = |logarithm: f64| resistance(angle, logarithm).1;
             let drives = |logarithm: f64| value(logarithm) < ROUNDING;
             let mut looks: Vec<(f64, f64)> =
@@ -560,7 +557,7 @@ impl TransferFunction {
             let mut grounds = Vec::new();
             for looks in looks.windows(3) {
                 if looks[1].1 <= looks[0].1 && looks[1].1 <= looks[2].1 && looks[1].1 < 0.1 {
-                    // A valley: golden sections down to its ground.
+                    // A minimum: golden-section search.
                     let (mut low, mut high) = (looks[0].0, looks[2].0);
                     for _ in 0..40 {
                         let (left, right) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
@@ -578,7 +575,7 @@ impl TransferFunction {
             let Some(begin) = looks.iter().position(|look| look.1 < ROUNDING) else { continue };
             let end = looks[begin..].iter().position(|look| look.1 >= ROUNDING);
             let end = end.map_or(looks.len(), |count| begin + count);
-            // Between a place that drives and one that does not.
+            // Bisection between a place that is not passive and one that is.
             let edge = |mut inside: f64, mut outside: f64| {
                 for _ in 0..40 {
                     let middle = 0.5 * (inside + outside);
@@ -610,7 +607,7 @@ impl TransferFunction {
     }
 
     /// Its parameters with their names in files, in the order of the formula; each name once, with all its
-    /// numbers.
+    /// values.
     pub fn parameters(&self) -> Vec<(&'static str, Vec<f64>)> {
         let one = |number: f64| vec![number];
         match &self.form {
@@ -632,7 +629,7 @@ impl TransferFunction {
         }
     }
 
-    /// The text of a formula, or the name of a file; empty for rows that were given in place of a file.
+    /// The text of a formula, or the name of a file; empty for rows given directly.
     pub fn text(&self) -> Option<&str> {
         match &self.form {
             Form::Formula { formula, .. } => Some(formula.0.text()),
@@ -641,7 +638,7 @@ impl TransferFunction {
         }
     }
 
-    /// The numbers behind the text of a formula, or of a file.
+    /// The numbers that the text of a formula, or a file, contains.
     pub fn numbers(&self) -> &[f64] {
         match &self.form {
             Form::Formula { formula, .. } => formula.0.numbers(),
@@ -650,7 +647,7 @@ impl TransferFunction {
         }
     }
 
-    /// Numbers that tell it from every other: equal ones have equal weights.
+    /// Numbers that identify it: equal keys have equal weights.
     pub fn key(&self) -> Vec<u64> {
         let form = self.form().bytes().next().map_or(0, u64::from);
         let numbers = self.parameters().into_iter().flat_map(|(_, numbers)| {
@@ -663,7 +660,7 @@ impl TransferFunction {
     }
 }
 
-/// Shown in headings: `s^0.5`, or the form with its parameters.
+/// For headings: `s^0.5`, or the form with its parameters.
 impl fmt::Display for TransferFunction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.form {
@@ -686,6 +683,14 @@ impl fmt::Display for TransferFunction {
             }
         }
     }
+}
+
+/// K(0) of a formula; 0 if it decays to zero, or to the rounding error of a sum.
+pub(super) fn value_at_zero(formula: &dyn Formula) -> f64 {
+    let at = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).re;
+    let (near, far) = (at(-60.0), at(-50.0));
+    let stays = (near - far).abs() <= 1e-9 * near.abs() && near.abs() > 1e-13 * at(0.0).abs();
+    if stays { near } else { 0.0 }
 }
 
 /// a/b, and what rounding leaves out of it.
@@ -727,11 +732,11 @@ mod tests {
             for d in [1e-3, 0.2, 1.0, 7.0, 300.0] {
                 let above = transfer.value(Complex::new(-cut.start - d, 0.0));
                 let error = (transfer.jump(d) - above.im / PI).abs();
-                // −a − d has the rounding of a, relative to d.
+                // −a − d has the rounding error of a, relative to d.
                 let rounding = 1e-13 * above.im.abs() + 1e-15 * (1.0 + cut.start / d) * above.norm();
                 assert!(error <= rounding, "{transfer}, {d}: {} {above}", transfer.jump(d));
             }
-            // It begins like d^ν.
+            // The jump begins like d^ν.
             let ratio = transfer.jump(2e-12) / transfer.jump(1e-12);
             assert!((ratio.log2() - cut.power).abs() < 1e-3, "{transfer}: {}", ratio.log2());
         }
@@ -804,7 +809,7 @@ mod tests {
         assert_eq!(told(TransferFunction::maxwell(0.998, 0.0, 1.0)), orders);
         let order = Some(("`order` of the kernel", 0.999));
         assert_eq!(told(TransferFunction::havriliak_negami(0.999, 0.5, 1.0)), order);
-        // π/x − π ≥ 0.01, a pole, and a cut that begins behind 0.
+        // π/x − π ≥ 0.01, a pole, and a cut that begins beyond 0.
         assert_eq!(told(TransferFunction::maxwell(0.9968, 0.0, 1.0)), None);
         assert_eq!(told(TransferFunction::maxwell(1.0, 0.0, 1.0)), None);
         assert_eq!(told(TransferFunction::havriliak_negami(1.0, 0.5, 1.0)), None);
@@ -815,7 +820,8 @@ mod tests {
         for transfer in forms() {
             assert_eq!(transfer.active(), None, "{transfer}");
         }
-        // Re R(iω) of s/(1 + s) − 0.2·s/(1 + s/10)/10 turns negative where the second outlasts the first.
+        // Re R(iω) of s/(1 + s) − 0.2·s/(1 + s/10)/10 is negative where the second term decays later than the
+        // first.
         let active = TransferFunction::prony(&[1.0, -0.2], &[1.0, 0.1]).unwrap().active().unwrap();
         assert!(active.place.re == 0.0 && active.place.im > 1.0 && active.resistance < 0.0, "{active:?}");
         assert!(TransferFunction::havriliak_negami(0.8, 2.8, 1.0).unwrap().active().is_some());

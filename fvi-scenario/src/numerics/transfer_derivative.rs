@@ -1,12 +1,13 @@
 //! Derivatives of transfer functions with respect to their parameters.
 
 use super::algebra::{Algebra, Series};
-use super::transfer::TransferFunction;
-use fvi_core::DoubleDouble;
+use super::transfer::{Formula, TransferFunction, value_at_zero};
+use fvi_core::{DoubleDouble, ParameterError};
 use nalgebra::Complex;
+use std::sync::Arc;
 
-/// ∂K(s)/∂θ of a transfer function K and one of its parameters θ, a function of s as K is: its weights are
-/// the derivatives of those of K.
+/// ∂K(s)/∂θ of a transfer function K by one of its parameters θ, a function of s like K: its weights are the
+/// derivatives of those of K.
 ///
 /// With L = ln(τs), u = (τs)^β, v = (τs)^{β−α} and w = (τs)^α:
 ///
@@ -17,20 +18,35 @@ use nalgebra::Complex;
 /// | Maxwell | β, α, τ | u L/(1+v)²; u v L/(1+v)²; (β u/(1+v) − (β−α) u v/(1+v)²)/τ |
 /// | Prony | g, τ | τs/(1+τs); g s/(1+τs)² |
 /// | Havriliak–Negami | α, γ, τ | γ w L (1+w)^{−γ−1}; (1+w)^{−γ} ln(1+w); γ α w (1+w)^{−γ−1}/τ |
+/// | formula | a constant in it | ∂K/∂θ(s) − ∂K/∂θ(0), by the rules of differentiation |
 #[derive(Clone, Debug)]
 pub struct TransferDerivative {
-    form: &'static str,
-    /// The parameters in the order of the formula.
-    numbers: Vec<f64>,
-    parameter: &'static str,
-    /// Strength and time of the term, for a Prony series.
-    term: (f64, f64),
+    of: Of,
     growth: f64,
+    spring: f64,
 }
 
+#[derive(Clone, Debug)]
+enum Of {
+    /// A parameter of one of the forms.
+    Form {
+        form: &'static str,
+        /// The parameters in the order of the formula.
+        numbers: Vec<f64>,
+        parameter: &'static str,
+        /// Strength and time of the term, for a Prony series.
+        term: (f64, f64),
+    },
+    /// ∂K/∂θ itself.
+    Formula(Arc<dyn Formula>),
+}
+
+/// Allowance for a logarithm that multiplies the power of s.
+const LOGARITHM: f64 = 1e-6;
+
 impl TransferDerivative {
-    /// The derivative with respect to the parameter of this name, of a Prony series that of a term; `None` if
-    /// there is no such parameter, and for formulas.
+    /// The derivative with respect to the parameter of this name, for a Prony series that of the term
+    /// `index`; `None` if there is no such parameter, and for formulas.
     pub fn new(transfer: &TransferFunction, name: &str, index: usize) -> Option<Self> {
         if transfer.text().is_some() {
             return None;
@@ -41,15 +57,41 @@ impl TransferDerivative {
         let number = |position: usize| parameters.get(position).and_then(|(_, numbers)| numbers.get(index));
         let term = (number(0).copied().unwrap_or(f64::NAN), number(1).copied().unwrap_or(f64::NAN));
         let numbers = parameters.iter().filter_map(|(_, numbers)| numbers.first().copied()).collect();
-        // Beside a power of s there may be a logarithm.
-        let growth = transfer.growth() + 1e-6;
-        Some(Self { form: transfer.form(), numbers, parameter, term, growth })
+        let of = Of::Form { form: transfer.form(), numbers, parameter, term };
+        Some(Self { of, growth: transfer.growth() + LOGARITHM, spring: 0.0 })
+    }
+
+    /// The derivative of a formula, itself given as a formula, whose value at s = 0 is split off.
+    ///
+    /// # Errors
+    /// If it is not finite for every positive s.
+    pub fn of_formula(
+        transfer: &TransferFunction,
+        derivative: Arc<dyn Formula>,
+    ) -> Result<Self, ParameterError> {
+        for exponent in -60..=60 {
+            let s = libm::exp10(f64::from(exponent));
+            if !derivative.value(Complex::new(s, 0.0)).is_finite() {
+                let allowed = "a constant by which the symbol has a derivative for every s > 0";
+                return Err(ParameterError { parameter: "s", value: s, allowed });
+            }
+        }
+        let spring = value_at_zero(&*derivative);
+        Ok(Self { of: Of::Formula(derivative), growth: transfer.growth() + LOGARITHM, spring })
     }
 
     /// β, if this is the derivative of s^β by β.
     pub fn of_power(&self) -> Option<f64> {
-        let number = self.numbers.first().copied();
-        number.filter(|_| (self.form, self.parameter) == ("power", "order"))
+        match &self.of {
+            Of::Form { form: "power", numbers, parameter: "order", .. } => numbers.first().copied(),
+            _ => None,
+        }
+    }
+
+    /// ∂K(0)/∂θ, the derivative of the spring beside the memory, which is not included in
+    /// [`value`](Self::value) and [`series`](Self::series).
+    pub fn spring(&self) -> f64 {
+        self.spring
     }
 
     /// An exponent μ with which ∂K/∂θ = O(s^μ) for large s.
@@ -57,21 +99,39 @@ impl TransferDerivative {
         self.growth
     }
 
+    /// Whether the exponent with which K grows depends on θ: then ∂K/∂θ is larger than K by a logarithm.
+    pub fn changes_growth_of(&self, transfer: &TransferFunction) -> bool {
+        let ratio = |exponent: f64| {
+            let s = Complex::new(libm::exp10(exponent), 0.0);
+            (self.value(s) / transfer.value(s)).re
+        };
+        let (near, far) = (ratio(50.0), ratio(60.0));
+        (far - near).abs() > 1e-3 * far.abs()
+    }
+
     /// ∂K/∂θ at a place off the negative real axis.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
-        self.of(&s)
+        match &self.of {
+            Of::Form { .. } => self.of(&s),
+            Of::Formula(formula) => formula.value(s) - self.spring,
+        }
     }
 
     /// ∂K/∂θ of a power series with a positive first coefficient.
     pub fn series(&self, s: &Series) -> Series {
-        self.of(s)
+        match &self.of {
+            Of::Form { .. } => self.of(s),
+            Of::Formula(formula) => formula.series(s).add(&s.constant(-self.spring)),
+        }
     }
 
     fn of<A: Algebra>(&self, s: &A) -> A {
+        // A formula's derivative has no power series here.
+        let Of::Form { form, numbers, parameter, term } = &self.of else { return s.constant(f64::NAN) };
         let exact = DoubleDouble::exact;
         let one = s.constant(1.0);
-        let number = |position: usize| self.numbers.get(position).copied().unwrap_or(f64::NAN);
-        match (self.form, self.parameter) {
+        let number = |position: usize| numbers.get(position).copied().unwrap_or(f64::NAN);
+        match (*form, *parameter) {
             ("power", _) => s.power(exact(number(0))).multiply(&s.logarithm()),
             ("tempered", parameter) => {
                 let (order, rate) = (number(0), number(1));
@@ -104,7 +164,7 @@ impl TransferDerivative {
                 }
             }
             ("prony", parameter) => {
-                let (strength, time) = self.term;
+                let (strength, time) = *term;
                 let below = s.scale(time).add(&one);
                 match parameter {
                     "strengths" => s.scale(time).divide(&below),
@@ -135,7 +195,7 @@ mod tests {
 
     type Made = Result<TransferFunction, ParameterError>;
 
-    /// A parameter, its index and value, and the function of it.
+    /// A parameter, its index and value, and the kernel as a function of it.
     type Case = (&'static str, usize, f64, Box<dyn Fn(f64) -> Made>);
 
     #[test]
@@ -158,7 +218,7 @@ mod tests {
             for s in [Complex::new(0.4, 0.0), Complex::new(0.01, 3.0), Complex::new(-2.0, 0.7)] {
                 let value = |x: f64| make(x).unwrap().value(s);
                 let h = 1e-3 * at;
-                // Of order four.
+                // Difference of order four.
                 let difference = ((value(at + h) - value(at - h)) * 8.0
                     - (value(at + 2.0 * h) - value(at - 2.0 * h)))
                     / (12.0 * h);

@@ -7,14 +7,14 @@ use nalgebra::Complex;
 
 /// Weights w₀, w₁, … of a memory, given as they are: the force at step k is ρ Σ_{n=0}^{k} w_n q_{k−n}.
 ///
-/// They belong to one step h. In place of a transfer function there is the series
+/// They belong to one step size h. The transfer function is replaced by the series
 ///
 /// ```text
 /// K_h(s) = Σ_n w_n e^{−nsh} ,    Re s ≥ 0 , |Im s| ≤ π/h ,
 /// ```
 ///
-/// which is K(γ(z)/h) at z = e^{−sh} for the weights of convolution quadrature. Nothing is known of K(s)
-/// itself, and nothing behind the last weight. Units: those of K. Source: \[Lubich86\].
+/// which is K(γ(z)/h) at z = e^{−sh} for the weights of convolution quadrature. K(s) itself is unknown, as
+/// are weights beyond the last one. Units: those of K. Source: \[Lubich86\].
 #[derive(Clone, Debug, PartialEq)]
 pub struct WeightTable {
     name: String,
@@ -22,15 +22,15 @@ pub struct WeightTable {
     /// Σ_{m ≤ n} w_m.
     sums: Vec<f64>,
     step: Option<f64>,
-    /// In angular frequencies of h = 1.
+    /// In angular frequencies for h = 1.
     active: Option<Active>,
 }
 
 impl WeightTable {
-    /// Of weights from a file of this name; an empty name for weights that were given as a list.
+    /// From weights of a file of this name; an empty name for weights given as a list.
     ///
     /// # Errors
-    /// If there is no weight, or one of them or a sum of the first of them is not finite.
+    /// If there is no weight, or a weight or a partial sum is not finite.
     pub fn new(name: &str, weights: Vec<f64>) -> Result<Self, ParameterError> {
         let refused = |parameter, value, allowed| Err(ParameterError { parameter, value, allowed });
         if weights.is_empty() {
@@ -49,20 +49,19 @@ impl WeightTable {
         Ok(Self { name: name.to_owned(), weights, sums, step: None, active })
     }
 
-    /// The same weights, which belong to the step h.
+    /// The same weights, for the step size h.
     ///
     /// # Errors
-    /// If h is not positive and finite, or they belong to another step.
+    /// If h is not positive and finite, or the weights are for another step size.
     pub fn at_step(self, step: f64) -> Result<Self, ParameterError> {
         self.check_step(step)?;
         Ok(Self { step: Some(self.step.unwrap_or(step)), ..self })
     }
 
-    /// Whether a run with the step h may take them: with any step as long as it is not known to which they
-    /// belong.
+    /// Checks that a run with the step size h may use the weights: any step size if theirs is unknown.
     ///
     /// # Errors
-    /// If h is not positive and finite, or they belong to another step.
+    /// If h is not positive and finite, or the weights are for another step size.
     pub fn check_step(&self, step: f64) -> Result<(), ParameterError> {
         let refused = |parameter, value, allowed| Err(ParameterError { parameter, value, allowed });
         if !(step > 0.0 && step.is_finite()) {
@@ -96,15 +95,15 @@ impl WeightTable {
         self.weights.iter().rev().fold(Complex::ZERO, |sum, weight| sum * z + *weight)
     }
 
-    /// K_h(s), with h = 1 where the step is not known.
+    /// K_h(s), with h = 1 if the step size is unknown.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
         let exponent = s * -self.step.unwrap_or(1.0);
         let size = libm::exp(exponent.re);
         self.symbol(Complex::new(size * libm::cos(exponent.im), size * libm::sin(exponent.im)))
     }
 
-    /// The largest |Σ_{m ≤ n} w_m| of the two steps about a time: the size of the force, per unit, that a
-    /// jump of the position at t = 0 leaves there.
+    /// The largest |Σ_{m ≤ n} w_m| of the two steps around a time: the size of the force at that time after a
+    /// unit jump of the position at t = 0.
     pub fn after_a_jump(&self, time: f64) -> f64 {
         let last = self.sums.len() - 1;
         let index = (time / self.step.unwrap_or(1.0)).floor().clamp(0.0, last as f64) as usize;
@@ -112,7 +111,7 @@ impl WeightTable {
         self.sums[before..=(index + 1).min(last)].iter().fold(0.0, |most, sum| most.max(sum.abs()))
     }
 
-    /// Where it gives energy to a harmonic motion: see `look_for_activity`.
+    /// The band in which it adds energy to a harmonic motion: see `look_for_activity`.
     pub fn active(&self) -> Option<Active> {
         let scale = self.step.unwrap_or(1.0);
         self.active.map(|active| Active {
@@ -124,20 +123,21 @@ impl WeightTable {
     }
 }
 
-/// Relative difference of steps that are the same, but for the digits that files have.
+/// Relative difference up to which step sizes are equal, which allows for the digits of files.
 const SAME_STEP: f64 = 1e-9;
 
-/// Negative resistance that is told from rounding, relative to |φ|, as for other transfer functions.
+/// Relative to |φ|, the rounding error above which a negative resistance is significant, as for other
+/// transfer functions.
 const ROUNDING: f64 = 1e-9;
 
-/// The lowest band of frequencies at which harmonic motions take energy from the memory.
+/// The lowest band of frequencies in which harmonic motions gain energy from the memory.
 ///
-/// In the midpoint rule the velocities v_0 … v_{N−1} of a path from rest put the work h Σ v_k (φ v)_k into a
+/// In the midpoint rule the velocities v_0 … v_{N−1} of a path from rest do the work h Σ v_k (φ v)_k on a
 /// memory at its node, with φ(z) = (h/2) W(z) (1 + z)/(1 − z), whose coefficients are (h/2)(S_n + S_{n−1}),
-/// S_n = Σ_{m ≤ n} w_m. Of v_k = cos θk and sin θk together it is h N Re φ_N(e^{−iθ}), φ_N the series with
-/// the factors 1 − n/N in it (Fejér). So where that is negative a motion of N steps exists that gains energy,
-/// and it is nowhere negative if the weights go on somehow to a passive memory: where a table ends does not
-/// matter.
+/// S_n = Σ_{m ≤ n} w_m. For v_k = cos θk and sin θk together it is h N Re φ_N(e^{−iθ}), where φ_N is the
+/// series with the additional factors 1 − n/N (Fejér). So where that is negative a motion of N steps gains
+/// energy, and it is nowhere negative if the weights have a continuation to a passive memory: the result does
+/// not depend on where the table ends.
 fn look_for_activity(weights: &[f64], sums: &[f64]) -> Option<Active> {
     let count = weights.len();
     let length = (4 * count).next_power_of_two().max(256);
@@ -147,7 +147,7 @@ fn look_for_activity(weights: &[f64], sums: &[f64]) -> Option<Active> {
         *place = (sum + before) * (1.0 - n as f64 / count as f64);
         before = *sum;
     }
-    // What the transform and the rounding of the weights leave.
+    // Rounding error of the transform and of the weights.
     let size = signal.iter().map(|number| number * number).sum::<f64>().sqrt();
     let of_transform = 4.0 * f64::EPSILON * libm::log2(length as f64) * size;
     let of_weights = 4.0 * f64::EPSILON * weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
@@ -162,7 +162,7 @@ fn look_for_activity(weights: &[f64], sums: &[f64]) -> Option<Active> {
         let ratio = (values[k].re + lost) / values[k].norm().max(f64::MIN_POSITIVE);
         if ratio < -ROUNDING { Some(values[k].re / values[k].norm()) } else { None }
     };
-    // At θ = 0 and π there is no motion to speak of.
+    // There is no oscillation at θ = 0 and π.
     let last = length / 2 - 1;
     let begin = (1..=last).find(|&k| resistance(k).is_some())?;
     let end = (begin..=last).take_while(|&k| resistance(k).is_some()).last().unwrap_or(begin);
@@ -216,7 +216,7 @@ mod tests {
                 );
             }
         }
-        // A resonator lives longer than the table.
+        // The response of a resonator lasts longer than the table.
         let resonator = crate::scenario::kernel_of_symbol("s^2/(s^2 + 0.02*s + 4)").unwrap();
         assert_eq!(of(&resonator, BdfOrder::new(2).unwrap(), 300).active(), None);
     }
@@ -224,7 +224,7 @@ mod tests {
     #[test]
     fn weights_that_drive_are_found_with_the_band() {
         assert!(table(vec![-1.0]).active().is_some());
-        // K = s − s^½ drives below ω = ½, as BDF 1 sees it at h = 0.1.
+        // K = s − s^½ is not passive below ω = ½, with BDF 1 at h = 0.1.
         let linear = multistep_weights(
             &TransferFunction::power(1.0).unwrap(),
             BdfOrder::GRUNWALD_LETNIKOV,
@@ -242,7 +242,7 @@ mod tests {
         let weights = linear.unwrap().iter().zip(half.unwrap()).map(|(a, b)| a - b).collect();
         let active = table(weights).at_step(0.1).unwrap().active().unwrap();
         assert!(active.from.is_none() && (active.to.unwrap() - 0.5).abs() < 0.05, "{active}");
-        // A delay pushes at high frequencies first.
+        // A delay is not passive at high frequencies first.
         let mut delayed = vec![0.0; 10];
         (delayed[5], delayed[6]) = (10.0, -10.0);
         assert!(table(delayed).active().is_some());

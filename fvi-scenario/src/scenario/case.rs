@@ -6,17 +6,17 @@ use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use serde::Serialize;
 
-/// A load case: the structure under the loads of the system and these.
+/// A load case: the structure under the loads of the system and those listed here.
 #[derive(Clone, Debug, Serialize)]
 pub struct Case {
-    /// The name of its directory.
+    /// The name of its output directory.
     pub name: String,
-    /// Its own loads, beside those of the system; it may have none.
+    /// Its additional loads; may be empty.
     #[serde(rename = "load")]
     pub loads: Vec<Load>,
 }
 
-/// Longest name of a case.
+/// Longest name of a case, in bytes.
 const LONGEST_NAME: usize = 64;
 
 impl Case {
@@ -45,7 +45,7 @@ impl Case {
             );
             return Err(value.out_of_range(allowed));
         }
-        // On some systems names of directories that differ by capitals are one.
+        // On some file systems names that differ only in case are the same.
         if before.iter().any(|other| other.name.eq_ignore_ascii_case(&name)) {
             return Err(value.out_of_range("a name of its own for each case"));
         }
@@ -62,7 +62,7 @@ impl Case {
 }
 
 impl Scenario {
-    /// One of the load cases by itself; without cases the scenario as it is.
+    /// The scenario of one load case alone; without cases the scenario itself.
     pub fn case(&self, index: usize) -> Self {
         let mut scenario = self.clone();
         scenario.cases = Vec::new();
@@ -73,10 +73,10 @@ impl Scenario {
         scenario
     }
 
-    /// Refuses load cases where one motion is wanted.
+    /// Refuses load cases where a single motion is required.
     ///
     /// # Errors
-    /// If there are any, for the command or function of this name.
+    /// If there are any, in the name of the command or function `wanted_by`.
     pub fn require_one_motion(&self, wanted_by: &str) -> Result<(), InputError> {
         if self.cases.is_empty() {
             return Ok(());
@@ -85,17 +85,17 @@ impl Scenario {
         Err(self.error_at("case", Problem::Incompatible { with: wanted_by.to_owned(), allowed }))
     }
 
-    /// Where the numbers of a load case lie in vectors of all motions.
+    /// Range of the numbers of a load case in vectors of all motions.
     pub fn places_of(&self, case: usize) -> std::ops::Range<usize> {
         case * self.coordinates()..(case + 1) * self.coordinates()
     }
 
-    /// How many motions are integrated together: one for each load case.
+    /// Number of motions integrated together: one for each load case.
     pub fn copies(&self) -> usize {
         self.cases.len().max(1)
     }
 
-    /// Refuses load cases of what is not linear, and keys that speak of one motion.
+    /// Refuses load cases of nonlinear systems, and keys that apply to a single motion.
     pub(super) fn check_cases(&self) -> Result<(), InputError> {
         if self.cases.is_empty() {
             return Ok(());

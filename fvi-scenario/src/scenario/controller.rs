@@ -14,25 +14,25 @@ use fvi_core::{
 use serde::{Serialize, Serializer};
 use std::sync::Arc;
 
-/// A controller in a loop: it samples a measured value, and its output, a force on the coordinates, is held
-/// until the next sample.
+/// A controller in a closed loop: it samples a measured value, and its output, a force on the coordinates, is
+/// held until the next sample.
 #[derive(Clone, Debug)]
 pub struct Controller {
-    /// y, of `q0`, …, `p0`, … and the parameters.
+    /// y, an expression in `q0`, …, `p0`, … and the parameters.
     pub measures: Expression,
     /// r(t).
     pub setpoint: Setpoint,
     /// u_ff(t).
     pub feed_forward: Option<Expression>,
-    /// The force on the coordinates for each unit of output.
+    /// The force on the coordinates per unit of output.
     pub drives: Pattern,
     /// The law, in double precision.
     pub settings: PidSettings<f64>,
     /// Time between samples, a multiple of the step.
     pub sample: f64,
-    /// How much later the output acts.
+    /// Delay until the output acts, in units of time.
     pub delay: f64,
-    /// Quanta of the measured value and of the output.
+    /// Quantisation of the measured value and of the output.
     pub quantise: Quantise,
     /// Noise added to the measured value.
     pub noise: Noise,
@@ -43,37 +43,37 @@ pub struct Controller {
 pub enum Setpoint {
     /// An expression in t and the parameters.
     Expression(Expression),
-    /// A record: linear between its rows, and its first and last value before and after.
+    /// A record, linear between its rows and constant before the first and after the last.
     Record {
-        /// The file.
+        /// Name of the file.
         file: String,
         /// (t, r).
         rows: Arc<Vec<(f64, f64)>>,
     },
 }
 
-/// Quanta of a converter; `None` for none.
+/// Quantisation steps of converters; `None` for no quantisation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Quantise {
-    /// Of the measured value.
+    /// Step of the measured value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measure: Option<f64>,
-    /// Of the output.
+    /// Step of the output.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub output: Option<f64>,
 }
 
-/// Normal noise on the measured value, the same in every run of one seed.
+/// Gaussian noise on the measured value, the same in every run with the same seed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Noise {
     /// σ.
     pub standard_deviation: f64,
-    /// Which noise.
+    /// Seed of the generator.
     pub seed: u64,
 }
 
 impl Noise {
-    /// What is added to sample `index`: a number of the normal distribution of deviation σ.
+    /// Noise of sample `index`: normally distributed with standard deviation σ.
     ///
     /// Two outputs of SplitMix64 at the counter `index` and the method of Box and Muller, with the functions
     /// of `libm`: the same numbers on every machine. Source: \[SLF14\], \[BoxMuller58\].
@@ -101,7 +101,7 @@ fn mixed(counter: u64) -> u64 {
 }
 
 impl Setpoint {
-    /// r(t) at a sample: where it jumps, the value from then on.
+    /// r(t) at a sample; at a jump the value after it.
     pub fn at<T: Elementary>(&self, time: T) -> T {
         match self {
             Self::Expression(expression) => expression.value(Moment::from_right(time), &[]),
@@ -120,10 +120,11 @@ impl Setpoint {
     }
 }
 
-/// How far from a whole number of steps a time may be and count as one.
+/// Largest deviation from an integer number of steps, in steps, at which a time counts as a multiple of the
+/// step.
 const SLACK: f64 = 1e-9;
 
-/// A time as whole steps and a part of one.
+/// A time as an integer number of steps and a fraction of one.
 fn in_steps(time: f64, step: f64) -> (f64, f64) {
     let steps = time / step;
     let nearest = steps.round();
@@ -268,25 +269,51 @@ impl Controller {
         Ok(Self { measures, setpoint, feed_forward, drives, settings, sample, delay, quantise, noise })
     }
 
-    /// Steps between samples, on a grid of equal steps; `None` if they are no whole number.
+    /// Steps between samples, on a grid of equal steps; `None` if they are not an integer number.
     pub fn steps_between(&self, step: f64) -> Option<u64> {
         let (steps, rest) = in_steps(self.sample, step);
         (steps >= 1.0 && rest == 0.0).then_some(steps as u64)
     }
 
-    /// How much later the output acts: in whole steps, and a part of one.
+    /// Delay until the output acts: an integer number of steps, and a fraction of one.
     pub fn delay_in_steps(&self, step: f64) -> (u64, f64) {
         let (steps, rest) = in_steps(self.delay, step);
         (steps as u64, rest)
     }
 
-    /// The law in another precision.
+    /// The keys of `[controller]` from which a parameter of the law may come, the most likely first.
+    pub fn keys_of(parameter: &str) -> &'static [&'static str] {
+        match parameter {
+            "proportional gain" => &["kp"],
+            "integral gain" => &["ki", "integral_time", "kp"],
+            "integral rate" => &["integral_time"],
+            "derivative gain" => &["kd"],
+            "derivative time" => &["derivative_time"],
+            "filter ratio" => &["filter_ratio"],
+            "setpoint weight" => &["setpoint_weights"],
+            "lower limit" | "limits" => &["limits"],
+            "rate limit" => &["rate_limit"],
+            "tracking time" => &["anti_windup.time"],
+            "time of the derivative's filter" => &["derivative_filter.time", "derivative_filter"],
+            "order of the derivative's filter" => &["derivative_filter.order"],
+            "integral order" => &["lambda"],
+            "derivative order" => &["mu"],
+            _ => &["sample"],
+        }
+    }
+
+    /// The law with numbers of another precision.
     ///
     /// # Errors
-    /// If a number does not fit.
+    /// If a number is out of range.
     pub fn law<T: Real>(&self) -> Result<PidLaw<T>, ParameterError> {
         let of = T::of;
         let settings = &self.settings;
+        let [lower, upper] = settings.limits.map(of);
+        if lower >= upper {
+            let allowed = "two numbers that the precision tells apart";
+            return Err(ParameterError { parameter: "limits", value: settings.limits[0], allowed });
+        }
         let gains = match settings.gains {
             PidGains::Parallel { proportional, integral, derivative } => PidGains::Parallel {
                 proportional: of(proportional),
@@ -310,7 +337,7 @@ impl Controller {
             setpoint_weights: settings.setpoint_weights.map(of),
             derivative_of: settings.derivative_of,
             derivative_filter: settings.derivative_filter,
-            limits: settings.limits.map(of),
+            limits: [lower, upper],
             rate_limit: of(settings.rate_limit),
             anti_windup: settings.anti_windup,
             bumpless: settings.bumpless,
@@ -318,7 +345,7 @@ impl Controller {
     }
 }
 
-/// Whether a force that changes inside a step is taken from then on.
+/// Whether a force that changes inside a step acts from that time on.
 fn acts_inside_steps(system: &System, scheme: &SchemeDescriptor) -> bool {
     scheme.takes_inputs_inside && system.force_quadrature == ForceQuadrature::Moments
 }
@@ -338,7 +365,7 @@ fn order(table: &Table<'_>, key: &str) -> Result<f64, InputError> {
     }
 }
 
-/// The law of a table.
+/// Reads the law from a table.
 fn read_settings(table: &Table<'_>, sample: f64) -> Result<PidSettings<f64>, InputError> {
     let number = |key: &str, default: f64| table.optional(key).map_or(Ok(default), |value| value.number());
     let forms = [("parallel", false), ("series", true)];
@@ -428,10 +455,25 @@ fn read_settings(table: &Table<'_>, sample: f64) -> Result<PidSettings<f64>, Inp
         anti_windup,
         bumpless: Bumpless::Whole,
     };
-    // What is left are numbers that together leave the range of the scalar.
+    // The remaining errors are combinations of numbers that leave the range of the scalar.
     match PidLaw::new(settings) {
         Ok(_) => Ok(settings),
-        Err(error) => Err(table.required("sample")?.error(Problem::Unusable { reason: error.to_string() })),
+        Err(error) => {
+            let found = Controller::keys_of(error.parameter).iter().find_map(|key| at(table, key));
+            let value = found.map_or_else(|| table.required("sample"), Ok)?;
+            Err(value.error(Problem::Unusable { reason: error.to_string() }))
+        }
+    }
+}
+
+/// The value of a key, or of a key in a table under it: `a.b`.
+fn at<'a>(table: &Table<'a>, key: &str) -> Option<Value<'a>> {
+    match key.split_once('.') {
+        None => table.optional(key),
+        Some((outer, inner)) => {
+            let value = table.optional(outer).filter(|value| value.is_table())?;
+            value.table().ok()?.optional(inner)
+        }
     }
 }
 
@@ -466,7 +508,7 @@ impl Setpoint {
     }
 }
 
-/// `[controller]` as it is written.
+/// `[controller]` in serialised form.
 #[derive(Default, Serialize)]
 struct Record<'a> {
     kind: &'static str,

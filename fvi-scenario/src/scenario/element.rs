@@ -5,16 +5,16 @@ use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Symbols};
 use serde::Serialize;
 
-/// One potential U(x₀, x₁, …) at many places: Σ U(q_{c₀}, q_{c₁}, …) over the rows c of coordinates.
+/// One potential U(x₀, x₁, …) applied at many places: Σ U(q_{c₀}, q_{c₁}, …) over the rows c of coordinates.
 #[derive(Clone, Debug, Serialize)]
 pub struct Element {
     /// U in x0, x1, … and the parameters.
     pub potential: Expression,
-    /// The coordinates that x0, x1, … stand for, one row for each place.
+    /// The coordinates for x0, x1, …, one row for each place.
     pub coordinates: Vec<Vec<usize>>,
 }
 
-/// Most coordinates of an element.
+/// Largest number of coordinates of an element.
 const WIDEST: usize = 64;
 
 impl Element {
@@ -39,7 +39,7 @@ impl Element {
     }
 }
 
-/// Different coordinates below `count`.
+/// Reads a row of distinct coordinates below `count`.
 fn read_row(row: &Value<'_>, count: usize) -> Result<Vec<usize>, InputError> {
     let places = row.list("a list of coordinates")?;
     let mut coordinates = Vec::with_capacity(places.len());

@@ -1,4 +1,4 @@
-//! `[[event]]`: what is watched for on the way.
+//! `[[event]]`: events detected during the run.
 
 use super::scheme_descriptor::SchemeDescriptor;
 use super::system::System;
@@ -9,16 +9,16 @@ use serde::Serialize;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A function of time, position and momentum, one number for each coordinate in the latter two.
+/// A function of time, position and momentum; the latter two have one number for each coordinate.
 type Function = dyn FnMut(f64, &[f64], &[f64]) -> f64 + Send;
 
-/// A function in code that an event watches, shared by the parts of a run. A call that fails returns NaN and
-/// keeps the reason to itself.
+/// A function in code for an event, shared by the parts of a run. A call that fails returns NaN and stores
+/// its error itself.
 #[derive(Clone)]
 pub struct SharedFunction(Arc<Mutex<Function>>);
 
 impl SharedFunction {
-    /// To share.
+    /// Wraps a function for sharing.
     pub fn new(function: impl FnMut(f64, &[f64], &[f64]) -> f64 + Send + 'static) -> Self {
         Self(Arc::new(Mutex::new(function)))
     }
@@ -38,26 +38,26 @@ impl fmt::Debug for SharedFunction {
 /// An event: a function of time, position and momentum passes zero.
 #[derive(Clone, Debug, Serialize)]
 pub struct Event {
-    /// A function in code in place of that below.
+    /// A function in code that replaces `when`.
     #[serde(skip)]
     pub own: Option<SharedFunction>,
     /// The function, of `t`, `q0`, …, `p0`, … and the parameters.
     pub when: Expression,
-    /// The direction in which it passes.
+    /// The direction of the zero crossings.
     pub direction: Direction,
-    /// Action.
+    /// Action at the event.
     pub action: Action,
 }
 
-/// In which direction a function passes zero.
+/// Direction in which a function crosses zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Direction {
-    /// From below.
+    /// From negative to positive.
     Rising,
-    /// From above.
+    /// From positive to negative.
     Falling,
-    /// Either.
+    /// Both directions.
     #[default]
     Both,
 }
@@ -66,10 +66,10 @@ pub enum Direction {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Action {
-    /// It is written to `summary.json`.
+    /// The event is written to `summary.json`.
     #[default]
     Record,
-    /// That, and the run ends there.
+    /// The event is written, and the run ends.
     Stop,
 }
 

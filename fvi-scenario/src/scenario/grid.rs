@@ -1,4 +1,4 @@
-//! `time.grid`: grids whose steps differ.
+//! `time.grid`: grids with different steps.
 
 use super::adaptive::{Adaptive, Start};
 use crate::language::document::{Document, Table, Value};
@@ -6,25 +6,25 @@ use crate::language::error::{InputError, Problem};
 use crate::language::number_table::NumberTable;
 use std::sync::Arc;
 
-/// Most grid points of a grid whose steps differ: they are kept.
+/// Largest number of grid points of a grid with different steps, all of which are stored.
 const MOST_POINTS: usize = 10_000_000;
 
-/// A time that must be hit moves a grid point that is nearer than this share of its step.
+/// A grid point nearer to a required time than this fraction of its step is moved there.
 const NEAR: f64 = 0.1;
 
-/// How the times of a grid follow each other.
+/// Rule for the times of a grid.
 #[derive(Clone, Debug, PartialEq)]
 pub enum GridRule {
     /// t_k = end (k/steps)^exponent: short steps where a motion begins like a power of t.
     Graded {
         /// The last time.
         end: f64,
-        /// Number of steps, before times that must be hit are put in.
+        /// Number of steps, before required times are inserted.
         steps: usize,
         /// The exponent, at least 1.
         exponent: f64,
     },
-    /// Steps that grow by a factor: the same number of them in every decade.
+    /// Steps that grow by a constant factor: the same number of them in every decade.
     Geometric {
         /// The last time.
         end: f64,
@@ -32,19 +32,19 @@ pub enum GridRule {
         first: f64,
         /// The factor, greater than 1.
         ratio: f64,
-        /// The longest step; absent: any.
+        /// The longest step; absent: unlimited.
         longest: Option<f64>,
     },
-    /// Times as they are given.
+    /// Given times.
     Points {
-        /// The file they are from, if from one.
+        /// The file that contains them, if any.
         file: Option<String>,
     },
-    /// Times that are chosen on the way, so that errors stay near a tolerance.
+    /// Times chosen during the run to keep errors near a tolerance.
     Adaptive(Adaptive),
 }
 
-/// The times of a grid whose steps differ.
+/// The times of a grid with different steps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
     rule: GridRule,
@@ -53,7 +53,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Reads a grid whose steps differ from `[time]`. `start` says how the momentum begins.
+    /// Reads a grid with different steps from `[time]`. `start` describes the beginning of the momentum.
     pub(super) fn read(table: &Table<'_>, start: Start, document: &Document) -> Result<Self, InputError> {
         let kind = table.required("grid")?;
         let keys = ["grid", "must_hit", "allow_unstable", "energy_guard"];
@@ -155,7 +155,7 @@ impl Grid {
         Ok(grid)
     }
 
-    /// The same rule with another number of steps, where it has one.
+    /// The same rule with another number of steps, if it depends on one.
     pub(super) fn in_steps(&self, steps: usize) -> Option<Self> {
         let GridRule::Graded { end, exponent, .. } = self.rule else { return None };
         let rule = GridRule::Graded { end, steps: steps.max(1), exponent };
@@ -165,17 +165,17 @@ impl Grid {
         Some(grid)
     }
 
-    /// How the times follow each other.
+    /// Rule for the times.
     pub fn rule(&self) -> &GridRule {
         &self.rule
     }
 
-    /// Times that were asked to be grid points.
+    /// Times that are required to be grid points.
     pub fn must_hit(&self) -> &[f64] {
         &self.must_hit
     }
 
-    /// Rule for steps that are chosen on the way, if they are.
+    /// Settings for steps chosen during the run, if they are.
     pub fn adaptive(&self) -> Option<&Adaptive> {
         match &self.rule {
             GridRule::Adaptive(adaptive) => Some(adaptive),
@@ -183,7 +183,7 @@ impl Grid {
         }
     }
 
-    /// t_0 = 0 … t_steps; those known beforehand where they are chosen on the way.
+    /// t_0 = 0 … t_steps; for steps chosen during the run the times known in advance.
     pub fn times(&self) -> &[f64] {
         &self.times
     }
@@ -198,7 +198,7 @@ impl Grid {
         self.times.windows(2).map(|pair| pair[1] - pair[0])
     }
 
-    /// In words, for headings.
+    /// Description for headings.
     pub fn describe(&self) -> String {
         let steps = self.times.len() - 1;
         match &self.rule {
@@ -211,8 +211,8 @@ impl Grid {
         }
     }
 
-    /// Makes every time that must be hit a grid point: the nearest moves there if it is near, but for given
-    /// points, which stay.
+    /// Makes every required time a grid point: the nearest grid point is moved if it is near enough, except
+    /// for given points.
     fn put_in(&mut self) {
         let mut times = self.times.to_vec();
         for &time in &self.must_hit {
@@ -240,11 +240,11 @@ fn graded(end: f64, steps: usize, exponent: f64) -> Vec<f64> {
     (0..=steps).map(time).collect()
 }
 
-/// Steps that grow by the ratio up to the longest, from one time that must be hit to the next; `None` if they
-/// are too many.
+/// Steps that grow by the ratio up to the longest, from one required time to the next; `None` if they are too
+/// many.
 ///
-/// Up to each of those times, and to the end, they are as many as the rule needs, and then all shorter by the
-/// same factor; but the first step of all stays.
+/// The steps to each of these times, and to the end, are as many as the rule needs, and then all shortened by
+/// the same factor, except for the very first step.
 fn geometric(end: f64, first: f64, ratio: f64, longest: Option<f64>, must_hit: &[f64]) -> Option<Vec<f64>> {
     let longest = longest.unwrap_or(f64::INFINITY);
     let (mut times, mut step) = (vec![0.0], first);
@@ -252,7 +252,7 @@ fn geometric(end: f64, first: f64, ratio: f64, longest: Option<f64>, must_hit: &
     for target in targets {
         let from = times.last().copied().unwrap_or_default();
         let (mut steps, mut sum) = (Vec::new(), 0.0);
-        // A target that is missed by rounding is hit.
+        // A target missed by rounding only counts as reached.
         while sum < (target - from) * (1.0 - 1e-9) {
             if times.len() + steps.len() > MOST_POINTS {
                 return None;
@@ -277,7 +277,7 @@ fn geometric(end: f64, first: f64, ratio: f64, longest: Option<f64>, must_hit: &
 }
 
 fn check_ascending(times: &[f64], value: &Value<'_>, allowed: &str) -> Result<(), InputError> {
-    // Steps so short that their powers are no numbers any more serve nobody.
+    // Shorter steps have powers that underflow.
     let ascending = times.windows(2).all(|pair| pair[1] - pair[0] >= 1e-150 && pair[1] > pair[0]);
     if ascending { Ok(()) } else { Err(value.out_of_range(allowed)) }
 }
@@ -318,7 +318,7 @@ pub(super) fn read_must_hit(value: &Value<'_>, end: f64) -> Result<Vec<f64>, Inp
     Ok(times)
 }
 
-/// Refuses a grid whose steps differ with a quadrature that knows equal steps only.
+/// The error for a grid with different steps and a quadrature for equal steps only.
 pub(super) fn check_family(table: &Table<'_>) -> InputError {
     let problem = Problem::Incompatible {
         with: "`convolution.family` = \"bdf\"".to_owned(),
@@ -349,7 +349,8 @@ mod tests {
             assert_eq!(found.len(), expected.len(), "{found:?}");
             assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
         };
-        // 0.5 + 1 + 2 + 2 + 2 is too short, a sixth step too much: all but the first by 8.5/9 or so shorter.
+        // 0.5 + 1 + 2 + 2 + 2 is too short, a sixth step too much: all but the first are shortened by about
+        // 8.5/9.
         let times = geometric(9.0, 0.5, 2.0, Some(2.0), &[]).unwrap();
         let factor = 8.5 / 9.0;
         let expected: Vec<f64> = [0.0, 1.0, 3.0, 5.0, 7.0, 9.0].map(|t: f64| 0.5 + t * factor).into();
@@ -371,7 +372,7 @@ mod tests {
         };
         assert_eq!(grid(&[2.0]), [0.0, 1.0, 2.0, 3.0, 4.0]);
         assert_eq!(grid(&[1.95, 2.5]), [0.0, 1.0, 1.95, 2.5, 3.0, 4.0]);
-        // The ends stay.
+        // The ends are not moved.
         assert_eq!(grid(&[0.01, 3.99]), [0.0, 0.01, 1.0, 2.0, 3.0, 3.99, 4.0]);
         let given =
             Grid { rule: GridRule::Points { file: None }, must_hit: vec![1.95], times: [0.0, 2.0].into() };

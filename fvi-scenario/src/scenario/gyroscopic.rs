@@ -4,17 +4,17 @@ use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
 use serde::{Serialize, Serializer};
 
-/// G, skew-symmetric: of rotating frames and rotors, of charges in a magnetic field.
+/// G, skew-symmetric: for rotating frames and rotors, and charges in a magnetic field.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SkewMatrix {
-    /// (row, column, entry) of the entries that are not zero, in the order of rows.
+    /// (row, column, entry) of the nonzero entries, in the order of rows.
     entries: Vec<(u32, u32, f64)>,
     size: usize,
     /// The file that it was read from.
     source: Option<String>,
 }
 
-/// Largest part of an entry by which it may differ from the negative of its mirror image.
+/// Largest relative deviation of an entry from the negative of its mirror image.
 const SYMMETRY: f64 = 1e-10;
 
 impl SkewMatrix {
@@ -51,7 +51,8 @@ impl SkewMatrix {
         })
     }
 
-    /// The skew part of a matrix that is skew-symmetric to rounding; else where it is not, and both entries.
+    /// The skew part of a matrix that is skew-symmetric to rounding; otherwise the place where it is not, and
+    /// both entries.
     fn of_entries(
         given: Vec<(u32, u32, f64)>,
         size: usize,
@@ -80,7 +81,12 @@ impl SkewMatrix {
         Ok(Self { entries, size, source })
     }
 
-    /// (row, column, entry) of the entries that are not zero.
+    /// Whether the matrix was read from a file.
+    pub fn is_from_file(&self) -> bool {
+        self.source.is_some()
+    }
+
+    /// (row, column, entry) of the nonzero entries.
     pub fn entries(&self) -> &[(u32, u32, f64)] {
         &self.entries
     }

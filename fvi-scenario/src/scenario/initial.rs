@@ -1,5 +1,6 @@
-//! `[initial]`: where the system starts.
+//! `[initial]`: the initial state.
 
+use super::keys;
 use super::past::Past;
 use super::system::System;
 use crate::language::document::Table;
@@ -11,9 +12,9 @@ use serde::Serialize;
 pub struct InitialState {
     /// q₀.
     pub position: Vec<f64>,
-    /// p₀ = M v₀.
+    /// p₀ = M v₀; zero for coordinates without mass.
     pub momentum: Vec<f64>,
-    /// What memories know of the time before; absent: the system was at rest at q₀.
+    /// The motion before the start, for the memories; absent: the system was at rest at q₀.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub past: Option<Past>,
 }
@@ -26,7 +27,7 @@ impl InitialState {
 
     /// Reads the keys; without momentum and velocity it is at rest.
     pub(super) fn read(table: &Table<'_>, system: &System) -> Result<Self, InputError> {
-        table.allow(&["position", "momentum", "velocity", "past"])?;
+        table.allow(&keys::INITIAL)?;
         let count = system.coordinates();
         let position = table.required("position")?.vector(count)?;
         if table.optional("momentum").or(table.optional("velocity")).is_none() {
@@ -34,9 +35,16 @@ impl InitialState {
         }
         let (is_momentum, value) = table.either("momentum", "velocity")?;
         let given = value.vector(count)?;
-        let momentum = if is_momentum { given } else { system.mass.times(&given) };
+        let momentum = if is_momentum { given.clone() } else { system.mass.times(&given) };
         if momentum.iter().any(|entry| !entry.is_finite()) {
             return Err(value.out_of_range("a velocity whose momentum M v is finite"));
+        }
+        if let Some(massless) = system.massless().into_iter().find(|&index| given[index] != 0.0) {
+            let what = if is_momentum { "momentum" } else { "velocity of its own at the start" };
+            return Err(value.out_of_range(format!(
+                "0 at coordinate {massless} (from 0), which has no mass and so no {what}; {} is given",
+                given[massless]
+            )));
         }
         Ok(Self { position, momentum, past: None })
     }
@@ -46,8 +54,8 @@ impl InitialState {
         self.past.as_ref().map_or(0, Past::steps)
     }
 
-    /// Where the motion begins that memories know, from rest unless it begins at the start: what is left out
-    /// of Caputo's derivatives.
+    /// The position at which the motion of the memories begins, which Caputo's derivatives subtract: that at
+    /// the beginning of the past, or q₀ without a past.
     pub fn base(&self) -> &[f64] {
         self.past.as_ref().map_or(&self.position, Past::first)
     }

@@ -1,4 +1,4 @@
-//! `order` and `kernel` of a damping term: its transfer function.
+//! `order` and `kernel` of a damping term, from which its transfer function is built.
 
 use super::parameters::{read_parameters, symbols_of};
 use crate::language::document::{Document, Table, Value};
@@ -6,8 +6,10 @@ use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Function, Kind, LARGEST_MULTIPLIED, Node, Operator, Symbols};
 use crate::language::number_table::NumberTable;
 use crate::numerics::algebra::{Algebra, Series};
+use crate::numerics::dual::Dual;
 use crate::numerics::relaxation::Relaxation;
 use crate::numerics::transfer::{Formula, TransferFunction};
+use crate::numerics::transfer_derivative::TransferDerivative;
 use crate::numerics::weight_table::WeightTable;
 use fvi_core::{DoubleDouble, ParameterError};
 use nalgebra::Complex;
@@ -25,12 +27,12 @@ enum Form {
     HavriliakNegami,
 }
 
-/// Reads `order`, or `kernel` in its place; `step` is that of a run with equal steps, to which weights of a
-/// file belong.
+/// Reads `order`, or `kernel` in its place; `step` is the step size of a run with equal steps, for which
+/// weights in a file must be made.
 ///
 /// # Errors
-/// If neither or both are there, or a parameter of the kernel is outside its range, or the kernel is not
-/// passive and `allow_active` is not set, or weights belong to another step.
+/// If neither or both are given, a parameter of the kernel is outside its range, the kernel is not passive
+/// and `allow_active` is not set, or weights are for another step size.
 pub(super) fn read_transfer(
     table: &Table<'_>,
     parameters: &BTreeMap<String, f64>,
@@ -69,10 +71,10 @@ pub(super) fn read_transfer(
     }
 }
 
-/// The kernel of a file with a table `[kernel]`, and one `[parameters]` for the expression of a symbol.
+/// The kernel of a file with a table `[kernel]`, and a table `[parameters]` for the expression of a symbol.
 ///
 /// # Errors
-/// As in a scenario, but that it need not be passive.
+/// As in a scenario, except that it need not be passive.
 pub fn kernel_of_file(path: &Path) -> Result<TransferFunction, InputError> {
     kernel_of_document(&Document::read(path)?)
 }
@@ -86,10 +88,11 @@ pub fn kernel_of_symbol(text: &str) -> Result<TransferFunction, InputError> {
     kernel_of_document(&Document::of_value("--symbol", Path::new(""), &keys)?)
 }
 
-/// The kernel of a document with a table `[kernel]`, and one `[parameters]` for the expression of a symbol.
+/// The kernel of a document with a table `[kernel]`, and a table `[parameters]` for the expression of a
+/// symbol.
 ///
 /// # Errors
-/// As in a scenario, but that it need not be passive.
+/// As in a scenario, except that it need not be passive.
 pub fn kernel_of_document(document: &Document) -> Result<TransferFunction, InputError> {
     document.with_root(|root| {
         root.allow(&["kernel", "parameters"])?;
@@ -101,11 +104,11 @@ pub fn kernel_of_document(document: &Document) -> Result<TransferFunction, Input
     })
 }
 
-/// The kernel of a table that has other keys beside it, with the table of parameters for the expression of a
+/// The kernel of a table that also has other keys, with the table of parameters for the expression of a
 /// symbol.
 ///
 /// # Errors
-/// As in a scenario, but that it need not be passive.
+/// As in a scenario, except that it need not be passive.
 pub fn kernel_of_table(
     table: &Table<'_>,
     beside: &'static [&'static str],
@@ -185,7 +188,7 @@ pub(super) fn read_kernel(
     made.map_err(|error| {
         let key = match error.parameter {
             "strength" | "number of strengths" => "strengths",
-            // Every entry of `times`, too.
+            // An error in an entry of `times` is reported for that key.
             "time" if matches!(form, Form::Prony) => "times",
             parameter => parameter,
         };
@@ -201,11 +204,11 @@ fn read_relaxation(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunct
     relaxation_of(value, decay, None)
 }
 
-/// The relaxation function of a file or rows; that of an entry of a matrix may push by itself, and is wanted
-/// with a sign.
+/// The relaxation function of a file or rows. For an entry of a matrix it need not be passive by itself, and
+/// is built with a sign.
 ///
 /// # Errors
-/// With the row that is wrong.
+/// Names the row that is wrong.
 pub(super) fn relaxation_of(
     value: &Value<'_>,
     decay: Option<f64>,
@@ -239,7 +242,8 @@ pub(super) fn relaxation_of(
             format!("t = {} does not come after the row before", rows[index + 1].0),
         ));
     }
-    // One that swings about zero, as that of waves does, rises in places; whether it is passive is looked at.
+    // A function that oscillates about zero, such as that of waves, rises in places; its passivity is checked
+    // by sampling.
     let swings = of_matrix.is_some() || rows.iter().any(|row| row.1 < 0.0);
     if let Some(index) = rows.windows(2).position(|pair| pair[1].1 > pair[0].1).filter(|_| !swings) {
         return Err(refused(index + 1, format!("G rises to {}: the material would push", rows[index + 1].1)));
@@ -266,7 +270,7 @@ pub(super) fn relaxation_of(
     })
 }
 
-/// Reads weights, and the step to which they belong.
+/// Reads weights, and the step size for which they are made.
 fn read_weights(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction, InputError> {
     table.allow(&["weights", "step"])?;
     let refused =
@@ -286,7 +290,7 @@ fn read_weights(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction
 /// The weights of a file with the columns `n,weight`, n = 0, 1, …, or of a list.
 ///
 /// # Errors
-/// If there is no such file, or a row is not the next one, or a weight is not a finite number, with the line.
+/// If there is no such file, a row is not the next one, or a weight is not a finite number, with the line.
 pub fn weights_of(value: &Value<'_>) -> Result<Vec<f64>, InputError> {
     if value.is_list() {
         return value.numbers();
@@ -347,7 +351,7 @@ fn read_symbol(
     })
 }
 
-/// A function in it that is not analytic, or has no power series here.
+/// A function in the expression that is not analytic, or has no power series here.
 pub(super) fn unsuited(node: &Node) -> Option<String> {
     match node.kind() {
         Kind::Number(_) | Kind::Variable(_) => None,
@@ -388,12 +392,63 @@ impl Formula for Symbol {
     }
 }
 
+/// The derivative of an expression in s and a constant, which follows s as a variable, by that constant at
+/// its value.
+#[derive(Debug)]
+struct SymbolSlope {
+    expression: Expression,
+    at: f64,
+}
+
+impl SymbolSlope {
+    fn of<A: Algebra>(&self, s: &A) -> A {
+        let constant = Dual { value: s.constant(self.at), slope: s.constant(1.0) };
+        evaluate_at(self.expression.root(), &Dual::constant_in(s), &constant).slope
+    }
+}
+
+impl Formula for SymbolSlope {
+    fn value(&self, s: Complex<f64>) -> Complex<f64> {
+        self.of(&s)
+    }
+
+    fn series(&self, s: &Series) -> Series {
+        self.of(s)
+    }
+
+    fn text(&self) -> &str {
+        self.expression.text()
+    }
+}
+
+/// The derivative of a symbol by a constant, which is the variable after s in its expression.
+///
+/// # Errors
+/// A message: the part of the symbol in which the constant may not occur.
+pub(super) fn symbol_derivative(
+    transfer: &TransferFunction,
+    expression: Expression,
+    at: f64,
+) -> Result<TransferDerivative, String> {
+    if let Some(function) = unsuited(expression.root()) {
+        return Err(format!("a constant that a symbol does not have in {function}"));
+    }
+    TransferDerivative::of_formula(transfer, Arc::new(SymbolSlope { expression, at }))
+        .map_err(|error| format!("{}; {} is {:e} here", error.allowed, error.parameter, error.value))
+}
+
 /// The value of an expression in s.
 pub(super) fn evaluate<A: Algebra>(node: &Node, s: &A) -> A {
-    let of = |node: &Node| evaluate(node, s);
+    evaluate_at(node, s, s)
+}
+
+/// The value of an expression in s and a constant, which is the variable after s.
+fn evaluate_at<A: Algebra>(node: &Node, s: &A, constant: &A) -> A {
+    let of = |node: &Node| evaluate_at(node, s, constant);
     match node.kind() {
         Kind::Number(value) => s.constant(*value),
-        Kind::Variable(_) => s.clone(),
+        Kind::Variable(0) => s.clone(),
+        Kind::Variable(_) => constant.clone(),
         Kind::Negation(inner) => of(inner).negate(),
         Kind::Chain(first, operands) => {
             operands.iter().fold(of(first), |joined, (operator, operand)| match operator {
@@ -420,21 +475,21 @@ pub(super) fn evaluate<A: Algebra>(node: &Node, s: &A) -> A {
                 Function::Sinh => half(argument.exponential().add(&argument.negate().exponential().negate())),
                 Function::Cosh => half(argument.exponential().add(&argument.negate().exponential())),
                 Function::Tanh => {
-                    // Of arguments to the right, as roots of s are, the exponential is small.
+                    // For arguments in the right half-plane, such as roots of s, the exponential is small.
                     let small = argument.scale(-2.0).exponential();
                     let one = s.constant(1.0);
                     one.add(&small.negate()).divide(&one.add(&small))
                 }
-                // Refused when it was read.
+                // Refused during reading.
                 _ => s.constant(f64::NAN),
             }
         }
-        // Refused when it was read.
+        // Refused during reading.
         Kind::Time | Kind::SidedTime | Kind::Choice(..) => s.constant(f64::NAN),
     }
 }
 
-/// Small whole powers by multiplication, which no branch limits.
+/// Small integer powers by multiplication, which has no branch cut.
 fn power<A: Algebra>(base: &A, exponent: f64) -> A {
     let whole = exponent.abs();
     if exponent.fract() != 0.0 || whole > f64::from(LARGEST_MULTIPLIED) {
@@ -486,14 +541,14 @@ mod tests {
         assert_eq!(whole.spring(), material.spring());
         assert_ne!(whole.key(), material.key());
         assert_eq!(symbol("s^0.5").spring(), 0.0);
-        // Poles beside the cut.
+        // Poles in addition to the cut.
         assert!(!symbol("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)").is_relaxation());
         assert!(symbol("-1 + s^0.5").active().is_some());
     }
 
     #[test]
     fn where_a_kernel_is_not_passive_is_a_band_of_frequencies() {
-        // Im (iω − (iω)^½)/ω < 0 for ω^½ < ½ √2; and of Im iω/(1 + iω) and a resonance between its zeros.
+        // Im (iω − (iω)^½)/ω < 0 for ω^½ < ½ √2; with a subtracted resonance between the zeros of Im K(iω)/ω.
         let told = |text: &str| symbol(text).active().unwrap().to_string();
         assert_eq!(told("s - s^0.5"), "ω below 5.0000e-1, where Im K(iω)/ω < 0");
         assert_eq!(told("s^0.5 - 0.5*s"), "ω above 2.0000e0, where Im K(iω)/ω < 0");
@@ -555,7 +610,7 @@ mod tests {
             assert!(message.contains(reason), "{keys}: {message}");
         }
         assert!(read("relaxation = [[0, 1], [1, 0.5]]\ndecay = 2.0").is_ok());
-        // A rectangle pushes back at some frequencies.
+        // A rectangle is not passive at some frequencies.
         assert!(read("relaxation = [[0, 1], [1, 1], [1.001, 0]]").unwrap().active().is_some());
     }
 

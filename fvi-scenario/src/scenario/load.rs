@@ -1,4 +1,4 @@
-//! `[[system.load]]`: a pattern of forces times an amplitude over time.
+//! `[[system.load]]`: a pattern of forces times a time-dependent amplitude.
 
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
@@ -17,15 +17,15 @@ pub struct Load {
     pub amplitude: Amplitude,
 }
 
-/// f: how a load is spread over the coordinates.
+/// f: distribution of a load over the coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pattern {
-    /// (coordinate, number) where it is not zero.
+    /// (coordinate, number) of the nonzero entries.
     pub entries: Arc<Vec<(u32, f64)>>,
     written: Written,
 }
 
-/// How the scenario gives a pattern.
+/// Form in which the scenario gives a pattern.
 #[derive(Clone, Debug, PartialEq)]
 enum Written {
     Numbers(usize),
@@ -42,7 +42,8 @@ pub enum Amplitude {
     Record(Record),
 }
 
-/// An amplitude by its values at some times, linear in between, zero before the first and after the last.
+/// An amplitude given by its values at some times, linear in between, zero before the first and after the
+/// last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Record {
     file: String,
@@ -50,8 +51,8 @@ pub struct Record {
 }
 
 impl Record {
-    /// a(t). Where it jumps, at its first and after its last row, the side counts that the moment is
-    /// approached from, as in `step`.
+    /// a(t). At its jumps, at the first and the last row, the side from which the moment is approached
+    /// determines the value, as in `step`.
     pub fn at(&self, moment: Moment<f64>) -> f64 {
         let (first, last) = self.span();
         if moment.sided < first || moment.sided > last {
@@ -180,7 +181,7 @@ mod tests {
         {
             assert_eq!(record.at(Moment::inside(time)), amplitude, "t = {time}");
         }
-        // At its ends it jumps, which steps on either side see from their own.
+        // It jumps at its ends; adjacent steps take the value on their own side.
         assert_eq!([Moment::from_left(0.5), Moment::from_right(0.5)].map(|at| record.at(at)), [0.0, 1.0]);
         assert_eq!([Moment::from_left(2.0), Moment::from_right(2.0)].map(|at| record.at(at)), [-1.0, 0.0]);
     }

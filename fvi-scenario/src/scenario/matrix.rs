@@ -1,4 +1,4 @@
-//! Symmetric matrices of a scenario: a list of diagonal entries, or rows.
+//! Symmetric matrices of a scenario, given as diagonal entries, rows or files.
 
 use super::sparse_matrix::{Matrices, SparseMatrix, wrong_size};
 use crate::language::document::Value;
@@ -14,7 +14,7 @@ pub enum SymmetricMatrix {
     Diagonal(Vec<f64>),
     /// All entries.
     Dense(DMatrix<f64>),
-    /// Those that need not be zero.
+    /// The structurally nonzero entries.
     Sparse(SparseMatrix),
 }
 
@@ -77,6 +77,18 @@ impl SymmetricMatrix {
         }
     }
 
+    /// The rows, from 0, in which every entry is zero: for a mass matrix the coordinates without mass.
+    pub fn zero_rows(&self) -> Vec<usize> {
+        let rows = 0..self.size();
+        match self {
+            Self::Diagonal(entries) => rows.filter(|&row| entries[row] == 0.0).collect(),
+            Self::Dense(matrix) => {
+                rows.filter(|&row| matrix.row(row).iter().all(|&entry| entry == 0.0)).collect()
+            }
+            Self::Sparse(matrix) => matrix.zero_rows(),
+        }
+    }
+
     /// The same matrix times a number.
     pub(super) fn scaled(self, scale: f64) -> Self {
         match self {
@@ -88,9 +100,9 @@ impl SymmetricMatrix {
         }
     }
 
-    /// Reads numbers (a diagonal), rows of numbers, or the name of a file, for as many coordinates as there
-    /// are; without a number the positive definite matrix that says how many. Files that have been read
-    /// before are among the `known`.
+    /// Reads numbers (a diagonal), rows of numbers, or the name of a file, for the given number of
+    /// coordinates; without it the matrix is the mass matrix, which determines that number. Files that have
+    /// been read before are taken from `known`.
     pub(super) fn read(
         value: &Value<'_>,
         coordinates: Option<usize>,
@@ -135,16 +147,17 @@ impl SymmetricMatrix {
         Ok(Self::Dense(matrix))
     }
 
-    /// Refuses a matrix with an eigenvalue ≤ 0 (to rounding), or so small that the inverse is not finite.
-    pub(super) fn positive_definite(
-        self,
-        value: &Value<'_>,
-        known: &Matrices<'_>,
-    ) -> Result<Self, InputError> {
+    /// Refuses a matrix that has, beside rows and columns of zeros, an eigenvalue ≤ 0 (to rounding), or one
+    /// so small that the inverse is not finite.
+    pub(super) fn mass(self, value: &Value<'_>, known: &Matrices<'_>) -> Result<Self, InputError> {
         if let Self::Sparse(matrix) = self {
             return known.positive_definite(matrix, value).map(Self::Sparse);
         }
-        let (smallest, threshold) = self.spectrum();
+        let (smallest, threshold) = match self.zero_rows().as_slice() {
+            [] => self.spectrum(),
+            massless if massless.len() == self.size() => return Ok(self),
+            massless => self.clone().without(massless).spectrum(),
+        };
         if smallest > threshold && smallest.recip().is_finite() {
             Ok(self)
         } else {
@@ -169,7 +182,20 @@ impl SymmetricMatrix {
         }
     }
 
-    /// The smallest eigenvalue, and the rounding error it may have.
+    /// The matrix without these rows and columns, given in ascending order.
+    fn without(self, rows: &[usize]) -> Self {
+        match self {
+            Self::Diagonal(entries) => {
+                let left =
+                    entries.into_iter().enumerate().filter(|(row, _)| rows.binary_search(row).is_err());
+                Self::Diagonal(left.map(|(_, entry)| entry).collect())
+            }
+            Self::Dense(matrix) => Self::Dense(matrix.remove_rows_at(rows).remove_columns_at(rows)),
+            Self::Sparse(_) => self,
+        }
+    }
+
+    /// The smallest eigenvalue, and a bound of its rounding error.
     fn spectrum(&self) -> (f64, f64) {
         match self {
             Self::Diagonal(entries) => (entries.iter().copied().fold(f64::INFINITY, f64::min), 0.0),
@@ -177,7 +203,7 @@ impl SymmetricMatrix {
                 let eigenvalues = symmetric_eigenvalues(matrix.clone());
                 (eigenvalues.min(), 8.0 * f64::EPSILON * matrix.nrows() as f64 * eigenvalues.amax())
             }
-            // Judged by its factor.
+            // Definiteness is checked by factorisation instead.
             Self::Sparse(_) => (f64::NAN, f64::NAN),
         }
     }

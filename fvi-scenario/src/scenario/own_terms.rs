@@ -1,25 +1,24 @@
-//! Potential and forces that code supplies where a file has expressions.
+//! Potential and forces supplied in code instead of expressions.
 
 use crate::language::expression::Moment;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A potential U(q) and a force F(t, q) or F(t, q, v) in code; they are added to those that a scenario
-/// writes.
+/// A potential U(q) and a force F(t, q) or F(t, q, v) in code, added to those of the scenario.
 ///
-/// All numbers are in double precision, whatever the run computes in. A call that fails writes a NaN, which
-/// ends the step it is made for, and keeps the reason to itself.
+/// All numbers are in double precision, whatever the precision of the run. A call that fails writes a NaN,
+/// with which the step fails, and stores its error itself.
 pub trait OwnTerms: Send {
     /// U(q).
     fn potential(&mut self, position: &[f64]) -> f64;
 
-    /// Whether ∇U − F depends on the position. A force of time alone leaves large systems sparse.
+    /// Whether ∇U − F depends on the position. With a force of time alone large systems stay sparse.
     fn depends_on_position(&self) -> bool {
         true
     }
 
-    /// Where ∂²U/∂q² − ∂F/∂q may have entries, as (row, column), each place with its mirror image: such terms
-    /// leave large systems sparse. `None`: everywhere, row by row.
+    /// Structurally nonzero places of ∂²U/∂q² − ∂F/∂q, as (row, column), each with its mirror image: with
+    /// such terms large systems stay sparse. `None`: all places, row by row.
     fn places(&self) -> Option<Vec<(u32, u32)>> {
         None
     }
@@ -37,8 +36,8 @@ pub trait OwnTerms: Send {
         stiffness: &mut [f64],
     );
 
-    /// Whether F depends on the velocity. Then the two methods that follow are called in place of the two
-    /// above; everything depends on the position as well, and all places have entries.
+    /// Whether F depends on the velocity. Then the following two methods are called instead of the two above;
+    /// all terms count as depending on the position, with a full matrix.
     fn depends_on_velocity(&self) -> bool {
         false
     }
@@ -68,44 +67,44 @@ pub trait OwnTerms: Send {
         self.add_linearisation(moment, position, restoring, stiffness);
     }
 
-    /// Writes the largest |F_i| that was seen since this was last called, and forgets it.
+    /// Writes the largest |F_i| since the last call, and resets it.
     fn take_largest_force(&mut self, largest: &mut [f64]);
 }
 
-/// Terms in code that the parts of a run share.
+/// Terms in code, shared by the parts of a run.
 #[derive(Clone)]
 pub struct SharedTerms(Arc<Mutex<dyn OwnTerms>>);
 
 impl SharedTerms {
-    /// To share.
+    /// Wraps terms for sharing.
     pub fn new(terms: impl OwnTerms + 'static) -> Self {
         Self(Arc::new(Mutex::new(terms)))
     }
 
-    /// Whether they depend on the position, as those of the velocity count.
+    /// Whether the terms depend on the position; terms that depend on the velocity count too.
     pub fn depend_on_position(&self) -> bool {
         self.with(|terms| terms.depends_on_position() || terms.depends_on_velocity())
     }
 
-    /// Whether they depend on the velocity.
+    /// Whether the terms depend on the velocity.
     pub fn depend_on_velocity(&self) -> bool {
         self.with(|terms| terms.depends_on_velocity())
     }
 
-    /// Whether they make the equations of a step full: they depend on the position, and do not say where, or
-    /// on the velocity.
+    /// Whether they make the equations of a step dense: they depend on the position without stating the
+    /// places, or on the velocity.
     pub fn are_full(&self) -> bool {
         self.with(|terms| {
             terms.depends_on_velocity() || (terms.depends_on_position() && terms.places().is_none())
         })
     }
 
-    /// Whether they depend on the position in places that they say.
+    /// Whether the terms depend on the position and state the places of their derivatives.
     pub fn are_sparse(&self) -> bool {
         !self.are_full() && self.depend_on_position()
     }
 
-    /// Calls them.
+    /// Calls `call` with the terms.
     pub fn with<R>(&self, call: impl FnOnce(&mut dyn OwnTerms) -> R) -> R {
         call(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }

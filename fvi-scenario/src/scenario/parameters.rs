@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 /// Reads named constants.
 ///
 /// # Errors
-/// If a name cannot be one, or a value is no finite number.
+/// If a name is not valid, or a value is not a finite number.
 pub fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, InputError> {
     let mut parameters = BTreeMap::new();
     for (name, entry) in value.table()?.entries() {
@@ -20,7 +20,7 @@ pub fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, Input
     Ok(parameters)
 }
 
-/// The parameters as names; those that cannot be names were refused when they were read.
+/// Symbols with the parameters; invalid names were refused during reading.
 pub(super) fn symbols_of(parameters: &BTreeMap<String, f64>) -> Symbols {
     parameters.iter().fold(Symbols::new(), |symbols, (name, &value)| {
         symbols.clone().with_parameter(name, value).unwrap_or(symbols)

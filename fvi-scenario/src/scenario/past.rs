@@ -1,18 +1,18 @@
-//! `[initial] past`: the motion before the start, which memories know.
+//! `[initial] past`: the motion before the start, for the memories.
 
 use super::scheme::{Convolution, DampedAt, Scheme};
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
 use serde::{Serialize, Serializer};
 
-/// The motion over some steps before the start. Before that the system was at rest where this begins.
+/// The motion during some steps before the start. Before those the system was at rest at its first position.
 ///
-/// Memories are told its positions as they are told those of steps that are solved for, so that derivatives
-/// begin with it: Caputo's act on q − q(t₀ − m h).
+/// Memories store its positions like those of solved steps, so that derivatives begin with it: Caputo's act
+/// on q − q(t₀ − m h).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Past {
-    /// Positions, row by row, in the order of time: of every step the one where it begins, and those of the
-    /// nodes that the memory stores where these are several. The last step ends at the initial position.
+    /// Positions, row by row, in the order of time: for every step its beginning, followed, if the memory
+    /// stores several nodes, by those of the nodes. The last step ends at the initial position.
     positions: Vec<f64>,
     coordinates: usize,
     rows_of_step: usize,
@@ -20,8 +20,8 @@ pub struct Past {
     source: Option<String>,
 }
 
-/// Rows that a step of the past has: one where positions at grid points say all, else one for each node
-/// beside the one at its beginning.
+/// Rows for a step of the past: one if positions at grid points suffice, otherwise one for its beginning and
+/// one for each node.
 pub(crate) fn rows_of_step(scheme: &Scheme, convolution: &Convolution) -> usize {
     match nodes(scheme, convolution) {
         1 => 1,
@@ -29,7 +29,7 @@ pub(crate) fn rows_of_step(scheme: &Scheme, convolution: &Convolution) -> usize 
     }
 }
 
-/// How many nodes of a step a memory stores.
+/// Number of nodes per step that a memory stores.
 pub(super) fn nodes(scheme: &Scheme, convolution: &Convolution) -> usize {
     if convolution.at == DampedAt::MainNodes && !convolution.family.is_staged() {
         return 1;
@@ -89,23 +89,41 @@ impl Past {
         Ok(Self { positions, coordinates, rows_of_step, source })
     }
 
-    /// How many steps it has.
+    /// Number of steps.
     pub fn steps(&self) -> usize {
         self.positions.len() / (self.coordinates * self.rows_of_step)
     }
 
-    /// The position where it begins, where the system had been at rest.
+    /// Whether the past was read from a file.
+    pub fn is_from_file(&self) -> bool {
+        self.source.is_some()
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.positions.len() / self.coordinates
+    }
+
+    /// Its derivative by one of its numbers: one at that place, zeros elsewhere.
+    #[must_use]
+    pub fn slope(&self, row: usize, coordinate: usize) -> Self {
+        let place = row * self.coordinates + coordinate;
+        let is_there = |index| f64::from(u8::from(index == place));
+        Self { positions: (0..self.positions.len()).map(is_there).collect(), ..self.clone() }
+    }
+
+    /// The position at its beginning, where the system had been at rest.
     pub fn first(&self) -> &[f64] {
         &self.positions[..self.coordinates]
     }
 
-    /// The positions at the nodes of a step, one after the other; none where grid points say all.
+    /// The positions at the nodes of a step, one after another; empty if grid points suffice.
     pub fn nodes(&self, step: usize) -> &[f64] {
         let begin = step * self.rows_of_step;
         &self.positions[(begin + 1) * self.coordinates..(begin + self.rows_of_step) * self.coordinates]
     }
 
-    /// The position where a step ends; `None` for the last, which ends at the initial position.
+    /// The position at the end of a step; `None` for the last, which ends at the initial position.
     pub fn end(&self, step: usize) -> Option<&[f64]> {
         let begin = (step + 1) * self.rows_of_step * self.coordinates;
         self.positions.get(begin..begin + self.coordinates)

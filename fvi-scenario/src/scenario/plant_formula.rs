@@ -14,25 +14,25 @@ use std::f64::consts::PI;
 
 /// P(s) as an expression in s and the parameters, such as `3.13*exp(-50*s)/(433.33*s + 1)`.
 ///
-/// It is kept as a fraction N(s)/D(s) whose parts are analytic for Re s > 0, however sums and quotients are
-/// nested: the zeros of D there are the plant's unstable poles, and those of a D + b N the unstable poles of
-/// a loop. Powers are principal branches.
+/// It is converted to a fraction N(s)/D(s) whose parts are analytic for Re s > 0, for any nesting of sums and
+/// quotients: the zeros of D there are the plant's unstable poles, and those of a D + b N the unstable poles
+/// of a closed loop. Powers are principal branches.
 #[derive(Clone, Debug)]
 pub struct PlantFormula {
     expression: Expression,
     dead_time: f64,
 }
 
-/// Bounds of the argument of a part for s in the upper right quarter of the plane; none where unknown.
+/// Bounds of the argument of a part for s in the upper right quadrant; `None` where unknown.
 type Sector = Option<(f64, f64)>;
 
 impl PlantFormula {
     /// Reads the expression.
     ///
     /// # Errors
-    /// If it is none, has functions that are not analytic, an exponential that grows to the right (a
-    /// prediction), a power or logarithm of something that may be a negative number to the right of the
-    /// imaginary axis, or is not real for positive s.
+    /// If it is not an expression in s, contains functions that are not analytic, an exponential that grows
+    /// to the right (a prediction), a power or logarithm of a part that may be a negative number in the right
+    /// half-plane, or is not real for positive s.
     pub fn read(value: &Value<'_>, parameters: &BTreeMap<String, f64>) -> Result<Self, InputError> {
         if parameters.contains_key("s") {
             return Err(value.out_of_range(
@@ -70,12 +70,12 @@ impl PlantFormula {
         fraction(self.expression.root(), s)
     }
 
-    /// A bound on how fast the phases of its exponentials e^{−Ls} turn: the sum of all L.
+    /// The sum L of all dead times, which bounds the phase rate of its exponentials e^{−Ls}.
     pub fn dead_time(&self) -> f64 {
         self.dead_time
     }
 
-    /// How it is written.
+    /// Its text.
     pub fn text(&self) -> &str {
         self.expression.text()
     }
@@ -115,7 +115,7 @@ fn fraction(node: &Node, s: Complex<f64>) -> [Complex<f64>; 2] {
                     let [n, d] = of(base).map(|part| part.powi(whole.abs() as i32));
                     if whole < 0.0 { [d, n] } else { [n, d] }
                 }
-                // A negative power of what vanishes at s = 0 alone belongs below.
+                // A negative power of a base that vanishes at s = 0 only belongs to the denominator.
                 (None, Some(exponent)) if exponent < 0.0 => {
                     [ONE, evaluate(base, &s).power(DoubleDouble::exact(-exponent))]
                 }
@@ -130,7 +130,7 @@ fn fraction(node: &Node, s: Complex<f64>) -> [Complex<f64>; 2] {
     }
 }
 
-/// Why the parts of a fraction would not be analytic to the right of the imaginary axis.
+/// The reason why the parts of a fraction would not be analytic in the right half-plane.
 fn analytic(node: &Node) -> Result<(), String> {
     if !node.varies() {
         return Ok(());
@@ -169,7 +169,7 @@ fn analytic(node: &Node) -> Result<(), String> {
     }
 }
 
-/// Whether a power, root or logarithm of a part is analytic: where the part meets no negative number.
+/// Checks that a power, root or logarithm of a part is analytic: the part must not take negative values.
 fn branch(base: &Node, what: &str) -> Result<(), String> {
     match sector(base) {
         Some((low, high)) if !divides(base) && low >= -PI - 1e-9 && high <= PI + 1e-9 => Ok(()),
@@ -180,7 +180,7 @@ fn branch(base: &Node, what: &str) -> Result<(), String> {
     }
 }
 
-/// Whether something that depends on s stands below a line.
+/// Whether a denominator depends on s.
 fn divides(node: &Node) -> bool {
     node.any(&|part| match part.kind() {
         Kind::Chain(_, operands) => {
@@ -205,7 +205,7 @@ fn sector(node: &Node) -> Sector {
         Kind::Chain(first, operands) => {
             operands.iter().try_fold(sector(first)?, |bounds, (operator, operand)| {
                 let (low, high) = bounds;
-                // Of a number that is zero nothing is known, and nothing is lost without it.
+                // The argument of a zero term is undefined, and the term can be ignored.
                 let (right_low, right_high) = sector(operand)?;
                 match operator {
                     Operator::Add => {
@@ -244,7 +244,7 @@ fn dead_time(node: &Node) -> f64 {
             let own = if matches!(function, Function::Sqrt | Function::Log) {
                 0.0
             } else {
-                // Of roots nothing is left at high frequencies, of L s all of it.
+                // At high frequencies roots contribute nothing to the phase, and L s all of it.
                 let far = turns(1e12);
                 let times = if *function == Function::Exp { 1.0 } else { 2.0 };
                 if far > 1e-4 * turns(1.0) { times * far } else { 0.0 }

@@ -1,4 +1,4 @@
-//! `[reference]`: what the solution is known to be, as expressions in t or as a table.
+//! `[reference]`: a known solution, as expressions in t or as a table.
 
 use super::system::System;
 use super::time::{OutputOptions, TimeGrid, same_time};
@@ -11,12 +11,12 @@ use serde::Serialize;
 /// A known solution.
 #[derive(Clone, Debug, Serialize)]
 pub struct Reference {
-    /// Where it comes from.
+    /// Its source.
     #[serde(flatten)]
     pub source: ReferenceSource,
 }
 
-/// Where a known solution comes from.
+/// Source of a known solution.
 #[derive(Clone, Debug, Serialize)]
 #[serde(untagged)]
 pub enum ReferenceSource {
@@ -32,9 +32,9 @@ pub enum ReferenceSource {
         #[serde(skip_serializing_if = "Option::is_none")]
         energy: Option<Expression>,
     },
-    /// Values at some times.
+    /// Values at given times.
     Table {
-        /// The file they are from, as written in the scenario.
+        /// The file that contains them, as written in the scenario.
         file: String,
         /// The values, ascending in time.
         #[serde(skip)]
@@ -42,7 +42,7 @@ pub enum ReferenceSource {
     },
 }
 
-/// The known solution at one time; what is not known is `None`.
+/// The known solution at one time; unknown values are `None`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceRow {
     /// t.
@@ -53,7 +53,8 @@ pub struct ReferenceRow {
     pub momentum: Vec<Option<f64>>,
     /// E.
     pub energy: Option<f64>,
-    /// How many values the reference gives here that are infinite or not a number; they count as not known.
+    /// Number of values of the reference at this time that are infinite or not a number; they count as
+    /// unknown.
     pub undefined: usize,
 }
 
@@ -108,7 +109,8 @@ impl Reference {
         Ok(Self { source: ReferenceSource::Expressions { position, momentum, energy } })
     }
 
-    /// The known solution at grid point `index` of a grid of the given step; `None` where nothing is known.
+    /// The known solution at grid point `index` of a grid of the given step; `None` if no value is known
+    /// there.
     pub fn at_step(&self, index: usize, step: f64, coordinates: usize) -> Option<ReferenceRow> {
         let time = step * index as f64;
         match &self.source {
@@ -121,7 +123,7 @@ impl Reference {
         }
     }
 
-    /// Whether position, momentum and energy are known at some time.
+    /// Whether position, momentum and energy are known at one time or more.
     pub fn knows(&self) -> [bool; 3] {
         match &self.source {
             ReferenceSource::Expressions { position, momentum, energy } => {
@@ -138,7 +140,7 @@ impl Reference {
         }
     }
 
-    /// The known solution at grid point `index`; `None` where nothing is known.
+    /// The known solution at grid point `index`; `None` if no value is known there.
     pub fn at_grid_point(&self, index: usize, grid: &TimeGrid, coordinates: usize) -> Option<ReferenceRow> {
         if grid.grid.is_none() && grid.start == 0.0 {
             return self.at_step(index, grid.step, coordinates);
@@ -146,7 +148,7 @@ impl Reference {
         self.near(grid.time(index), grid.tolerance(index), coordinates)
     }
 
-    /// The known solution at a time of the output; `None` where nothing is known.
+    /// The known solution at a time of the output; `None` if no value is known there.
     pub fn at_output(&self, time: f64, coordinates: usize) -> Option<ReferenceRow> {
         self.near(time, same_time(time, 0.0), coordinates)
     }
@@ -161,10 +163,10 @@ impl Reference {
         }
     }
 
-    /// The known solution at any time; `None` where it is known at some times only.
+    /// The known solution at any time; `None` for a table of values.
     pub fn at_time(&self, time: f64, coordinates: usize) -> Option<ReferenceRow> {
         let ReferenceSource::Expressions { position, momentum, energy } = &self.source else { return None };
-        // Where an expression is infinite or not a number, nothing is known.
+        // Values of an expression that are infinite or not a number count as unknown.
         let mut undefined = 0;
         let mut value = |expression: &Expression| {
             let value: f64 = expression.value(Moment::inside(time), &[]);
@@ -180,13 +182,14 @@ impl Reference {
         Some(ReferenceRow { time, position, momentum, energy, undefined })
     }
 
-    /// Whether something is known at a grid point or a time of the output; expressions may be known anywhere.
+    /// Whether a value may be known at a grid point or a time of the output; always true for expressions.
     pub(super) fn meets(&self, grid: &TimeGrid, output: &OutputOptions) -> bool {
         let ReferenceSource::Table { rows, .. } = &self.source else { return true };
         rows.iter().any(|row| grid.index_of(row.time).is_some() || output.has(row.time))
     }
 
-    /// Times of a table up to the end of the grid that are not grid points: nothing is compared there.
+    /// Number of times of a table up to the end of the grid that are not grid points: no value is compared
+    /// there.
     pub(super) fn off_grid(&self, grid: &TimeGrid, output: &OutputOptions) -> usize {
         let ReferenceSource::Table { rows, .. } = &self.source else { return 0 };
         let within = |row: &&ReferenceRow| (0.0..=grid.end()).contains(&row.time);
@@ -195,7 +198,7 @@ impl Reference {
     }
 }
 
-/// Most grid points at which an expression is tried.
+/// Largest number of grid points at which an expression is evaluated.
 const MOST_TRIED: usize = 1 << 20;
 
 /// Refuses an expression that is infinite or not a number at every grid point: nothing could be compared.

@@ -15,13 +15,13 @@ use std::f64::consts::PI;
 /// −Σ_j ∫ G_ij(t − τ) q̇_j(τ) dτ. G is symmetric.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RelaxationMatrix {
-    /// The files, row by row; empty where nothing couples.
+    /// The files, row by row; empty for a pair without coupling.
     #[serde(rename = "relaxation")]
     pub files: Vec<Vec<String>>,
-    /// The time constant behind the last rows.
+    /// The time constant after the last rows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decay: Option<f64>,
-    /// Where it drives a motion.
+    /// The region where it is not passive.
     #[serde(skip)]
     pub active: Option<Active>,
 }
@@ -30,14 +30,14 @@ pub struct RelaxationMatrix {
 pub(super) type Pair = ((usize, usize), [TransferFunction; 2]);
 
 impl RelaxationMatrix {
-    /// Whether the value of `relaxation` is one: rows that have names of files in them.
+    /// Whether the value of `relaxation` has this form: rows with names of files.
     pub(super) fn is_one(value: &Value<'_>) -> bool {
         let has_text =
             |row: &Value<'_>| row.is_list() && row.list("").is_ok_and(|row| row.iter().any(Value::is_text));
         value.is_list() && value.list("").is_ok_and(|rows| rows.iter().any(has_text))
     }
 
-    /// Reads the kernel of a scenario with so many coordinates, with K_ij of each pair that couples.
+    /// Reads the kernel of a scenario with `count` coordinates, with K_ij of each coupled pair.
     pub(super) fn read(
         table: &Table<'_>,
         value: &Value<'_>,
@@ -128,7 +128,7 @@ fn look_for_activity(pairs: &[Pair], count: usize) -> Option<Active> {
     for looks in looks.windows(3) {
         if looks[1].1 <= looks[0].1 && looks[1].1 <= looks[2].1 && looks[1].1 < 0.1 && looks[1].1 >= ROUNDING
         {
-            // A valley: golden sections towards its ground.
+            // A minimum: golden-section search.
             let (mut low, mut high) = (looks[0].0, looks[2].0);
             for _ in 0..16 {
                 let (left, right) = (high - 0.618 * (high - low), low + 0.618 * (high - low));

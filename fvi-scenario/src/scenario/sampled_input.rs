@@ -6,14 +6,14 @@ use crate::language::error::{InputError, Problem};
 use crate::language::number_table::NumberTable;
 use serde::Serialize;
 
-/// A piecewise constant force on the coordinates, as a controller with a zero-order hold puts out.
+/// A piecewise constant force on the coordinates, as from a controller with a zero-order hold.
 ///
 /// The input of step k, over [t_k, t_{k+1}], is the last sample whose time is not after t_k (to rounding);
-/// what samples inside the step add is the matter of [`ForceQuadrature`](crate::scenario::ForceQuadrature).
+/// the effect of samples inside the step depends on [`ForceQuadrature`](crate::scenario::ForceQuadrature).
 /// Zero before the first sample; the last one is held to the end.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SampledInput {
-    /// When each sample takes effect; ascending.
+    /// Time from which each sample acts; ascending.
     pub times: Vec<f64>,
     /// The samples, one number for each coordinate.
     pub samples: Vec<Vec<f64>>,
@@ -73,18 +73,23 @@ impl SampledInput {
         Ok(input)
     }
 
-    /// Samples that act from these times on, ascending, and count by their times alone.
+    /// Samples that act from the given ascending times on, without indices of steps.
     pub fn of(times: Vec<f64>, samples: Vec<Vec<f64>>) -> Self {
         Self { times, samples, first_steps: Vec::new() }
     }
 
-    /// Finds the first step under each sample on another grid.
+    /// Whether a sample has a nonzero force on a coordinate.
+    pub fn pushes(&self, coordinate: usize) -> bool {
+        self.samples.iter().any(|sample| sample.get(coordinate).is_some_and(|&push| push != 0.0))
+    }
+
+    /// Determines the first step under each sample on another grid.
     pub(super) fn place_on(&mut self, grid: &TimeGrid) {
-        // Grid times and sample times are rounded: a sample that little after t_k counts at t_k.
+        // Grid times and sample times are rounded: a sample later than t_k by rounding only counts at t_k.
         self.first_steps = self.times.iter().map(|&time| grid.first_step_from(time)).collect();
     }
 
-    /// The input held from a time on, where steps begin at the times of samples; `None` before the first
+    /// The input held from a time on, for steps that begin at the times of samples; `None` before the first
     /// sample.
     pub fn from_time(&self, time: f64) -> Option<&[f64]> {
         let after = self.times.partition_point(|&begin| begin <= time + same_time(time, 0.0));
@@ -98,7 +103,7 @@ impl SampledInput {
     }
 }
 
-/// The times of samples that follow each other with a period.
+/// The times of periodic samples.
 fn periodic(table: &Table<'_>, count: usize) -> Result<Vec<f64>, InputError> {
     let value = table.required("period")?;
     let period = value.positive()?;

@@ -1,4 +1,4 @@
-//! `[scheme]` and `[convolution]`: how the motion and its fractional derivatives are discretised.
+//! `[scheme]` and `[convolution]`: discretisation of the motion and of its fractional derivatives.
 
 use super::system::{Damping, System};
 use crate::language::document::Table;
@@ -53,31 +53,31 @@ impl Quadrature {
     }
 }
 
-/// How fractional derivatives are discretised.
+/// Discretisation of the fractional derivatives.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Convolution {
     /// The underlying method.
     #[serde(flatten)]
     pub family: ConvolutionFamily,
-    /// Where the fractional force acts.
+    /// The nodes at which the fractional force acts.
     pub at: DampedAt,
     /// Exponents made exact by starting weights; empty: none.
     pub starting: Vec<f64>,
 }
 
-/// Where the fractional force acts.
+/// The nodes at which the fractional force acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DampedAt {
-    /// At the ends of the steps, the papers' form: explicit, of order 2 for positions and 1 for momenta at
-    /// most.
+    /// At the ends of the steps, as in the papers: explicit, at most of order 2 for positions and 1 for
+    /// momenta.
     MainNodes,
     /// At the nodes of the action's quadrature: implicit, of order min(2 s, p) for both. Runge–Kutta families
-    /// know no other place, Euler's methods do not know this one.
+    /// require these nodes, Euler's methods do not allow them.
     Nodes,
 }
 
-/// The method a convolution quadrature is built on.
+/// The method on which a convolution quadrature is based.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ConvolutionFamily {
     /// Backward differentiation formulas.
@@ -123,7 +123,7 @@ impl Serialize for ConvolutionFamily {
 }
 
 impl ConvolutionFamily {
-    /// The multistep rule behind it; `None` for Runge–Kutta families.
+    /// The underlying multistep rule; `None` for Runge–Kutta families.
     ///
     /// # Errors
     /// If its order is outside 1 to 6.
@@ -135,7 +135,7 @@ impl ConvolutionFamily {
         })
     }
 
-    /// The Runge–Kutta method behind it; `None` for multistep rules.
+    /// The underlying Runge–Kutta method; `None` for multistep rules.
     pub fn staged(&self) -> Option<StagedMethod> {
         match *self {
             Self::RadauIia { stages } => Some(StagedMethod::RadauIia(stages)),
@@ -144,7 +144,7 @@ impl ConvolutionFamily {
         }
     }
 
-    /// Whether it is a Runge–Kutta family, with stages.
+    /// Whether the scheme is a Runge–Kutta family, with stages.
     pub fn is_staged(&self) -> bool {
         self.staged().is_some()
     }
@@ -189,7 +189,7 @@ impl Default for Convolution {
 
 impl Scheme {
     pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
-        // A degree says that another scheme is meant than the one without a name.
+        // With a degree the scheme is not the default one, and needs its name.
         let named = table.optional("kind").is_some() || table.optional("degree").is_some();
         let kind = match named.then(|| table.required("kind")).transpose()? {
             None => SchemeKind::LowOrder,
@@ -222,8 +222,8 @@ impl Scheme {
         }
     }
 
-    /// A Galerkin scheme that is not told its quadrature takes Gauss's with as many points as its degree,
-    /// unless the convolution quadrature brings its own.
+    /// The scheme with the default quadrature: a Galerkin scheme without one takes Gauss's with as many
+    /// points as its degree, unless the convolution quadrature determines it.
     pub(super) fn with_quadrature_for(self, family: ConvolutionFamily) -> Self {
         match (self, family) {
             (Self::Galerkin { degree, quadrature: None }, family) if !family.is_staged() => {
@@ -233,8 +233,8 @@ impl Scheme {
         }
     }
 
-    /// The quadrature of a Galerkin scheme; `None` where the convolution quadrature or the scheme itself
-    /// says.
+    /// The quadrature of a Galerkin scheme; `None` if the convolution quadrature or the scheme itself
+    /// determines it.
     pub fn quadrature(&self) -> Option<Quadrature> {
         match *self {
             Self::Galerkin { quadrature, .. } => quadrature,
@@ -260,14 +260,14 @@ impl Scheme {
     }
 }
 
-/// `quadrature` and `points`; without either, none is chosen here.
+/// Reads `quadrature` and `points`; `None` without either.
 fn read_quadrature(table: &Table<'_>, degree: usize) -> Result<Option<Quadrature>, InputError> {
     let lobatto = match table.optional("quadrature") {
         Some(value) => value.choice(&[("gauss", false), ("lobatto", true)])?,
         None if table.optional("points").is_none() => return Ok(None),
         None => false,
     };
-    // With fewer points than the degree the quadrature cannot tell the polynomials apart.
+    // With fewer points than the degree the kinetic part would be singular.
     let fewest = if lobatto { degree.max(2) } else { degree };
     let (most, usual) = if lobatto { (7, degree + 1) } else { (6, degree) };
     let points = match table.optional("points") {
@@ -278,7 +278,7 @@ fn read_quadrature(table: &Table<'_>, degree: usize) -> Result<Option<Quadrature
 }
 
 impl DampedAt {
-    /// The stages of a Runge–Kutta method are nodes.
+    /// Reads the nodes for a Runge–Kutta method, whose stages they are.
     fn of_stages(table: &Table<'_>) -> Result<Self, InputError> {
         match table.optional("at") {
             Some(value) => value.choice(&[("nodes", Self::Nodes)]),
@@ -286,8 +286,8 @@ impl DampedAt {
         }
     }
 
-    /// Starting weights correct samples on the grid: where there are any, the main nodes are meant unless
-    /// said otherwise.
+    /// Reads the nodes of a multistep rule. Starting weights correct samples on the grid: with them the
+    /// default is the main nodes.
     fn read(table: &Table<'_>, scheme: &Scheme, starting: bool) -> Result<Self, InputError> {
         let Some(value) = table.optional("at") else {
             return Ok(if starting { Self::MainNodes } else { Convolution::default_for(scheme).at });
@@ -307,10 +307,10 @@ impl DampedAt {
 }
 
 impl Convolution {
-    /// What a scenario has that does not say: BDF 2 at the nodes, with which the midpoint rule is of order 2
-    /// and stable at every step. Euler's methods, baselines of order 1, keep BDF 1 at the main nodes: the
-    /// explicit one has no node inside of the step, and the implicit one solves for its end already.
-    /// Collocation has Radau IIA, of order 5.
+    /// The default of a scenario without `[convolution]`: BDF 2 at the nodes, with which the midpoint rule is
+    /// of order 2 and stable at every step. For Euler's methods, baselines of order 1, it is BDF 1 at the
+    /// main nodes: the explicit one has no node inside the step, and the implicit one already solves for its
+    /// end. For collocation it is Radau IIA of order 5.
     pub fn default_for(scheme: &Scheme) -> Self {
         let (family, at) = match scheme {
             Scheme::LowOrder { .. } | Scheme::Galerkin { .. } => {
@@ -343,7 +343,7 @@ impl Convolution {
                 allowed: "\"radau-iia\", whose nodes the scheme collocates at".to_owned(),
             }));
         }
-        // The stages are the nodes of the action's quadrature too: as many as the degree at least.
+        // The stages are the nodes of the action's quadrature too: at least as many as the degree.
         let stages = |fewest: usize, most: usize| {
             if *scheme == Scheme::Collocation && table.optional("stages").is_none() {
                 return Ok(most);
@@ -435,12 +435,12 @@ impl Convolution {
         Ok(Self { family, at, starting })
     }
 
-    /// The highest exponent whose starting weights do not grow with time: p + β, with the lowest order β of a
+    /// The largest exponent whose starting weights do not grow with time: p + β, with the lowest order β of a
     /// damping term.
     ///
-    /// The quadrature's error on t^ν, which the starting weights make up, goes like h^p t^(ν − β − p):
-    /// beyond, a fixed multiple of the first samples acts as a force that grows without end. A derivative of
-    /// order 0 has no error.
+    /// The quadrature's error on t^ν, which the starting weights correct, grows like h^p t^(ν − β − p):
+    /// beyond, a fixed multiple of the first samples acts as a force that grows without bound. A derivative
+    /// of order 0 has no error.
     pub(super) fn highest_exponent(&self, system: &System) -> f64 {
         let ConvolutionFamily::Bdf { order } = self.family else { return f64::INFINITY };
         let whole = |term: &&Damping| term.transfer.exponent() != Some(0.0);
@@ -448,7 +448,7 @@ impl Convolution {
         order as f64 + orders.fold(f64::INFINITY, f64::min)
     }
 
-    /// Refuses exponents above that.
+    /// Refuses larger exponents.
     pub(super) fn check_exponents(&self, table: &Table<'_>, system: &System) -> Result<(), InputError> {
         let highest = self.highest_exponent(system);
         let Some(value) = table.optional("starting") else { return Ok(()) };

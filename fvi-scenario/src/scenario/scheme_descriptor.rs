@@ -1,36 +1,37 @@
-//! Scheme descriptor: the only place, beside the schemes' keys and tables, that knows schemes by name.
+//! Descriptor of a scheme, by which the rest of the program depends on its properties and not on its name.
 
 use super::scheme::{ConvolutionFamily, Scheme};
 
-/// A scheme with its convolution quadrature as the rest of the program sees it.
+/// Properties of a scheme with its convolution quadrature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SchemeDescriptor {
-    /// Vectors of N coordinates that a step solves for.
+    /// Number of unknown vectors of N coordinates per step.
     pub unknowns: usize,
-    /// Nodes in a step.
+    /// Number of nodes per step.
     pub nodes: usize,
-    /// Order in h of positions at grid points, of smooth motions on a fine enough quadrature of forces.
+    /// Order in h of positions at grid points, for smooth motions and an accurate quadrature of forces.
     pub order: usize,
     /// Order in h of velocities inside a step.
     pub order_inside: usize,
     /// Whether the momentum inside a step has that order too.
     pub has_momentum_inside: bool,
-    /// Whether a step makes a discrete action stationary.
+    /// Whether the scheme is variational: a step makes a discrete action stationary.
     pub is_variational: bool,
-    /// Whether a motion that nothing damps loses energy of itself.
+    /// Whether an undamped motion loses energy by the scheme.
     pub is_dissipative: bool,
-    /// Whether it takes the impulse of a force of time by exact moments, rather than its values at grid
+    /// Whether it takes the impulse of a time-dependent force by exact moments instead of values at grid
     /// points.
     pub takes_moments: bool,
-    /// Whether an input that changes inside a step acts from then on, rather than from the next grid point.
+    /// Whether an input that changes inside a step acts from that time on instead of from the next grid
+    /// point.
     pub takes_inputs_inside: bool,
-    /// Whether the momentum that it computes is reported, rather than the mean of those before and after the
-    /// kick of the damping, unless the scenario says.
+    /// Whether the momentum reported by default is the computed one instead of the mean of the momenta before
+    /// and after the kick of the damping.
     pub reports_own_momentum: bool,
 }
 
 impl Scheme {
-    /// The description of the scheme with a convolution quadrature.
+    /// The descriptor of the scheme with a convolution quadrature.
     pub fn descriptor(&self, family: ConvolutionFamily) -> SchemeDescriptor {
         let stages = family.staged().map(|method| method.stages());
         let variational = SchemeDescriptor {
@@ -56,7 +57,7 @@ impl Scheme {
         match *self {
             Self::LowOrder { kappa } => SchemeDescriptor {
                 order: family.order().min(if kappa == 0.5 { 2 } else { 1 }),
-                // With κ = 0 no force moves the position.
+                // With κ = 0 the position of a step does not depend on forces.
                 takes_moments: kappa != 0.0,
                 takes_inputs_inside: kappa != 0.0,
                 ..variational

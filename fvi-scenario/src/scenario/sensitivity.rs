@@ -1,7 +1,8 @@
-//! `[sensitivity]`: numbers of the scenario by which the motion is differentiated.
+//! `[sensitivity]`: parameters for which derivatives of the motion are computed.
 
 use super::Scenario;
 use super::element::Element;
+use super::kernel::symbol_derivative;
 use super::load::Amplitude;
 use super::matrix::SymmetricMatrix;
 use super::scheme::{Convolution, ConvolutionFamily, DampedAt};
@@ -14,17 +15,17 @@ use crate::language::expression::Symbols;
 use crate::numerics::transfer_derivative::TransferDerivative;
 use serde::{Serialize, Serializer};
 
-/// The parameters, in their order.
+/// The parameters, in the order of the file.
 #[derive(Clone, Debug, Serialize)]
 pub struct Sensitivity {
-    /// Each by its path.
+    /// The parameters by their paths.
     pub parameters: Vec<Parameter>,
 }
 
-/// A number of the scenario.
+/// A parameter: a number of the scenario.
 #[derive(Clone, Debug)]
 pub struct Parameter {
-    /// Where it is, such as `system.damping[0].order`.
+    /// Its path, such as `system.damping[0].order`.
     pub path: String,
     /// Kind of the parameter.
     pub what: Quantity,
@@ -41,19 +42,23 @@ impl Serialize for Parameter {
 pub enum Quantity {
     /// An entry of q₀.
     Position(usize),
+    /// An entry of the past, by row and column.
+    Past(usize, usize),
     /// An entry of p₀.
     Momentum(usize),
-    /// An entry of v₀ = M⁻¹p₀, where the scenario gives that.
+    /// An entry of v₀ = M⁻¹p₀, if the scenario gives v₀.
     Velocity(usize),
-    /// An entry of M, and its mirror image.
+    /// An entry of M together with its mirror image.
     Mass(usize, usize),
-    /// An entry of K, and its mirror image.
+    /// An entry of K together with its mirror image.
     Stiffness(usize, usize),
-    /// ∂ρ of a damping term, by its entries (row, column, number).
+    /// An entry of G together with the negative of its mirror image.
+    Gyroscopic(usize, usize),
+    /// ∂ρ of damping term number m by the parameter, as entries (row, column, number).
     Coefficient(usize, Vec<(usize, usize, f64)>),
-    /// A parameter of the kernel of a damping term.
+    /// A parameter of the kernel of damping term number m.
     Kernel(usize, TransferDerivative),
-    /// A named constant of expressions, and these with it as one variable more.
+    /// A named constant, with the expressions in which it is an additional variable.
     Named(Box<Named>),
 }
 
@@ -64,21 +69,38 @@ pub struct Named {
     pub value: f64,
     /// U in q0, … and the constant, if it occurs there.
     pub potential: Option<Expression>,
-    /// F likewise, in t, too.
+    /// F in t, q0, … and the constant, if it occurs there.
     pub force: Option<Vec<Expression>>,
-    /// The potentials of element groups in x0, … and the constant, by the numbers of the groups.
+    /// The potentials of element groups in x0, … and the constant, each with the index of its group.
     pub elements: Vec<(usize, Expression)>,
-    /// Amplitudes of loads in t and the constant, by the numbers of the loads.
+    /// Amplitudes of loads in t and the constant, each with the index of its load.
     pub loads: Vec<(usize, Expression)>,
+    /// Derivatives of kernels whose `symbol` contains it, each with the index of the damping term.
+    pub kernels: Vec<(usize, TransferDerivative)>,
 }
 
-/// The paths that there are.
+impl Quantity {
+    /// The derivative of the kernel of a damping term.
+    pub fn kernel(&self, term: usize) -> Option<&TransferDerivative> {
+        match self {
+            Self::Kernel(own, derivative) if *own == term => Some(derivative),
+            Self::Named(named) => {
+                named.kernels.iter().find(|(own, _)| *own == term).map(|(_, derivative)| derivative)
+            }
+            _ => None,
+        }
+    }
+}
+
+/// The valid paths.
 const PATHS: &str = "system.damping[m].order, .coefficient[i] or [i][j], .scale, .strength[l], .kernel.NAME or .kernel.NAME[j]; \
-    system.parameters.NAME; system.mass[i] or [i][j]; system.stiffness[i] or [i][j]; initial.position[i], initial.momentum[i] or \
-    initial.velocity[i]";
+    system.parameters.NAME; system.mass[i] or [i][j]; system.stiffness[i] or [i][j]; system.gyroscopic[i][j]; initial.position[i], initial.momentum[i] or \
+    initial.velocity[i]; initial.past[k][i]";
+
+const BY_NUMBERS: &str = "an entry of a matrix that the scenario gives by numbers, not by a file";
 
 impl Sensitivity {
-    /// Reads the parameters of a scenario that is complete but for them.
+    /// Reads the parameters of a scenario that is complete otherwise.
     pub(super) fn read(table: &Table<'_>, scenario: &Scenario) -> Result<Self, InputError> {
         table.allow(&["parameters"])?;
         let value = table.required("parameters")?;
@@ -100,7 +122,7 @@ impl Sensitivity {
     }
 }
 
-/// Refuses scenarios whose motion is not differentiated, with the key that stands in the way.
+/// Refuses scenarios whose derivatives are not implemented, naming the key.
 fn refuse_what_is_not_covered(scenario: &Scenario) -> Result<(), InputError> {
     let refused = |key: &str, allowed: String| {
         let with = "`[sensitivity]`".to_owned();
@@ -144,7 +166,7 @@ fn refuse_what_is_not_covered(scenario: &Scenario) -> Result<(), InputError> {
     Ok(())
 }
 
-/// Whether the momentum that is reported is another one than that of the scheme at several nodes.
+/// Whether the reported momentum differs from that of the scheme, with damping at several nodes.
 fn has_momentum_offset(scenario: &Scenario) -> bool {
     let Convolution { family, at, .. } = &scenario.convolution;
     let nodes = scenario.scheme_descriptor().nodes;
@@ -155,13 +177,13 @@ fn has_momentum_offset(scenario: &Scenario) -> bool {
         && scenario.system.damping.iter().any(|term| term.derivative == Derivative::RiemannLiouville)
 }
 
-/// Reads one path.
+/// Reader of one path.
 struct Reader<'a> {
     scenario: &'a Scenario,
     value: &'a Value<'a>,
 }
 
-/// A part of a path: its name, and the numbers behind it.
+/// The parts of a path: each a name and its indices.
 fn parts(path: &str) -> Option<Vec<(&str, Vec<usize>)>> {
     path.split('.').map(part).collect()
 }
@@ -189,6 +211,18 @@ impl Reader<'_> {
         let system = &self.scenario.system;
         match parts[..] {
             [("initial", []), ("position", &[index])] => Ok(Quantity::Position(self.coordinate(index)?)),
+            [("initial", []), ("past", &[row, column])] => {
+                let Some(past) = &self.scenario.initial.past else {
+                    return Err(self.refused("a number that the scenario has: there is no `initial.past`"));
+                };
+                if past.is_from_file() {
+                    return Err(self.refused(BY_NUMBERS));
+                }
+                if row >= past.rows() {
+                    return Err(self.refused(format!("a row below {}, the number of rows", past.rows())));
+                }
+                Ok(Quantity::Past(row, self.coordinate(column)?))
+            }
             [("initial", []), ("momentum", &[index])] => {
                 if self.gives_velocity() {
                     return Err(self.refused("`initial.velocity[i]`: the scenario gives the velocity"));
@@ -213,6 +247,21 @@ impl Reader<'_> {
                 };
                 let (row, column) = self.entry(stiffness, indices)?;
                 Ok(Quantity::Stiffness(row, column))
+            }
+            [("system", []), ("gyroscopic", indices)] => {
+                let Some(gyroscopic) = &system.gyroscopic else {
+                    return Err(
+                        self.refused("a number that the scenario has: there is no `system.gyroscopic`")
+                    );
+                };
+                match *indices {
+                    _ if gyroscopic.is_from_file() => Err(self.refused(BY_NUMBERS)),
+                    [row, column] if row != column => {
+                        Ok(Quantity::Gyroscopic(self.coordinate(row)?, self.coordinate(column)?))
+                    }
+                    [_, _] => Err(self.refused("an entry off the diagonal, which is 0")),
+                    _ => Err(self.refused("`[i][j]` behind it: the matrix is given by its rows")),
+                }
             }
             [("system", []), ("parameters", []), (name, [])] => self.named(name),
             [("system", []), ("damping", &[term]), ref rest @ ..] => self.damping(term, rest),
@@ -243,9 +292,7 @@ impl Reader<'_> {
             (SymmetricMatrix::Dense(_), _) => {
                 Err(self.refused("`[i][j]` behind it: the matrix is given by its rows"))
             }
-            (SymmetricMatrix::Sparse(_), _) => {
-                Err(self.refused("an entry of a matrix that the scenario gives by numbers, not by a file"))
-            }
+            (SymmetricMatrix::Sparse(_), _) => Err(self.refused(BY_NUMBERS)),
         }
     }
 
@@ -299,12 +346,7 @@ impl Reader<'_> {
 
     fn kernel(&self, term: usize, name: &str, index: usize) -> Result<Quantity, InputError> {
         let damping = &self.scenario.system.damping[term];
-        let convolution = &self.scenario.convolution;
-        if !convolution.starting.is_empty() {
-            return Err(self.refused(
-                "parameters of kernels without `convolution.starting`: starting weights are not differentiated by them",
-            ));
-        }
+        self.refuse_starting()?;
         let order = damping.transfer.exponent();
         let at_rest = self.scenario.initial.momentum.iter().all(|&p| p == 0.0);
         if damping.derivative == Derivative::Caputo
@@ -315,14 +357,23 @@ impl Reader<'_> {
             ));
         }
         match TransferDerivative::new(&damping.transfer, name, index) {
-            // A form that is told by a simpler one has no longer the parameter that the file gives.
+            // A form that was simplified no longer has the parameter given in the file.
             Some(derivative) => Ok(Quantity::Kernel(term, derivative)),
             None => Err(self.refused(format!(
-                "a number of the kernel {}; those of expressions and tables are not differentiated, nor one at which a form \
-                 becomes a simpler one",
+                "a number of the kernel {}; those of tables are not differentiated, those of expressions by \
+                 `system.parameters.NAME`, nor one at which a form becomes a simpler one",
                 damping.transfer
             ))),
         }
+    }
+
+    fn refuse_starting(&self) -> Result<(), InputError> {
+        if self.scenario.convolution.starting.is_empty() {
+            return Ok(());
+        }
+        Err(self.refused(
+            "parameters of kernels without `convolution.starting`: starting weights are not differentiated by them",
+        ))
     }
 
     fn named(&self, name: &str) -> Result<Quantity, InputError> {
@@ -337,7 +388,8 @@ impl Reader<'_> {
         });
         let variable = || std::iter::once(name.to_owned());
         let count = self.scenario.coordinates();
-        // Where the constant does not occur, the expression is that of no variable more.
+        // The expression with the constant as an additional variable; `None` if the constant does not occur
+        // in it.
         let again = |expression: &Expression, symbols: Symbols, before: usize| -> Result<_, InputError> {
             let symbols = symbols.with_variables(variable());
             let parsed = Expression::parse(expression.text(), &symbols)
@@ -350,7 +402,7 @@ impl Reader<'_> {
         };
         let mut force = None;
         if let Some(components) = &system.force {
-            // The constant comes behind positions, and behind velocities where there are any.
+            // The constant comes after positions and, if they are variables, velocities.
             let moves = system.force_in_words_depends_on_velocity();
             let variables = if moves { 2 * count } else { count };
             let symbols = || {
@@ -382,26 +434,46 @@ impl Reader<'_> {
                 loads.extend(parsed.map(|parsed| (index, parsed)));
             }
         }
+        let mut kernels = Vec::new();
         for (term, damping) in system.damping.iter().enumerate() {
-            let document = self.scenario.document();
-            if document.has(&format!("system.damping[{term}].kernel.symbol"))
-                && let Some(text) = damping.transfer.text()
-            {
-                let symbols = others.clone().with_variables(["s".to_owned()]).with_variables(variable());
-                let parsed = Expression::parse(text, &symbols)
-                    .map_err(|error| self.value.error(Problem::Expression(error)))?;
-                if parsed.root().has_variable(1) {
-                    return Err(self.refused(format!(
-                        "a constant that is not in `system.damping[{term}].kernel.symbol`: give that kernel as one of the forms"
-                    )));
-                }
+            if !self.has(term, "kernel.symbol") {
+                continue;
+            }
+            let Some(text) = damping.transfer.text() else { continue };
+            let symbols = others.clone().with_variables(["s".to_owned()]).with_variables(variable());
+            let parsed = Expression::parse(text, &symbols)
+                .map_err(|error| self.value.error(Problem::Expression(error)))?;
+            if parsed.root().has_variable(1) {
+                kernels.push((term, self.symbol(term, parsed, value)?));
             }
         }
-        Ok(Quantity::Named(Box::new(Named { value, potential, force, elements, loads })))
+        Ok(Quantity::Named(Box::new(Named { value, potential, force, elements, loads, kernels })))
+    }
+
+    /// The derivative of the symbol of a term by a constant in it.
+    fn symbol(
+        &self,
+        term: usize,
+        expression: Expression,
+        value: f64,
+    ) -> Result<TransferDerivative, InputError> {
+        self.refuse_starting()?;
+        let damping = &self.scenario.system.damping[term];
+        let place = format!("; it is in `system.damping[{term}].kernel.symbol`");
+        let derivative = symbol_derivative(&damping.transfer, expression, value)
+            .map_err(|allowed| self.refused(allowed + &place))?;
+        let at_rest = self.scenario.initial.momentum.iter().all(|&p| p == 0.0);
+        let jumps = damping.derivative == Derivative::Caputo && damping.transfer.growth() == 1.0 && !at_rest;
+        if jumps && derivative.changes_growth_of(&damping.transfer) {
+            let allowed = "a value at which the symbol does not grow like s, where the motion begins with a velocity: Caputo's \
+                derivative jumps there";
+            return Err(self.refused(allowed.to_owned() + &place));
+        }
+        Ok(derivative)
     }
 }
 
-/// The number by which the coefficient of a term was multiplied.
+/// The number by which the coefficient of a term is multiplied.
 fn damping_scale(scenario: &Scenario, term: usize) -> Result<f64, InputError> {
     let path = format!("system.damping[{term}].scale");
     scenario.document().with_root(|root| {

@@ -1,4 +1,4 @@
-//! Symmetric matrices that a scenario takes from files, or makes of the columns of dampers.
+//! Symmetric matrices that a scenario reads from files, or assembles from the columns of dampers.
 
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
@@ -8,26 +8,30 @@ use fvi_sparse::{Analysis, FactorError, Pattern};
 use serde::{Serialize, Serializer};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A symmetric matrix by its entries that need not be zero.
+/// A symmetric matrix given by its structurally nonzero entries.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SparseMatrix {
-    /// Where they are.
+    /// Structurally nonzero places.
     pub pattern: Arc<Pattern>,
-    /// One for each place.
+    /// One value for each place.
     pub values: Arc<Vec<f64>>,
     /// The file that it was read from.
     source: Option<String>,
 }
 
-/// Largest part of an entry by which its mirror image may differ: what rounding does when elements are added
-/// up.
+/// Largest relative difference of an entry and its mirror image, as from rounding in the assembly of
+/// elements.
 const ASYMMETRY: f64 = 1e-10;
 
+/// Largest number of rows of a mass matrix per entry: rows without entries are coordinates without mass.
+const MOST_ROWS: usize = 64;
+
 impl SparseMatrix {
-    /// The symmetric matrix in the file that `value` names; without a number of coordinates it is the
-    /// positive definite one that says how many there are.
+    /// The symmetric matrix in the file that `value` refers to; without a number of coordinates it is the
+    /// mass matrix, which determines that number.
     ///
-    /// What is made of it has room for each row, and a file promises as many rows as it likes.
+    /// Memory is allocated for each row, while a file may state any number of rows: a mass matrix with too
+    /// many rows for its entries is refused first.
     fn read(value: &Value<'_>, coordinates: Option<usize>) -> Result<Self, InputError> {
         let file = value.matrix_file()?;
         if file.rows != file.columns {
@@ -37,9 +41,9 @@ impl SparseMatrix {
         }
         match coordinates {
             Some(count) if count != file.rows => return Err(wrong_size(file.rows, count, value)),
-            None if file.rows > file.entries.len() => {
+            None if file.rows > MOST_ROWS.saturating_mul(file.entries.len()) => {
                 let reason = format!(
-                    "{} entries in {} rows: a row without entries is none of a positive definite matrix",
+                    "{} entries in {} rows: a mass matrix has one at least for each {MOST_ROWS} rows",
                     file.entries.len(),
                     file.rows
                 );
@@ -61,7 +65,7 @@ impl SparseMatrix {
         Self::of_entries(file.rows, entries)
     }
 
-    /// The matrix of these entries, those of one place added up.
+    /// The matrix of these entries, with entries at the same place added.
     fn of_entries<E: Iterator<Item = (u32, u32, f64)>>(rows: usize, entries: impl Fn() -> E) -> Self {
         let mut starts = vec![0_usize; rows + 1];
         entries().for_each(|(row, ..)| starts[row as usize + 1] += 1);
@@ -95,7 +99,7 @@ impl SparseMatrix {
         Self { pattern: Arc::new(pattern), values: Arc::new(values), source: None }
     }
 
-    /// B diag(strength) Bᵀ, `columns` being those of B by their entries.
+    /// B diag(strength) Bᵀ; `columns` are those of B, each as its nonzero entries.
     pub(super) fn of_columns(rows: usize, columns: &[Vec<(u32, f64)>], strength: &[f64]) -> Self {
         let entries = || {
             columns.iter().zip(strength).flat_map(|(column, &strength)| {
@@ -111,7 +115,7 @@ impl SparseMatrix {
     /// Takes the mean of entries whose mirror images differ by rounding.
     ///
     /// # Errors
-    /// The first place where they differ by more, in words.
+    /// The first place where they differ by more, as a message.
     fn make_symmetric(&mut self) -> Result<(), String> {
         let pattern = Arc::clone(&self.pattern);
         let values = Arc::make_mut(&mut self.values);
@@ -141,7 +145,7 @@ impl SparseMatrix {
                 }
             }
         }
-        // An entry that is rounding, without a mirror image.
+        // An entry of rounding size without a mirror image.
         if pattern.rows().enumerate().any(|(row, slots)| {
             slots.into_iter().any(|slot| find(pattern.columns()[slot] as usize, row).is_none())
         }) {
@@ -169,7 +173,7 @@ impl SparseMatrix {
             && (Arc::ptr_eq(&self.pattern, &other.pattern) || self.pattern == other.pattern)
     }
 
-    /// Whether it is another one times a number ≥ 0, to rounding.
+    /// Whether the matrix is `other` times a number ≥ 0, to rounding.
     fn is_multiple_of(&self, other: &Self) -> bool {
         let Some(largest) = other.values.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs())) else {
             return false;
@@ -196,9 +200,36 @@ impl SparseMatrix {
         }
     }
 
-    /// Refuses a matrix that is not positive definite.
+    /// The rows in which every entry is zero.
+    pub fn zero_rows(&self) -> Vec<usize> {
+        let rows = self.pattern.rows().enumerate();
+        rows.filter(|(_, slots)| self.values[slots.clone()].iter().all(|&entry| entry == 0.0))
+            .map(|(row, _)| row)
+            .collect()
+    }
+
+    /// The same matrix with ones on the diagonal of these rows, whose entries are all zero.
+    pub fn with_ones(&self, rows: &[usize]) -> (Pattern, Vec<f64>) {
+        let entries = || {
+            let own = self.pattern.rows().enumerate().flat_map(|(row, slots)| {
+                slots.map(move |slot| (row as u32, self.pattern.columns()[slot], self.values[slot]))
+            });
+            own.chain(rows.iter().map(|&row| (row as u32, row as u32, 1.0)))
+        };
+        let whole = Self::of_entries(self.size(), entries);
+        (Arc::unwrap_or_clone(whole.pattern), Arc::unwrap_or_clone(whole.values))
+    }
+
+    /// Refuses a matrix that is not positive definite apart from rows and columns of zeros.
     fn positive_definite(self, value: &Value<'_>) -> Result<Self, InputError> {
-        match Analysis::new(&self.pattern).factor_of(&self.pattern, &self.values) {
+        let massless = self.zero_rows();
+        let factor = if massless.is_empty() {
+            Analysis::new(&self.pattern).factor_of(&self.pattern, &self.values)
+        } else {
+            let (pattern, values) = self.with_ones(&massless);
+            Analysis::new(&pattern).factor(&pattern, &values)
+        };
+        match factor {
             Ok(_) => Ok(self),
             Err(error) => Err(self.refused(value, error)),
         }
@@ -223,26 +254,27 @@ impl SparseMatrix {
     }
 }
 
-/// Matrices that scenarios share: files that are attached to their documents are read once, places that are
-/// equal are held, and analysed, once, and of factors the last two are kept for each pattern.
+/// Matrices shared by scenarios: files attached to their documents are read once, equal patterns are stored
+/// and analysed once, and the last two factors are cached for each pattern.
 ///
-/// What has been read stays until the last copy of this is gone.
+/// The contents live as long as the last clone.
 #[derive(Clone, Debug, Default)]
 pub struct KnownMatrices(Arc<Mutex<Known>>);
 
 #[derive(Debug, Default)]
 struct Known {
-    /// With the content of the file.
+    /// Matrices, each with the content of its file.
     matrices: Vec<(Arc<[u8]>, SparseMatrix)>,
     patterns: Vec<Arc<Pattern>>,
     definite: Vec<SparseMatrix>,
     semidefinite: Vec<SparseMatrix>,
 }
 
-/// What is kept of each kind; a fit with matrices that are new each time would fill the memory.
+/// Number of cached entries of each kind; otherwise a fit with different matrices at each point would fill
+/// the memory.
 const KEPT: usize = 8;
 
-/// Adds an entry in place of the oldest one.
+/// Adds an entry; at the limit it replaces the oldest one.
 fn keep<T>(kept: &mut Vec<T>, entry: T) {
     if kept.len() == KEPT {
         kept.remove(0);
@@ -255,7 +287,7 @@ impl KnownMatrices {
         call(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// The pattern that is equal to this one, which is known from now on.
+    /// A pattern equal to the given one, shared from now on.
     pub fn pattern(&self, pattern: Arc<Pattern>) -> Arc<Pattern> {
         self.with(|known| {
             if let Some(other) = known.patterns.iter().find(|other| **other == pattern) {
@@ -278,7 +310,7 @@ impl KnownMatrices {
         self.with(|known| known.definite.iter().any(|other| other.has_entries_of(matrix)))
     }
 
-    /// Whether it is a multiple of a matrix that is semidefinite.
+    /// Whether the matrix is a multiple of a known semidefinite matrix.
     fn is_semidefinite(&self, matrix: &SparseMatrix) -> bool {
         self.with(|known| known.semidefinite.iter().any(|other| matrix.is_multiple_of(other)))
     }
@@ -330,7 +362,7 @@ impl<'a> Matrices<'a> {
         Ok(matrix)
     }
 
-    /// Refuses a matrix that is not positive definite.
+    /// Refuses a matrix that is not positive definite apart from rows and columns of zeros.
     pub(super) fn positive_definite(
         &self,
         matrix: SparseMatrix,
@@ -367,12 +399,12 @@ impl<'a> Matrices<'a> {
     }
 }
 
-/// The file that a value names.
+/// The file that a value refers to.
 fn source(value: &Value<'_>) -> Option<String> {
     value.text().ok().map(|name| value.document().resolve(name).display().to_string())
 }
 
-/// The error about a matrix that has not as many rows as there are coordinates.
+/// The error for a matrix whose number of rows is not the number of coordinates.
 pub(super) fn wrong_size(rows: usize, count: usize, value: &Value<'_>) -> InputError {
     value.error(Problem::WrongShape {
         expected: format!("{count} (the number of coordinates, from `system.mass`)"),
@@ -380,7 +412,7 @@ pub(super) fn wrong_size(rows: usize, count: usize, value: &Value<'_>) -> InputE
     })
 }
 
-/// The file, or the rows.
+/// Serialised as the name of the file, or as rows.
 impl Serialize for SparseMatrix {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         if let Some(source) = &self.source {

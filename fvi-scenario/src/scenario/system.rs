@@ -24,7 +24,8 @@ use std::sync::Arc;
 /// D^{β_m} or of another transfer function.
 #[derive(Clone, Debug, Serialize)]
 pub struct System {
-    /// M, symmetric positive definite.
+    /// M, symmetric and positive definite apart from rows and columns of zeros, which are coordinates without
+    /// mass.
     pub mass: SymmetricMatrix,
     /// K, symmetric; absent: none.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -34,15 +35,15 @@ pub struct System {
     pub gyroscopic: Option<SkewMatrix>,
     /// U(q); absent: none.
     pub potential: Option<Expression>,
-    /// F(t, q, v), one expression for each coordinate, whose variables are q_0 … q_{N−1}, v_0 … v_{N−1};
-    /// absent: none.
+    /// F(t, q, v), one expression for each coordinate, in the variables q_0 … q_{N−1}, v_0 … v_{N−1}; absent:
+    /// none.
     pub force: Option<Vec<Expression>>,
-    /// How schemes take the work of the part of the force that depends on time alone.
+    /// Quadrature of the part of the force that depends on time alone.
     pub force_quadrature: ForceQuadrature,
     /// Named constants of the expressions.
     pub parameters: BTreeMap<String, f64>,
-    /// The damping terms, summed; behind those that the scenario writes further parts of kernels that are
-    /// matrices.
+    /// The damping terms, summed. Terms of the scenario come first; if the kernel of one is a matrix, its
+    /// further parts follow after all of them.
     #[serde(serialize_with = "written")]
     pub damping: Vec<Damping>,
     /// U_e: potentials of a few coordinates each.
@@ -51,10 +52,10 @@ pub struct System {
     /// f_l a_l(t).
     #[serde(rename = "load", skip_serializing_if = "Vec::is_empty")]
     pub loads: Vec<Load>,
-    /// Potential and forces in code, beside those above.
+    /// Potential and forces in code, in addition to those above.
     #[serde(skip)]
     pub own_terms: Option<SharedTerms>,
-    /// Patterns and factors that it has in common with other scenarios.
+    /// Patterns and factors shared with other scenarios.
     #[serde(skip)]
     pub known: Option<KnownMatrices>,
 }
@@ -68,64 +69,64 @@ pub struct Damping {
     pub coefficient: SymmetricMatrix,
     /// Signal that the derivative acts on.
     pub derivative: Derivative,
-    /// Where ρ = B diag(strength) Bᵀ comes from, if the scenario gives it so.
+    /// B and strength if the scenario gives ρ = B diag(strength) Bᵀ.
     pub attached: Option<Attached>,
     /// Factor by which the matrix of a file was multiplied.
     scale: Option<f64>,
-    /// Whose part it is, where the kernel is a matrix.
+    /// The matrix of kernels that this term is a part of, if any.
     matrix: Option<Part>,
 }
 
-/// A part of a kernel that is a matrix: one of its pairs of coordinates.
+/// A part of a matrix of kernels: that of one pair of coordinates.
 #[derive(Clone, Debug, PartialEq)]
 struct Part {
     whole: Arc<RelaxationMatrix>,
-    /// Whether it stands where the scenario writes the term.
+    /// Whether the part replaces the term in the scenario.
     stands_for_it: bool,
 }
 
-/// The terms that the scenario writes.
+/// Serialises the terms of the scenario.
 fn written<S: Serializer>(terms: &[Damping], serializer: S) -> Result<S::Ok, S::Error> {
     let is_written = |term: &&Damping| term.matrix.as_ref().is_none_or(|part| part.stands_for_it);
     serializer.collect_seq(terms.iter().filter(is_written))
 }
 
-/// Dampers: ρ = B diag(strength) Bᵀ, one column of B for each.
+/// Dampers: ρ = B diag(strength) Bᵀ, one column of B for each damper.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attached {
-    /// The columns of B, each as (coordinate, number).
+    /// The columns of B, each as its nonzero entries (coordinate, number).
     pub columns: Vec<Vec<(u32, f64)>>,
     /// One number ≥ 0 for each column.
     pub strength: Vec<f64>,
-    /// The file of B; none if it is given by its rows.
+    /// The file of B; `None` if B is given by its rows.
     source: Option<String>,
     rows: usize,
 }
 
-/// How schemes take the work of what depends on time alone: forces, loads, sampled inputs.
+/// Quadrature of the forces that depend on time alone: forces, loads, sampled inputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ForceQuadrature {
-    /// By exact moments in every step with a jump or kink inside, or a root close by; at the nodes elsewhere.
+    /// By exact moments in every step with a jump, a kink or a nearby root; at the nodes otherwise.
     #[default]
     Moments,
-    /// At the nodes of the action's quadrature in every step: the papers' form.
+    /// At the nodes of the action's quadrature in every step, as in the papers.
     Nodes,
 }
 
-/// Motion that a fractional derivative acts on.
+/// Motion on which a fractional derivative acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Derivative {
     /// On q itself.
     RiemannLiouville,
-    /// On q − q₀ for 0 < β ≤ 1 and on q − q₀ − v₀t for 1 < β < 2; of other kernels on q − q₀ − v₀t where they
-    /// grow faster than s.
+    /// On q − q₀ for 0 < β ≤ 1 and on q − q₀ − v₀t for 1 < β < 2; for other kernels on q − q₀ − v₀t if they
+    /// grow faster than s, otherwise on q − q₀.
     Caputo,
 }
 
 impl System {
-    /// Reads the system; `step` is that of a run with equal steps.
+    /// Reads the system; `step` is the step size of a run with equal steps.
     pub(super) fn read(
         table: &Table<'_>,
         shared: Option<&KnownMatrices>,
@@ -153,7 +154,7 @@ impl System {
                 found: "none".to_owned(),
             }));
         }
-        let mass = mass.positive_definite(&mass_value, &known)?;
+        let mass = mass.mass(&mass_value, &known)?;
         let stiffness = match table.optional("stiffness") {
             Some(value) => Some(SymmetricMatrix::read(&value, Some(count), &mut known)?),
             None => None,
@@ -164,7 +165,7 @@ impl System {
             Some(value) => read_parameters(&value)?,
             None => BTreeMap::new(),
         };
-        // Names of all coordinates are made where expressions may have them only.
+        // The names of all coordinates are built only if expressions may contain them.
         let symbols = symbols_of(&parameters);
         let potential = table
             .optional("potential")
@@ -224,18 +225,23 @@ impl System {
         })
     }
 
+    /// Coordinates without mass, from 0.
+    pub fn massless(&self) -> Vec<usize> {
+        self.mass.zero_rows()
+    }
+
     /// Number of coordinates N.
     pub fn coordinates(&self) -> usize {
         self.mass.size()
     }
 
-    /// Whether a force depends on the velocity, in words or in code.
+    /// Whether a force depends on the velocity, as an expression or in code.
     pub fn has_forces_of_velocity(&self) -> bool {
         self.force_in_words_depends_on_velocity()
             || self.own_terms.as_ref().is_some_and(SharedTerms::depend_on_velocity)
     }
 
-    /// Whether a force that is written as expressions does.
+    /// Whether a force given as expressions depends on the velocity.
     pub fn force_in_words_depends_on_velocity(&self) -> bool {
         let count = self.coordinates();
         self.force.iter().flatten().any(|component| component.root().has_variable_from(count))
@@ -250,12 +256,12 @@ impl System {
             || self.has_sparse_terms()
     }
 
-    /// Whether there are terms in code that say where their derivatives have entries.
+    /// Whether there are terms in code that state the places of their derivatives.
     pub fn has_sparse_terms(&self) -> bool {
         self.own_terms.as_ref().is_some_and(SharedTerms::are_sparse)
     }
 
-    /// Whether mass, stiffness or damping are known by their entries that need not be zero.
+    /// Whether mass, stiffness or damping are sparse matrices.
     pub fn has_sparse_matrices(&self) -> bool {
         let coefficients = self.damping.iter().map(|term| &term.coefficient);
         let mut matrices = self.stiffness.iter().chain(coefficients).chain([&self.mass]);
@@ -336,7 +342,7 @@ impl Damping {
         Ok(vec![Self { transfer, coefficient, derivative, attached, scale, matrix: None }])
     }
 
-    /// The pairs of coordinates of a matrix of kernels: E_ii K_ii, and (E_ij + E_ji) K_ij as
+    /// The terms of a matrix of kernels: E_ii K_ii, and (E_ij + E_ji) K_ij as
     /// (e_i + e_j)(e_i + e_j)ᵀ K_ij + (E_ii + E_jj)(−K_ij), whose matrices are positive semidefinite.
     fn of_matrix(
         whole: RelaxationMatrix,
@@ -363,7 +369,7 @@ impl Damping {
         terms.enumerate().map(part).collect()
     }
 
-    /// Where its kernel drives a motion; of a matrix the whole of it.
+    /// The region where its kernel is not passive; for a matrix of kernels that of the whole.
     pub fn active(&self) -> Option<Active> {
         match &self.matrix {
             Some(part) => part.whole.active,
@@ -372,7 +378,7 @@ impl Damping {
     }
 }
 
-/// The terms as they are written, and behind them further parts of those that are matrices.
+/// The terms in the order of the scenario, followed by further parts of matrices of kernels.
 fn in_order(terms: Vec<Vec<Damping>>) -> Vec<Damping> {
     let (mut first, mut further) = (Vec::new(), Vec::new());
     for term in terms {
@@ -384,7 +390,7 @@ fn in_order(terms: Vec<Vec<Damping>>) -> Vec<Damping> {
     first
 }
 
-/// The keys that the scenario gave.
+/// Serialises the keys of the scenario.
 impl Serialize for Damping {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
@@ -421,14 +427,14 @@ impl Serialize for Damping {
     }
 }
 
-/// The keys of a kernel.
+/// Serialises the keys of a kernel.
 struct KernelKeys<'a>(&'a TransferFunction);
 
 impl Serialize for KernelKeys<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         match self.0.text() {
-            // Rows that were given in place of a file.
+            // Rows given directly instead of a file.
             Some("") if self.0.table().is_some() => map.serialize_entry(self.0.form(), self.0.numbers())?,
             Some("") => {
                 let rows: Vec<&[f64]> = self.0.numbers().chunks(2).collect();
@@ -448,7 +454,7 @@ impl Serialize for KernelKeys<'_> {
     }
 }
 
-/// Most entries of B diag(strength) Bᵀ: a damper between all coordinates would fill the matrix.
+/// Largest number of entries of B diag(strength) Bᵀ: a damper between all coordinates would make it dense.
 const MOST_ATTACHED: usize = 50_000_000;
 
 impl Attached {

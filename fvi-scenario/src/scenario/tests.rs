@@ -42,7 +42,7 @@ fn read(text: &str) -> Result<Scenario, InputError> {
     Scenario::from_document(Document::new("test.toml", Path::new(""), text))
 }
 
-/// The good scenario with one passage replaced, and what is said about it: (key, line of the file, message).
+/// The good scenario with one passage replaced, and the resulting error as (key, line of the file, message).
 fn refused(passage: &str, replacement: &str) -> (String, usize, String) {
     assert!(GOOD.contains(passage), "{passage}");
     let error = read(&GOOD.replacen(passage, replacement, 1)).unwrap_err();
@@ -128,7 +128,7 @@ fn a_scenario_that_does_not_say_is_damped_at_the_nodes_with_order_two() {
         assert_eq!(form(&format!("[scheme]\nkind = \"{euler}\"")), (1, main, one_sided));
         for (key, wrong) in [("convolution.at", "nodes"), ("output.momentum", "mean")] {
             let (table, name) = key.split_once('.').unwrap();
-            // GOOD has an `[output]` of its own.
+            // GOOD already has a table `[output]`.
             let text = format!("[scheme]\nkind = \"{euler}\"\n[{table}]\n{name} = \"{wrong}\"");
             let text =
                 format!("{}{text}\n{}", &GOOD[..start], &GOOD[end..].replace("[output]\nevery = 10\n", ""));
@@ -152,7 +152,7 @@ fn mistakes_are_told_with_key_line_value_and_what_is_allowed() {
             "not symmetric",
         ),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[[1.0, 2.0], [2.0, 1.0]]", "system.mass", 4, "not positive definite"),
-        ("[[2.0, 0.5], [0.5, 1.0]]", "[2.0, 0.0]", "system.mass", 4, "not positive definite"),
+        ("[[2.0, 0.5], [0.5, 1.0]]", "[2.0, -0.5]", "system.mass", 4, "not positive definite"),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[2.0, 5e-324]", "system.mass", 4, "not positive definite"),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[2.0, nan]", "system.mass[1]", 4, "not allowed"),
         ("[[2.0, 0.5], [0.5, 1.0]]", "[[2.0, 0.5], [0.5]]", "system.mass[1]", 4, "1 entries instead of 2"),
@@ -268,7 +268,7 @@ fn an_end_is_a_whole_number_of_steps_up_to_rounding() {
     assert!(steps("0.3", "1.0").is_err());
     assert!(steps("0.1", "-1.0").is_err());
     assert!(steps("1e-300", "1e300").is_err());
-    // An end within the first step is not an end at its beginning.
+    // An end within the first step does not count as an end at its beginning.
     let error = steps("1.0", "1e-10").unwrap_err();
     assert!(error.to_string().contains("time.end = 1e-10: not allowed"), "{error}");
     let allowed = "allowed: a whole number of steps of 1, such as 0 or 1; or give `steps` instead";
@@ -340,7 +340,7 @@ fn a_galerkin_scheme_takes_its_quadrature_from_where_it_is_given() {
     );
 }
 
-/// The good scenario with one passage replaced and a table file at hand.
+/// The good scenario with one passage replaced and an attached table file.
 fn with_table(passage: &str, replacement: &str, table: &str) -> Result<Scenario, InputError> {
     assert!(GOOD.contains(passage), "{passage}");
     let text = GOOD.replacen(passage, replacement, 1);
@@ -465,7 +465,7 @@ fn a_tolerance_is_small_and_belongs_to_exponentials_of_plain_weights() {
 
 #[test]
 fn starting_exponents_whose_weights_grow_are_refused() {
-    // The orders of the good scenario are ½ and 3/2, its formula is of order 3.
+    // The orders of the good scenario are ½ and 3/2, its quadrature is of order 3.
     let with = |exponents: &str| {
         read(&GOOD.replacen("order = 3", &format!("order = 3\nstarting = {exponents}"), 1)).map(|_| ())
     };
@@ -576,7 +576,7 @@ fn starting_weights_that_lower_the_order_are_warned_of() {
     for starting in ["[1.0]", "[0.5, 1.5]", "[2.0]", "[2.5]"] {
         assert!(warned(0.5, starting, [0.0, 0.5], "caputo"), "{starting}");
         assert!(warned(1.5, starting, [1.0, 0.0], "caputo"), "{starting}");
-        // From zero, where they are at home.
+        // A motion from rest at zero: no warning.
         assert!(!warned(0.5, starting, [0.0, 0.0], "caputo"), "{starting}");
         assert_eq!(warned(0.5, starting, [1.0, 0.0], "caputo"), starting == "[2.5]", "{starting}");
     }
@@ -584,7 +584,7 @@ fn starting_weights_that_lower_the_order_are_warned_of() {
     assert!(!warned(0.5, "[1.0]", [0.0, 0.5], "riemann-liouville"));
 }
 
-/// A scenario that begins at t = 1 with a past of three steps and turns.
+/// A scenario that begins at t = 1, with a past of three steps and gyroscopic forces.
 const LATER: &str = r#"
 [system]
 mass = [1.0, 1.0]
@@ -615,7 +615,7 @@ fn a_start_a_past_and_a_gyroscopic_matrix_are_read_and_written() {
     assert_eq!(value["time"]["start"], 1.0);
     let again = Scenario::from_value(&scenario).unwrap();
     assert_eq!(serde_json::to_value(&again).unwrap(), value);
-    // A run that begins at zero says nothing of it.
+    // A run that begins at zero does not serialise these keys.
     let value = serde_json::to_value(read(GOOD).unwrap()).unwrap();
     assert!(value["time"].get("start").is_none() && value["initial"].get("past").is_none());
     // With two nodes a step of the past has three rows.

@@ -1,7 +1,8 @@
-//! `[time]`, `[history]` and `[output]`: the grid, the memory engine and what is written.
+//! `[time]`, `[history]` and `[output]`: the grid, the memory engine and the output.
 
 use super::adaptive::{Adaptive, MOST_STEPS_CHOSEN, Start};
 use super::grid::{Grid, GridRule, read_must_hit};
+use super::keys;
 use super::scheme::ConvolutionFamily;
 use super::scheme_descriptor::SchemeDescriptor;
 use crate::language::document::{Document, Table};
@@ -12,28 +13,28 @@ use std::collections::BTreeSet;
 use std::num::NonZero;
 use std::sync::OnceLock;
 
-/// Most steps of a run: beyond 2⁵³ their numbers have no exact place among floating-point numbers.
+/// Largest number of steps of a run: larger indices are not exact in double precision.
 pub const MOST_STEPS: usize = 1 << 53;
 
-/// The times t_0 … t_steps: t_k = t_0 + k h, or those of a grid whose steps differ, from t_0 = 0 on.
+/// The times t_0 … t_steps: t_k = t_0 + k h, or those of a grid with different steps, from t_0 = 0 on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimeGrid {
-    /// t_0 ≥ 0; zero where the steps differ.
+    /// t_0 ≥ 0; zero for different steps.
     pub start: f64,
-    /// h > 0; the shortest step where they differ.
+    /// h > 0; the shortest of different steps.
     pub step: f64,
-    /// Number of steps; the most that are made where they are chosen on the way.
+    /// Number of steps; if they are chosen during the run, the largest number.
     pub steps: usize,
-    /// The grid whose steps differ; `None`: they are equal.
+    /// The grid with different steps; `None` for equal steps.
     pub grid: Option<Grid>,
-    /// Whether to run although the step is known to make motions grow.
+    /// Whether to run although the step is known to be unstable.
     pub allow_unstable: bool,
-    /// What happens when energy grows that nothing has put in; absent: the run stops, unless
+    /// Reaction to energy that grows without work done on the system; absent: the run stops, unless
     /// `allow_unstable`.
     pub energy_guard: Option<OnEnergyGrowth>,
 }
 
-/// `[time]` as it is written.
+/// `[time]` in serialised form.
 #[derive(Default, Serialize)]
 struct Record<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -124,7 +125,7 @@ pub enum OnEnergyGrowth {
     Stop,
     /// The run goes on and a warning is given.
     Warn,
-    /// Nothing: `"off"`.
+    /// None: `"off"`.
     #[serde(rename = "off")]
     Ignore,
 }
@@ -216,7 +217,7 @@ impl TimeGrid {
         Ok((start, step, steps))
     }
 
-    /// The same time in another number of steps, where the grid has a rule for any.
+    /// The same time interval in another number of steps, if the grid has a rule for that.
     pub(super) fn in_steps(&self, steps: usize) -> Self {
         match self.grid.as_ref().and_then(|grid| grid.in_steps(steps)) {
             Some(grid) => Self {
@@ -232,12 +233,12 @@ impl TimeGrid {
         }
     }
 
-    /// Rule for steps that are chosen on the way.
+    /// Settings for steps chosen during the run.
     pub fn adaptive(&self) -> Option<&Adaptive> {
         self.grid.as_ref().and_then(Grid::adaptive)
     }
 
-    /// Number of steps, where it is known beforehand.
+    /// Number of steps, if it is known in advance.
     pub fn steps_known(&self) -> Option<usize> {
         self.adaptive().is_none().then_some(self.steps)
     }
@@ -252,7 +253,7 @@ impl TimeGrid {
         self.grid.as_ref().map_or(self.step, |grid| grid.end() / self.steps as f64)
     }
 
-    /// In words, for headings.
+    /// Description for headings.
     pub fn describe(&self) -> String {
         self.grid.as_ref().map_or_else(|| format!("step {}", self.step), Grid::describe)
     }
@@ -271,7 +272,7 @@ impl TimeGrid {
         }
     }
 
-    /// How far a time may be from t_k to be the same but for rounding.
+    /// Largest difference of a time from t_k that counts as rounding.
     pub(super) fn tolerance(&self, index: usize) -> f64 {
         let step = match &self.grid {
             None => self.step,
@@ -298,7 +299,7 @@ impl TimeGrid {
         }
     }
 
-    /// The index of a time that differs from a grid time by rounding only.
+    /// The index of the grid time that differs from a time by rounding only.
     pub(super) fn index_of(&self, time: f64) -> Option<usize> {
         if let Some(grid) = &self.grid {
             let after = grid.times().partition_point(|&other| other < time);
@@ -322,8 +323,8 @@ impl TimeGrid {
     }
 }
 
-/// The number of steps from a start to a time after it, which is a grid time but for rounding; or what is
-/// allowed.
+/// The number of steps from a start to a later time, which must be a grid time up to rounding; otherwise a
+/// description of what is allowed.
 pub(super) fn steps_to(end: f64, start: f64, step: f64) -> Result<usize, String> {
     let exact = (end - start) / step;
     let whole = exact.round();
@@ -333,14 +334,14 @@ pub(super) fn steps_to(end: f64, start: f64, step: f64) -> Result<usize, String>
     let off_grid = (exact - whole).abs() > 1e-9 * whole.max(1.0) + 4.0 * f64::EPSILON * start / step;
     if off_grid || (whole == 0.0 && end > start) {
         let (before, after) = (start + exact.floor() * step, start + (exact.floor() + 1.0) * step);
-        // Far out, neighbouring grid times are one number.
+        // Far out, neighbouring grid times are rounded to the same number.
         let examples = if before < after { format!(", such as {before} or {after}") } else { String::new() };
         return Err(format!("a whole number of steps of {step}{examples}; or give `steps` instead"));
     }
     Ok(whole as usize)
 }
 
-/// How far a time may be from the grid time `time` to be the same but for rounding.
+/// Largest difference of a time from the grid time `time` that counts as rounding.
 pub(super) fn same_time(time: f64, step: f64) -> f64 {
     f64::max(1e-9 * step, 4.0 * f64::EPSILON * time)
 }
@@ -353,18 +354,18 @@ pub enum Engine {
     Direct,
     /// Block transforms, amortised.
     BlockFft,
-    /// Block transforms spread evenly over the steps.
+    /// Block transforms, with the cost spread evenly over the steps.
     RealTime,
     /// A short head and decaying exponentials, in chunks and vector code.
     ExponentialSum,
-    /// The same by the core's own memory, a sample at a time: what firmware runs, with its bits.
+    /// The same with fvi-core's memory, a sample at a time, with the bits of firmware.
     ExponentialSumCore,
     /// Exponentials in continuous time, for Runge–Kutta quadrature on steps of any length.
     AnyStep,
 }
 
 impl Engine {
-    /// The engines with their names in files and on the command line.
+    /// The engines with their names in files and in the program's options.
     pub const NAMES: [(&'static str, Self); 6] = [
         ("direct", Self::Direct),
         ("block-fft", Self::BlockFft),
@@ -374,7 +375,7 @@ impl Engine {
         ("any-step", Self::AnyStep),
     ];
 
-    /// The name in files and on the command line.
+    /// The name in files and in the program's options.
     pub fn name(self) -> &'static str {
         match self {
             Self::Direct => "direct",
@@ -387,7 +388,7 @@ impl Engine {
     }
 }
 
-/// Policy of the direct engine for a sample that no longer fits.
+/// Policy of the direct engine for samples beyond its capacity.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Overflow {
@@ -399,7 +400,7 @@ pub enum Overflow {
 }
 
 impl Overflow {
-    /// The key belongs to the direct engine: written for another, it would choose that one.
+    /// Skipped in serialisation by default: the key belongs to the direct engine, and would select that.
     fn is_default(&self) -> bool {
         *self == Self::default()
     }
@@ -412,16 +413,16 @@ pub const LARGEST_TOLERANCE: f64 = 1e-6;
 /// to half of it.
 pub const SMALLEST_SINGLE_TOLERANCE: f64 = 5e-7;
 
-/// Most threads that a run takes unless it is told to take more.
+/// Largest default number of threads of a run.
 const THREADS: usize = 8;
 
-/// In what an exponential sum keeps its state.
+/// Precision of the state of an exponential sum.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum States {
-    /// In the precision of the run.
+    /// The precision of the run.
     F64,
-    /// In single precision.
+    /// Single precision.
     F32,
 }
 
@@ -434,31 +435,31 @@ pub struct History {
     /// Relative error of each weight of the exponential sum; absent: rounding.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
-    /// Largest lag of the table of exponentials; absent: that of the run. A table of firmware reaches
-    /// further.
+    /// Largest lag of the table of exponentials; absent: that of the run. Tables for firmware have a larger
+    /// one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub horizon: Option<usize>,
-    /// Samples that the direct engine keeps; absent: all.
+    /// Capacity of the direct engine in samples; absent: unlimited.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub capacity: Option<usize>,
-    /// Policy when there are more.
+    /// Policy for samples beyond the capacity.
     #[serde(skip_serializing_if = "Overflow::is_default")]
     pub overflow: Overflow,
-    /// In what the exponential sum keeps its state; absent: in the precision of the run.
+    /// Precision of the state of an exponential sum; absent: that of the run.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub states: Option<States>,
-    /// Threads that share the work of a large system: memories of many channels, products and solutions;
-    /// absent: as many as the machine has, up to eight. The bits are the same.
+    /// Threads for the work of a large system: memories of many channels, products and solutions; absent: as
+    /// many as the machine has, up to eight. The number does not change the bits of the result.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threads: Option<usize>,
-    /// Samples that engine and table are chosen for, where a run is carried further than it was begun for;
-    /// absent: those of the run.
+    /// Number of samples for which engine and table are chosen, if a run is continued beyond its original
+    /// end; absent: that of the run.
     #[serde(skip)]
     pub planned: Option<usize>,
 }
 
 impl History {
-    /// Puts another engine in place of the one in the file; settings that belong to that one no longer count.
+    /// Replaces the engine of the file, and drops settings that belong to that engine only.
     pub fn choose(&mut self, engine: Engine) {
         if self.engine != Some(engine) {
             *self = Self { engine: Some(engine), threads: self.threads, ..Self::default() };
@@ -467,8 +468,8 @@ impl History {
 
     /// Threads that share the work of a large system.
     pub fn threads(&self) -> usize {
-        // Asked for once: the answer takes a look at several files of the system, and every run of a sweep
-        // wants it.
+        // Requested once: the answer requires reading several files of the operating system, and every run of
+        // a sweep needs it.
         static THERE: OnceLock<usize> = OnceLock::new();
         let there = || std::thread::available_parallelism().map_or(1, NonZero::get).min(THREADS);
         self.threads.unwrap_or_else(|| *THERE.get_or_init(there))
@@ -479,7 +480,7 @@ impl History {
         family: ConvolutionFamily,
         (on_equal_steps, samples): (bool, usize),
     ) -> Result<Self, InputError> {
-        table.allow(&["engine", "tolerance", "horizon", "capacity", "overflow", "states", "threads"])?;
+        table.allow(&keys::HISTORY)?;
         let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;
         let (ring, exponentials) =
             ([Engine::Direct].as_slice(), [Engine::ExponentialSum, Engine::ExponentialSumCore].as_slice());
@@ -575,30 +576,32 @@ impl History {
     }
 }
 
-/// Which momentum is reported where the fractional force acts at the main nodes, as a kick at the end of
-/// every step, or where its start leaves an offset in it.
+/// Momentum that is reported if the fractional force acts at the main nodes, as a kick at the end of every
+/// step, or if a singular start leaves an offset in the momentum.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ReportedMomentum {
-    /// The mean of the momenta before and after the kick of t_k, p_k + (h/2) Σ_m ρ_m (D^{β_m} q)_k: of order
-    /// 2. Damped at several nodes, Riemann–Liouville from q₀ ≠ 0: less a known offset of order 2.
+    /// The mean of the momenta before and after the kick at t_k, p_k + (h/2) Σ_m ρ_m (D^{β_m} q)_k: of order
+    /// 2. With damping at several nodes and Riemann–Liouville's type from q₀ ≠ 0, the computed momentum minus
+    /// a known offset of order 2.
     #[default]
     Mean,
-    /// The one after it, the papers': of order 1. Damped at nodes, that of the discrete Lagrangian.
+    /// The momentum after the kick, as in the papers: of order 1. With damping at nodes, the momentum of the
+    /// discrete Lagrangian.
     OneSided,
 }
 
 /// Output options.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OutputOptions {
-    /// Every how many steps a row of the trajectory is written; the last row always is.
+    /// Number of steps per row of the trajectory; the last row is always written.
     pub every: usize,
-    /// The momentum that trajectories, summaries, pictures and errors show. Most schemes have one only.
+    /// The momentum in trajectories, summaries, pictures and errors. Most schemes have one only.
     pub momentum: ReportedMomentum,
     /// The coordinates that are columns of the trajectory and curves of the pictures; absent: all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coordinates: Option<Vec<usize>>,
-    /// Every how many steps the whole state is kept for `snapshots.npz`; absent: never.
+    /// Number of steps between states stored in `snapshots.npz`; absent: none are stored.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub snapshots: Option<usize>,
     /// Times of the rows, increasing; between grid points by the scheme's own polynomial. Empty: the grid
@@ -612,8 +615,8 @@ pub struct OutputOptions {
 }
 
 impl OutputOptions {
-    /// What a scenario has that does not say. Euler's methods, baselines of order 1, have the momentum that
-    /// they compute.
+    /// The default of a scenario without `[output]`. Euler's methods, baselines of order 1, report the
+    /// momentum that they compute.
     pub fn default_for(scheme: &SchemeDescriptor) -> Self {
         let momentum =
             if scheme.reports_own_momentum { ReportedMomentum::OneSided } else { ReportedMomentum::Mean };
@@ -633,7 +636,7 @@ impl OutputOptions {
         count: usize,
         grid: &TimeGrid,
     ) -> Result<Self, InputError> {
-        table.allow(&["every", "momentum", "coordinates", "snapshots", "times", "memory_energy"])?;
+        table.allow(&keys::OUTPUT)?;
         let default = Self::default_for(scheme);
         let every = table.optional("every").map_or(Ok(default.every), |value| value.whole(1..=usize::MAX))?;
         let momentum = match table.optional("momentum") {
@@ -688,7 +691,7 @@ impl OutputOptions {
         Ok(Self { times, ..output })
     }
 
-    /// Whether a row is written at a time, to rounding.
+    /// Whether a row is written at a time, up to rounding.
     pub(super) fn has(&self, time: f64) -> bool {
         let near = |&other: &f64| (time - other).abs() <= same_time(time, 0.0);
         let after = self.times.partition_point(|&other| other < time);

@@ -1,4 +1,5 @@
-//! What a scenario may ask for although the result will not be what it seems.
+//! Warnings about settings that are allowed but give results with lower accuracy or another meaning than
+//! expected.
 
 use super::Scenario;
 use super::scheme::{ConvolutionFamily, DampedAt};
@@ -20,7 +21,7 @@ impl Scenario {
         of_starting.chain(singular).chain(start).chain(jumps).chain(self.off_grid_warning()).collect()
     }
 
-    /// Starting weights that are not determined by their exponents.
+    /// Warns of starting weights that their exponents do not determine.
     fn starting_warning(&self) -> Option<String> {
         let condition = starting_condition(&self.convolution.starting);
         (condition > TRUSTED_CONDITION).then(|| {
@@ -31,7 +32,7 @@ impl Scenario {
         })
     }
 
-    /// Starting weights that grow, of a scenario that allows it.
+    /// Warns of growing starting weights, in a scenario that allows them.
     fn growing_warning(&self) -> Option<String> {
         let highest = self.convolution.highest_exponent(&self.system);
         self.convolution.starting.iter().any(|&nu| nu > highest).then(|| {
@@ -39,11 +40,10 @@ impl Scenario {
         })
     }
 
-    /// Starting weights that lower the order. Those of large exponents put large weights on the first
-    /// samples, whatever these are: where Caputo's q − q₀ (− v₀ t) begins with a lower power than the
-    /// exponents it is taken worse than by plain weights, which have full order up to 2. Measured, BDF 2:
-    /// with β = ½ and v₀ ≠ 0 order 1.5 with ν = 1, 1 with 2, ½ with 2.5; from rest 1.5 with 2.5; with β = 3/2
-    /// 1.5 with any.
+    /// Warns of starting weights that lower the order. Those of large exponents put large weights on the
+    /// first samples: if Caputo's q − q₀ (− v₀ t) begins with a lower power than the exponents, they are less
+    /// accurate than plain weights, which have full order up to 2. Measured with BDF 2: for β = ½ and v₀ ≠ 0
+    /// order 1.5 with ν = 1, 1 with 2, ½ with 2.5; from rest 1.5 with 2.5; for β = 3/2 1.5 with any.
     fn lowering_warning(&self) -> Option<String> {
         let some = |numbers: &[f64]| numbers.iter().any(|&number| number != 0.0);
         let (moves, is_off) = (some(&self.initial.momentum), some(&self.initial.position));
@@ -61,7 +61,7 @@ impl Scenario {
         })
     }
 
-    /// A start that no step resolves.
+    /// Warns of a start that no step resolves.
     fn start_warning(&self) -> Option<String> {
         let rule = self.time.adaptive()?;
         let from = rule.momenta_from()?;
@@ -77,7 +77,7 @@ impl Scenario {
         ))
     }
 
-    /// Forces that jump in the position, on steps that do not end there.
+    /// Warns of forces that jump in the position, if steps do not end at the jumps.
     fn jumps_warning(&self) -> Option<String> {
         let count = self.coordinates();
         let mut components = self.system.force.iter().flatten();
@@ -100,14 +100,14 @@ impl Scenario {
         })
     }
 
-    /// The Riemann–Liouville derivative of a position that does not start at zero. Plain weights at the nodes
-    /// take it as it is.
+    /// Warns of the Riemann–Liouville derivative of a position that does not start at zero. With plain
+    /// weights at the nodes there is no warning.
     ///
-    /// It holds q₀ t^(−β)/Γ(1 − β). The sum at the main nodes begins with the first step, without the kick −h
-    /// ρ w₀ q₀ of t = 0, which is of the order h^(1−β); a derivative of order 0 has no singularity, and with
-    /// β = 1 and BDF 1 the sum is the difference quotient (q_k − q_{k−1})/h, right as it stands. The stages
-    /// of a Runge–Kutta method resolve the kick while it has a limit: with Radau IIA the error of q falls
-    /// like h^(2−β).
+    /// It contains q₀ t^(−β)/Γ(1 − β). The sum at the main nodes begins with the first step, without the kick
+    /// −h ρ w₀ q₀ at t = 0, which is of the order h^(1−β); a derivative of order 0 has no singularity, and
+    /// for β = 1 and BDF 1 the sum is the difference quotient (q_k − q_{k−1})/h, which is correct. The stages
+    /// of a Runge–Kutta method resolve the kick as long as it has a limit: with Radau IIA the error of q
+    /// falls like h^(2−β).
     fn singular_force_warning(&self, index: usize, term: &Damping) -> Option<String> {
         let force = term.coefficient.times(self.initial.base());
         let beta = term.transfer.growth();
@@ -145,7 +145,7 @@ impl Scenario {
         ))
     }
 
-    /// A table of known values at times that the run does not meet.
+    /// Warns of a table of known values at times that are not grid points.
     fn off_grid_warning(&self) -> Option<String> {
         let count = self.reference.as_ref()?.off_grid(&self.time, &self.output);
         (count > 0)
@@ -153,7 +153,7 @@ impl Scenario {
     }
 }
 
-/// Whether a jump is in a part of an expression, or of what varies in it, whose argument passes a test.
+/// Whether an expression contains a jump whose argument varies and passes a test.
 fn jumps(node: &Node, test: &dyn Fn(&Node) -> bool) -> bool {
     node.any(&|part| match part.kind() {
         Kind::Call(Function::Step | Function::Sign, argument) => argument.varies() && test(argument),

@@ -1,4 +1,4 @@
-//! Elimination in a matrix whose entries lie near its diagonal.
+//! Elimination in a banded matrix.
 
 use fvi_core::{Real, Singular, add_multiple};
 
@@ -6,17 +6,22 @@ use fvi_core::{Real, Singular, add_multiple};
 /// zero.
 ///
 /// x replaces `vector`; of the matrix, only entries up to 2 `band` to the right of the diagonal and `band` to
-/// its left are looked at or changed. Pivots and arithmetic are those of [`fvi_core::solve`], without the
-/// operations on zeros: the same bits in n·`band`² operations.
+/// its left are looked at or changed. Pivots and arithmetic are those of
+/// [`fvi_core::solve`], without the operations on zeros: the same bits in n·`band`² operations.
 ///
 /// # Errors
 /// [`Singular`], as [`fvi_core::solve`].
-pub(super) fn solve<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) -> Result<(), Singular> {
+pub(super) fn solve<T: Real>(
+    matrix: &mut [T],
+    band: usize,
+    pivots: &mut [usize],
+    vector: &mut [T],
+) -> Result<(), Singular> {
     match band {
         1 => solve_narrow::<T, 2, 3>(matrix, vector),
         2 => solve_narrow::<T, 3, 5>(matrix, vector),
         3 => solve_narrow::<T, 4, 7>(matrix, vector),
-        band => solve_wide(matrix, band, vector),
+        band => solve_wide(matrix, band, pivots, vector),
     }
 }
 
@@ -63,16 +68,7 @@ fn solve_narrow<T: Real, const ROWS: usize, const WIDTH: usize>(
         }
         window[ROWS - 1] = (row_from(matrix, n, column + ROWS, column + 1), at(vector, column + ROWS));
     }
-    for row in (0..n).rev() {
-        let end = (row + WIDTH).min(n);
-        let (known, solved) = vector.split_at_mut(row + 1);
-        let entries = &matrix[row * n + row..row * n + end];
-        let mut number = known[row];
-        for (&entry, &x) in entries[1..].iter().zip(&*solved).rev() {
-            number -= entry * x;
-        }
-        known[row] = number / entries[0];
-    }
+    substitute_upper(matrix, ROWS - 1, vector);
     Ok(())
 }
 
@@ -86,91 +82,96 @@ fn row_from<T: Real, const WIDTH: usize>(matrix: &[T], n: usize, row: usize, col
     numbers
 }
 
-fn at<T: Real>(vector: &[T], row: usize) -> T {
-    vector.get(row).copied().unwrap_or(T::zero())
-}
-
-fn solve_wide<T: Real>(matrix: &mut [T], band: usize, vector: &mut [T]) -> Result<(), Singular> {
-    let n = vector.len();
-    for column in 0..n {
-        let (last, end) = ((column + band).min(n - 1), (column + 2 * band + 1).min(n));
-        let (pivot_row, pivot) = pivot(matrix, n, band, column)?;
-        if pivot_row != column {
-            let (above, below) = matrix.split_at_mut(pivot_row * n);
-            above[column * n + column..column * n + end].swap_with_slice(&mut below[column..end]);
-            vector.swap(column, pivot_row);
-        }
-        let (above, below) = matrix.split_at_mut((column + 1) * n);
-        let upper = &above[column * n + column + 1..column * n + end];
+fn solve_wide<T: Real>(
+    matrix: &mut [T],
+    band: usize,
+    pivots: &mut [usize],
+    vector: &mut [T],
+) -> Result<(), Singular> {
+    factor(matrix, band, pivots)?;
+    let n = pivots.len();
+    for (column, &pivot_row) in pivots.iter().enumerate() {
+        vector.swap(column, pivot_row);
         let known = vector[column];
-        for (index, place) in vector[column + 1..=last].iter_mut().enumerate() {
-            let row = &mut below[index * n + column..index * n + end];
-            let Some((first, entries)) = row.split_first_mut() else { continue };
-            let factor = *first / pivot;
-            for (entry, &above) in entries.iter_mut().zip(upper) {
-                *entry -= factor * above;
-            }
-            *place -= factor * known;
+        for row in column + 1..(column + band + 1).min(n) {
+            vector[row] -= matrix[row * n + column] * known;
         }
     }
-    for column in (0..n).rev() {
-        let solution = vector[column] / matrix[column * n + column];
-        vector[column] = solution;
-        for row in column.saturating_sub(2 * band)..column {
-            vector[row] -= matrix[row * n + column] * solution;
+    substitute_upper(matrix, band, vector);
+    Ok(())
+}
+
+/// Solves U x = `vector` for the rows on and right of the diagonal that elimination has left.
+#[inline(always)]
+fn substitute_upper<T: Real>(matrix: &[T], band: usize, vector: &mut [T]) {
+    let n = vector.len();
+    for row in (0..n).rev() {
+        let (known, solved) = vector.split_at_mut(row + 1);
+        let entries = &matrix[row * n + row..row * n + (row + 2 * band + 1).min(n)];
+        let mut number = known[row];
+        for (&entry, &x) in entries[1..].iter().zip(&*solved).rev() {
+            number -= entry * x;
+        }
+        known[row] = number / entries[0];
+    }
+}
+
+/// Factors in place, by elimination with row pivoting within the band. The multipliers of a column stay below
+/// its pivot, in the rows of the time of its elimination; `pivots` gets the row that each column's pivot came
+/// from.
+fn factor<T: Real>(matrix: &mut [T], band: usize, pivots: &mut [usize]) -> Result<(), Singular> {
+    let n = pivots.len();
+    for (column, place) in pivots.iter_mut().enumerate() {
+        let (last, end) = ((column + band).min(n - 1), (column + 2 * band + 1).min(n));
+        let (pivot_row, pivot) = pivot(matrix, n, band, column)?;
+        *place = pivot_row;
+        let (above, below) = matrix.split_at_mut((column + 1) * n);
+        let upper = &mut above[column * n + column..column * n + end];
+        if let Some(row) = (pivot_row - column).checked_sub(1) {
+            upper.swap_with_slice(&mut below[row * n + column..row * n + end]);
+        }
+        for row in below.chunks_exact_mut(n).take(last - column) {
+            let Some((multiplier, entries)) = row[column..end].split_first_mut() else { continue };
+            *multiplier /= pivot;
+            for (entry, &above) in entries.iter_mut().zip(&upper[1..]) {
+                *entry -= *multiplier * above;
+            }
         }
     }
     Ok(())
 }
 
-/// The factors of a matrix whose entries lie near its diagonal, for many right-hand sides.
+/// The factors of a banded matrix, for many right-hand sides.
 #[derive(Clone, Debug, Default)]
 pub struct BandFactors<T> {
     band: usize,
-    /// Entries of a row to the right of the diagonal.
+    /// Number of entries of a row to the right of the diagonal.
     upper: usize,
     /// For each column: the pivot's reciprocal, the `band` multipliers of the rows below, the `upper` entries
     /// to the right of the pivot.
     columns: Vec<T>,
-    /// How many rows below the diagonal each pivot came from; empty where all were on it.
+    /// Number of rows below the diagonal from which each pivot came; empty if all were on it.
     lifts: Vec<usize>,
 }
 
 impl<T: Real> BandFactors<T> {
-    /// Eliminates as [`solve`] does and notes what is needed to solve with other right-hand sides.
+    /// Factors as [`solve`] does and copies the data for solutions with other right-hand sides.
     ///
     /// # Errors
     /// [`Singular`], as [`fvi_core::solve`].
-    pub(super) fn of(matrix: &mut [T], n: usize, band: usize) -> Result<Self, Singular> {
-        let mut multipliers = vec![T::zero(); n * band];
-        let mut lifts = vec![0; n];
-        for column in 0..n {
-            let (last, end) = ((column + band).min(n - 1), (column + 2 * band + 1).min(n));
-            let (pivot_row, pivot) = pivot(matrix, n, band, column)?;
-            lifts[column] = pivot_row - column;
-            let (above, below) = matrix.split_at_mut((column + 1) * n);
-            let upper = &mut above[column * n + column..column * n + end];
-            if let Some(below_upper) = (pivot_row - column).checked_sub(1) {
-                upper.swap_with_slice(&mut below[below_upper * n + column..below_upper * n + end]);
-            }
-            let of_column = &mut multipliers[column * band..];
-            for (row, multiplier) in below.chunks_exact_mut(n).zip(of_column).take(last - column) {
-                let entries = &mut row[column..end];
-                *multiplier = entries[0] / pivot;
-                for (entry, &above) in entries.iter_mut().zip(&*upper).skip(1) {
-                    *entry -= *multiplier * above;
-                }
-            }
-        }
+    pub(super) fn of(matrix: &mut [T], band: usize, pivots: &mut [usize]) -> Result<Self, Singular> {
+        factor(matrix, band, pivots)?;
+        let n = pivots.len();
+        let mut lifts: Vec<usize> = pivots.iter().enumerate().map(|(column, &row)| row - column).collect();
         if lifts.iter().all(|&lift| lift == 0) {
             lifts.clear();
         }
         let upper = if lifts.is_empty() { band } else { 2 * band };
         let mut columns = Vec::with_capacity(n * (1 + band + upper));
         for column in 0..n {
+            columns.push(T::one() / matrix[column * n + column]);
+            columns.extend((column + 1..=column + band).map(|row| at(matrix, row * n + column)));
             let row = &matrix[column * n + column..(column + 1) * n];
-            columns.push(T::one() / row[0]);
-            columns.extend_from_slice(&multipliers[column * band..(column + 1) * band]);
             columns.extend((1..=upper).map(|index| at(row, index)));
         }
         Ok(Self { band, upper, columns, lifts })
@@ -198,6 +199,11 @@ impl<T: Real> BandFactors<T> {
     }
 }
 
+/// A number of a slice; zero beyond it.
+fn at<T: Real>(numbers: &[T], index: usize) -> T {
+    numbers.get(index).copied().unwrap_or(T::zero())
+}
+
 /// The row from which a column's pivot comes, and the pivot.
 fn pivot<T: Real>(matrix: &[T], n: usize, band: usize, column: usize) -> Result<(usize, T), Singular> {
     let last = (column + band).min(n - 1);
@@ -222,7 +228,7 @@ fn pivot<T: Real>(matrix: &[T], n: usize, band: usize, column: usize) -> Result<
 mod tests {
     use super::*;
 
-    /// A banded matrix whose largest entries are beside the diagonal, so that rows must change places.
+    /// A banded matrix whose largest entries are off the diagonal, so that rows must be exchanged.
     fn banded(n: usize, band: usize) -> Vec<f64> {
         let entry = |row: usize, column: usize| match row.abs_diff(column) {
             0 => 0.1 * (row as f64 + 0.5).sin(),
@@ -235,7 +241,7 @@ mod tests {
     #[test]
     fn a_band_is_solved_to_the_bits_of_the_whole_matrix() {
         for (n, band) in [(1, 0), (5, 0), (9, 1), (1, 1), (11, 2), (12, 3), (4, 3), (2, 3), (14, 4), (6, 9)] {
-            // Rows that change places from the first one on, from some row on, and none.
+            // Rows are exchanged from the first one on, from some row on, and not at all.
             for heavy in [0, n / 2, n] {
                 let mut matrix = banded(n, band);
                 (0..heavy).for_each(|index| matrix[index * n + index] += 20.0);
@@ -243,7 +249,7 @@ mod tests {
                 let (mut whole, mut near) = (matrix.clone(), matrix);
                 let (mut expected, mut found) = (right.clone(), right);
                 fvi_core::solve(&mut whole, &mut vec![0; n], &mut expected).unwrap();
-                solve(&mut near, band, &mut found).unwrap();
+                solve(&mut near, band, &mut vec![0; n], &mut found).unwrap();
                 assert_eq!(found, expected, "{n} rows, band {band}, {heavy} with heavy diagonals");
             }
         }
@@ -260,8 +266,8 @@ mod tests {
                 }
             }
             let (mut expected, mut found) = (vec![1.0; n], vec![1.0; n]);
-            solve(&mut whole, band, &mut expected).unwrap();
-            solve(&mut near, band, &mut found).unwrap();
+            solve(&mut whole, band, &mut vec![0; n], &mut expected).unwrap();
+            solve(&mut near, band, &mut vec![0; n], &mut found).unwrap();
             assert_eq!(found, expected, "band {band}");
         }
     }
@@ -269,7 +275,7 @@ mod tests {
     #[test]
     fn kept_factors_of_a_band_have_the_bits_of_those_of_the_whole_matrix() {
         for (n, band) in [(9, 1), (11, 2), (12, 3), (14, 4), (6, 9), (5, 0)] {
-            // With and without rows that change places.
+            // With and without exchange of rows.
             for lift in [0.0, 20.0] {
                 let mut matrix = banded(n, band);
                 (0..n).for_each(|index| matrix[index * n + index] += lift);
@@ -278,7 +284,7 @@ mod tests {
                 fvi_core::keep_factors(&mut whole, &mut pivots, &mut kept).unwrap();
                 let (mut expected, mut found) = (right.clone(), right);
                 fvi_core::substitute_kept(&kept, &pivots, &mut expected);
-                let factors = BandFactors::of(&mut matrix, n, band).unwrap();
+                let factors = BandFactors::of(&mut matrix, band, &mut vec![0; n]).unwrap();
                 factors.solve(&mut found);
                 assert_eq!(found, expected, "{n} rows, band {band}, lift {lift}");
                 assert_eq!(factors.lifts.is_empty(), lift != 0.0 || band == 0);
@@ -289,7 +295,7 @@ mod tests {
     #[test]
     fn a_singular_band_is_refused() {
         let mut matrix = [1.0, 2.0, 0.0, 2.0, 4.0, 0.0, 0.0, 0.0, 1.0];
-        assert_eq!(solve(&mut matrix.clone(), 1, &mut [1.0; 3]), Err(Singular));
-        assert!(BandFactors::of(&mut matrix, 3, 1).is_err());
+        assert_eq!(solve(&mut matrix.clone(), 1, &mut [0; 3], &mut [1.0; 3]), Err(Singular));
+        assert!(BandFactors::of(&mut matrix, 1, &mut [0; 3]).is_err());
     }
 }

@@ -1,8 +1,9 @@
-//! Equations in which every unknown meets its neighbours only: those of chains.
+//! Equations with a tridiagonal matrix, in which every unknown is coupled to its neighbours only, as in a
+//! chain.
 
 use fvi_core::{Real, Singular};
 
-/// A matrix with entries on the diagonal and beside it, and what elimination makes of it.
+/// A tridiagonal matrix and its factors.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Chain<T> {
     /// Each row: left of the diagonal, on it, right of it. The first number and the last stay zero.
@@ -10,99 +11,17 @@ pub(super) struct Chain<T> {
     factors: ChainFactors<T>,
 }
 
-/// A = L D U with ones on the diagonals of L and U, where no rows need change places.
+/// A = L D U with ones on the diagonals of L and U, if no rows need to be exchanged.
 #[derive(Clone, Debug, Default)]
 pub struct ChainFactors<T> {
     /// Each row: the entry of L, the reciprocal of that of D, the entry of U.
     rows: Vec<[T; 3]>,
-    /// Whether A is symmetric and definite, and its diagonal no more than twice that of the mass in it.
+    /// Whether A is symmetric and definite, and its diagonal at most twice that of its mass part.
     one_solve_suffices: bool,
-    inverse: Option<SmallInverse<T>>,
-}
-
-/// The inverse of a gentle matrix of few rows, symmetric to the bit.
-///
-/// Substitution takes one number after the other, each waiting for the one before; products with the columns
-/// of an inverse wait for nothing.
-#[derive(Clone, Debug)]
-struct SmallInverse<T> {
-    /// The inverse of the mass in the matrix, which is a diagonal.
-    of_mass: [T; FEW],
-    /// What the inverse has beside it, column by column, filled up with zeros: small where steps are short,
-    /// so that the many roundings of its products are.
-    columns: Vec<[T; FEW]>,
-}
-
-/// Most rows of an inverse. A product takes as many operations as the matrix has entries, with so many rows
-/// no more than substitution, but grows with their square.
-const FEW: usize = 8;
-
-/// A matrix with entries on the diagonal and beside it, for products: pairs of rows are computed together.
-#[derive(Clone, Debug)]
-pub(super) struct PairedRows<T> {
-    /// Of two rows each: the entries left of the diagonal, on it, right of it. Left of the first row there is
-    /// zero.
-    pairs: Vec<[[T; 2]; 3]>,
-    /// The last of them. Right of the last row there is zero.
-    last: [[T; 2]; 3],
-    /// The last row where it has no partner.
-    single: Option<[T; 2]>,
-}
-
-impl<T: Real> PairedRows<T> {
-    /// From the first row, those between, and the last.
-    pub(super) fn new(first: [T; 2], middle: &[[T; 3]], last: [T; 2]) -> Self {
-        let mut rows = vec![[T::zero(), first[0], first[1]]];
-        rows.extend(middle);
-        rows.push([last[0], last[1], T::zero()]);
-        let (pairs, single) = rows.as_chunks::<2>();
-        let column = |[upper, lower]: &[[T; 3]; 2], place: usize| [upper[place], lower[place]];
-        let columns = |pair: &[[T; 3]; 2]| [0, 1, 2].map(|place| column(pair, place));
-        let mut pairs: Vec<_> = pairs.iter().map(columns).collect();
-        let last = pairs.pop().unwrap_or([[T::zero(); 2]; 3]);
-        Self { pairs, last, single: single.first().map(|&[left, own, _]| [left, own]) }
-    }
-
-    /// out ← A x, if these are as many numbers as A has rows; whether they are.
-    #[inline(always)]
-    pub(super) fn multiply(&self, x: &[T], out: &mut [T]) -> bool {
-        let ((xs, x), (outs, out)) = (x.as_chunks::<2>(), out.as_chunks_mut::<2>());
-        let ([first, later @ ..], [outs @ .., last]) = (xs, outs) else { return false };
-        let (count, left) = (self.pairs.len(), usize::from(self.single.is_some()));
-        if later.len() != count || outs.len() != count || x.len() != left || out.len() != left {
-            return false;
-        }
-        // Numbers are read in the pairs that they were written in, each once: a processor hands on what was
-        // just written only whole.
-        let (mut before, mut own) = ([T::zero(); 2], *first);
-        for row in 0..count {
-            let numbers = (self.pairs.get(row), outs.get_mut(row), later.get(row));
-            let (Some(pair), Some(out), Some(&after)) = numbers else { return false };
-            *out = of_pair(pair, before, own, after);
-            (before, own) = (own, after);
-            // Each pair is a vector by itself.
-            core::hint::black_box(());
-        }
-        let behind = [x.first().copied().unwrap_or(T::zero()), T::zero()];
-        *last = of_pair(&self.last, before, own, behind);
-        if let (Some([left, middle]), [out]) = (self.single, out) {
-            *out = left * own[1] + middle * behind[0];
-        }
-        true
-    }
-}
-
-/// A pair of rows times the numbers around it: those of the pair itself and its neighbours.
-#[inline(always)]
-fn of_pair<T: Real>([left, own, right]: &[[T; 2]; 3], before: [T; 2], x: [T; 2], after: [T; 2]) -> [T; 2] {
-    [
-        left[0] * before[1] + own[0] * x[0] + right[0] * x[1],
-        left[1] * x[0] + own[1] * x[1] + right[1] * after[0],
-    ]
 }
 
 impl<T: Real> Chain<T> {
-    /// The zero matrix for so many unknowns.
+    /// The zero matrix for `size` unknowns.
     pub(super) fn zero(size: usize) -> Self {
         Self { rows: vec![[T::zero(); 3]; size], factors: ChainFactors::default() }
     }
@@ -119,14 +38,14 @@ impl<T: Real> Chain<T> {
         }
     }
 
-    /// Adds factor times entries on the diagonal and beside it, row by row.
+    /// Adds factor times the entries of a tridiagonal matrix, row by row.
     pub(super) fn add_rows(&mut self, factor: T, entries: &[T]) {
-        // The same order, without the first number and the last.
+        // The same layout, without the first number and the last.
         let places = self.rows.as_flattened_mut().get_mut(1..).unwrap_or(&mut []);
         fvi_core::add_multiple(places, factor, entries);
     }
 
-    /// Hands each entry to `take` as (row, column, entry).
+    /// Calls `take(row, column, entry)` for each entry.
     pub(super) fn for_each(&self, mut take: impl FnMut(usize, usize, T)) {
         let last = self.rows.len().saturating_sub(1);
         for (row, &[left, own, right]) in self.rows.iter().enumerate() {
@@ -140,7 +59,7 @@ impl<T: Real> Chain<T> {
         }
     }
 
-    /// Factors the matrix for [`solve`](Self::solve); returns whether the pivots may stay on the diagonal.
+    /// Factors the matrix for [`solve`](Self::solve); returns whether pivots on the diagonal are acceptable.
     ///
     /// # Errors
     /// [`Singular`], as [`fvi_core::factor`].
@@ -150,14 +69,14 @@ impl<T: Real> Chain<T> {
         let (mut reciprocal, mut before, mut above) = (T::zero(), T::zero(), T::zero());
         for (place, &[left, own, right]) in factors.iter_mut().zip(rows) {
             let lower = left * reciprocal;
-            // Larger than its pivot, or not a number.
+            // The multiplier is larger than 1, or not a number.
             if lower.abs() > T::one() || !lower.is_finite() {
                 return Ok(false);
             }
             let pivot = own - before * left;
             let size = pivot.abs();
             if !pivot.is_finite() || size <= above * T::EPSILON || size == T::zero() {
-                // Another row may do better.
+                // The pivot of another row may be nonzero.
                 return if left == T::zero() && right == T::zero() { Err(Singular) } else { Ok(false) };
             }
             reciprocal = T::one() / pivot;
@@ -168,13 +87,13 @@ impl<T: Real> Chain<T> {
         Ok(true)
     }
 
-    /// Replaces `vector` by the solution with the factors that were made last.
+    /// Replaces `vector` by the solution with the factors of the last [`factor`](Self::factor).
     pub(super) fn solve(&self, vector: &mut [T]) {
         self.factors.solve(vector);
     }
 
-    /// The factors that were made last; factor times the masses, where those are a
-    /// diagonal, is the part of the mass in the matrix.
+    /// The factors of the last [`factor`](Self::factor). If `masses` is a diagonal, `factor` times it is the
+    /// mass part of the matrix.
     pub(super) fn kept(&self, factor: T, masses: Option<&[T]>) -> ChainFactors<T> {
         let symmetric = self.rows.windows(2).all(|rows| match rows {
             [[_, _, right], [left, _, _]] => left == right,
@@ -187,69 +106,13 @@ impl<T: Real> Chain<T> {
             rows.all(|(&[_, own, _], &mass)| own.abs() <= T::of(2.0) * (factor * mass).abs())
         });
         let rows = self.factors.rows.clone();
-        let mut kept =
-            ChainFactors { rows, one_solve_suffices: symmetric && definite && light, inverse: None };
-        if let (true, Some(masses)) = (kept.one_solve_suffices, masses) {
-            kept.inverse = SmallInverse::of(&kept, factor, masses);
-        }
-        kept
-    }
-}
-
-impl<T: Real> SmallInverse<T> {
-    /// The inverse of the matrix with these factors, in which the mass is `factor` times these masses, if the
-    /// rows are few and its diagonal is no more than twice that of the mass's own inverse: of a matrix near a
-    /// singular one it would lose what substitution keeps.
-    fn of(factors: &ChainFactors<T>, factor: T, masses: &[T]) -> Option<Self> {
-        let size = factors.rows.len();
-        // In single precision the energy shows, after 10⁵ steps, that products round otherwise.
-        if size > FEW || T::EPSILON > T::of(f64::EPSILON) {
-            return None;
-        }
-        let mut columns = vec![[T::zero(); FEW]; size];
-        for (index, column) in columns.iter_mut().enumerate() {
-            column[index] = T::one();
-            factors.solve(&mut column[..size]);
-        }
-        let mut diagonal = columns.iter().zip(masses).enumerate();
-        if !diagonal.all(|(index, (column, &mass))| column[index] * (factor * mass) <= T::of(2.0)) {
-            return None;
-        }
-        // One triangle for both: what rounding adds to the matrix is symmetric.
-        for index in 1..size {
-            let (before, own) = columns.split_at_mut(index);
-            own[0].iter_mut().zip(before).for_each(|(place, column)| *place = column[index]);
-        }
-        let mut of_mass = [T::zero(); FEW];
-        for (index, (column, &mass)) in columns.iter_mut().zip(masses).enumerate() {
-            of_mass[index] = T::one() / (factor * mass);
-            column[index] -= of_mass[index];
-        }
-        Some(Self { of_mass, columns })
-    }
-
-    /// Replaces `vector` by the product.
-    fn multiply(&self, vector: &mut [T]) {
-        let mut sums = [T::zero(); FEW];
-        for (column, &x) in self.columns.iter().zip(&*vector) {
-            sums = core::array::from_fn(|row| sums[row] + column[row] * x);
-            // Each column by itself, as sums of all rows.
-            core::hint::black_box(());
-        }
-        let whole = |row: usize, x: T| sums[row] + self.of_mass[row] * x;
-        match <&mut [T; FEW]>::try_from(&mut *vector) {
-            Ok(numbers) => *numbers = core::array::from_fn(|row| whole(row, numbers[row])),
-            Err(_) => vector.iter_mut().enumerate().take(FEW).for_each(|(row, x)| *x = whole(row, *x)),
-        }
+        ChainFactors { rows, one_solve_suffices: symmetric && definite && light }
     }
 }
 
 impl<T: Real> ChainFactors<T> {
     /// Replaces `vector` by the solution.
     pub(super) fn solve(&self, vector: &mut [T]) {
-        if let Some(inverse) = &self.inverse {
-            return inverse.multiply(vector);
-        }
         let mut carried = T::zero();
         for (number, &[lower, _, _]) in vector.iter_mut().zip(&self.rows) {
             carried = *number - lower * carried;
@@ -262,13 +125,12 @@ impl<T: Real> ChainFactors<T> {
         }
     }
 
-    /// Whether solutions are those of a matrix A + E with E as small as rounding makes the entries of the
+    /// Whether solutions are exact for a matrix A + E where E is as small as rounding of the entries of the
     /// mass.
     ///
-    /// Of a symmetric matrix L and U are each other's transposes to the bit, so that E is symmetric, and
-    /// where it is definite |E_ij| is a few ε |A_ij| (\[Higham02\] §9.6). The midpoint rule with A + E is
-    /// that of the mass M + h E. An inverse that is symmetric to the bit is that of such a matrix, too:
-    /// scaled by the masses A has a condition number of a few, so that |E_ij| is a few N ε √(m_i m_j).
+    /// For a symmetric matrix L and U are bitwise transposes of each other, so that E is symmetric, and if
+    /// the matrix is definite |E_ij| is a few ε |A_ij| (\[Higham02\] §9.6). The midpoint rule with A + E is
+    /// that of the mass M + h E.
     pub(super) fn one_solve_suffices(&self) -> bool {
         self.one_solve_suffices
     }
@@ -278,7 +140,7 @@ impl<T: Real> ChainFactors<T> {
 mod tests {
     use super::*;
 
-    /// Springs between walls, and a mass of so much.
+    /// A chain of masses `mass` with springs between walls.
     fn chain(size: usize, mass: f64, skew: f64) -> Chain<f64> {
         let mut springs: Vec<f64> = (0..size).flat_map(|_| [-1.0, 2.0, -1.0]).collect();
         springs[2] += skew;
@@ -317,74 +179,11 @@ mod tests {
             chain.kept(inertia, Some(&[1.0; 9])).one_solve_suffices()
         };
         assert!(gentle(1.5, 0.0, 1.5) && gentle(-3.5, 0.0, -3.5));
-        // A step longer than the periods, a force that is none of a potential, a mass of another kind.
+        // A step longer than the periods, a nonsymmetric force, a mass part that does not dominate.
         assert!(!gentle(0.5, 0.0, 0.5) && !gentle(1.5, 0.1, 1.5));
         let mut chain = chain(9, 1.5, 0.0);
         chain.factor().unwrap();
         assert!(!chain.kept(1.5, None).one_solve_suffices());
-    }
-
-    #[test]
-    fn few_rows_that_are_gentle_are_solved_by_a_symmetric_inverse() {
-        for size in 2..=FEW {
-            let masses: Vec<f64> = (0..size).map(|index| 10.0_f64.powi(index as i32 - 4)).collect();
-            let mut chain = Chain::zero(size);
-            chain.add_diagonal(1.0, &masses);
-            let mut springs: Vec<f64> = masses.iter().flat_map(|mass| [0.0, 0.5 * mass, 0.0]).collect();
-            for index in 1..size {
-                let coupling = -0.3 * (masses[index - 1] * masses[index]).sqrt();
-                (springs[3 * index - 1], springs[3 * index]) = (coupling, coupling);
-            }
-            chain.add_rows(1.0, &springs[1..3 * size - 1]);
-            assert_eq!(chain.factor(), Ok(true));
-            let kept = chain.kept(1.0, Some(&masses));
-            let SmallInverse { columns, .. } = kept.inverse.as_ref().unwrap();
-            let places = || (0..size).flat_map(|row| (0..size).map(move |column| (row, column)));
-            assert!(places().all(|(row, column)| columns[column][row] == columns[row][column]), "{size}");
-            let right: Vec<f64> =
-                masses.iter().map(|mass| mass.sqrt() * (1.0 + (9.0 * mass).sin())).collect();
-            let (mut found, mut expected) = (right.clone(), right);
-            kept.solve(&mut found);
-            chain.solve(&mut expected);
-            for ((found, expected), mass) in found.iter().zip(&expected).zip(&masses) {
-                assert!((found - expected).abs() * mass.sqrt() < 1e-14, "{found} {expected} of {size}");
-            }
-        }
-    }
-
-    #[test]
-    fn many_rows_and_those_near_a_singular_matrix_are_left_to_substitution() {
-        let has_inverse = |size: usize, mass: f64, inertia: f64, last: f64| {
-            let mut chain = chain(size, mass, 0.0);
-            let more: Vec<f64> = (1..=size).map(|row| if row == size { last } else { 0.0 }).collect();
-            chain.add_diagonal(1.0, &more);
-            assert_eq!(chain.factor(), Ok(true));
-            let kept = chain.kept(inertia, Some(&vec![1.0; size]));
-            assert!(kept.one_solve_suffices());
-            kept.inverse.is_some()
-        };
-        assert!(has_inverse(8, 1.5, 1.5, 0.0) && !has_inverse(9, 1.5, 1.5, 0.0));
-        // The last pivot is 1 - 0.55 - 7/16, a fiftieth of the others.
-        assert!(!has_inverse(8, 0.0, 0.6, -0.55));
-    }
-
-    #[test]
-    fn products_of_paired_rows_are_those_of_the_whole_matrix() {
-        for size in [2, 3, 8, 9] {
-            let chain = chain(size, 1.5, 0.3);
-            let entries = dense(&chain, size);
-            let row = |row: usize, first: usize| [0, 1].map(|place| entries[row * size + first + place]);
-            let middle: Vec<_> = (1..size - 1).map(|row| chain.rows[row]).collect();
-            let rows = PairedRows::new(row(0, 0), &middle, row(size - 1, size - 2));
-            let x: Vec<f64> = (0..size).map(|index| 1.0 - 0.3 * index as f64).collect();
-            let (mut found, mut longer) = (vec![f64::NAN; size], vec![0.0; size + 1]);
-            assert!(rows.multiply(&x, &mut found));
-            let products = entries.chunks_exact(size).map(|row| row.iter().zip(&x).map(|(a, x)| a * x).sum());
-            for (found, expected) in found.iter().zip(products.collect::<Vec<f64>>()) {
-                assert!((found - expected).abs() < 1e-14, "{found} {expected} of {size}");
-            }
-            assert!(!rows.multiply(&x, &mut longer) && !rows.multiply(&longer.clone(), &mut longer));
-        }
     }
 
     #[test]

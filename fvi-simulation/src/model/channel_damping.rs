@@ -1,11 +1,11 @@
-//! Damping of some directions: one channel of the memory for each of them instead of one for each coordinate.
+//! Damping terms of a scenario whose memory has one channel per coordinate, or per direction of dampers.
 
 use super::matrices::Matrix;
 use super::space::AnySpace;
 use crate::scenario::Attached;
 use fvi_core::{
-    Block, DampedMotion, Damping, DampingError, DampingTerm, Derivative, Kernel, Memory, MemoryError,
-    Mismatch, Real, Sample, StateError, StateReader, StateWriter, add_multiple,
+    Block, DampedMotion, Damping, DampingError, Derivative, Kernel, Memory, MemoryError, Mismatch, Real,
+    Sample, StateError, StateReader, StateWriter, add_multiple,
 };
 use std::ops::Range;
 
@@ -15,23 +15,23 @@ use std::ops::Range;
 /// ρ_m D^{β_m} q = H_m D^{β_m} (G q) ,      ρ_m = H_m G
 /// ```
 ///
-/// G picks the coordinates whose rows of ρ are not empty, or is Bᵀ of dampers ρ = B C Bᵀ, one column each. It
-/// is linear, so what remembers is the motion G q in the space of the channels. Terms of different orders
-/// with the same G have one memory, of as many kernels.
+/// G is the identity, selects the coordinates whose rows of ρ are not empty, or is Bᵀ for dampers ρ = B C Bᵀ,
+/// one column each. The memory stores the motion G q in the space of its channels. Terms of different orders
+/// with the same G share a memory of several kernels.
 pub struct ChannelDamping<T: Real, M> {
     terms: Vec<Coefficient<T>>,
     directions: Directions<T>,
     /// K, times the number of motions.
     count: usize,
     channels: DampedMotion<T, AnySpace, M>,
-    /// G of the sample and of what is known about it.
+    /// G applied to the sample: to its main node, and to the offsets of its nodes.
     from: Vec<T>,
     behind: Vec<T>,
     increments: Vec<T>,
     /// Known part of the derivatives: K numbers for each node and term.
     known: Vec<T>,
     scratch: Vec<T>,
-    /// N numbers.
+    /// Scratch vector of N numbers.
     vector: Vec<T>,
 }
 
@@ -39,25 +39,27 @@ pub struct ChannelDamping<T: Real, M> {
 pub struct Coefficient<T> {
     /// The matrix.
     pub rho: Matrix<T>,
-    /// The diagonal of C, of dampers.
+    /// The diagonal of C, for dampers.
     pub strength: Vec<T>,
 }
 
-/// Directions that the memory follows.
+/// Directions whose motion the memory stores, the rows of G.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Directions<T> {
-    /// These coordinates, in ascending order; the rows of all others are empty.
+    /// Every coordinate; their number.
+    All(usize),
+    /// These coordinates, ascending; the rows of all others are empty.
     Coordinates(Vec<usize>),
     /// Bᵀ q: the columns of B, each as (coordinate, number).
     Columns(Vec<Vec<(usize, T)>>),
 }
 
 impl<T: Real> Directions<T> {
-    /// The coordinates at which a matrix has entries, `rows` being the places of each row.
+    /// The coordinates at which a matrix has entries; `rows` are the ranges of each row's entries.
     pub fn of_rows(rows: impl Iterator<Item = Range<usize>>) -> Self {
         let filled = rows.enumerate().filter(|(_, slots)| !slots.is_empty());
         let mut coordinates: Vec<usize> = filled.map(|(row, _)| row).collect();
-        // A matrix without entries damps nothing; its memory has a channel all the same.
+        // A matrix without entries has no damping, but its memory needs a channel.
         if coordinates.is_empty() {
             coordinates.push(0);
         }
@@ -73,12 +75,13 @@ impl<T: Real> Directions<T> {
     /// K.
     pub fn count(&self) -> usize {
         match self {
+            Self::All(count) => *count,
             Self::Coordinates(coordinates) => coordinates.len(),
             Self::Columns(columns) => columns.len(),
         }
     }
 
-    /// G x, for each of the motions in x of N coordinates one behind the other.
+    /// G x, for each of the motions in x, N coordinates each, one after another.
     fn take(&self, x: &[T], coordinates: usize, out: &mut [T]) {
         let copies = x.chunks_exact(coordinates.max(1)).zip(out.chunks_exact_mut(self.count().max(1)));
         copies.for_each(|(x, out)| self.take_one(x, out));
@@ -86,7 +89,8 @@ impl<T: Real> Directions<T> {
 
     fn take_one(&self, x: &[T], out: &mut [T]) {
         match self {
-            // All of them.
+            Self::All(_) => out.copy_from_slice(x),
+            // All coordinates are selected.
             Self::Coordinates(_) if x.len() == out.len() => out.copy_from_slice(x),
             Self::Coordinates(coordinates) => {
                 out.iter_mut().zip(coordinates).for_each(|(place, &coordinate)| *place = x[coordinate]);
@@ -99,11 +103,12 @@ impl<T: Real> Directions<T> {
         }
     }
 
-    /// out += H s for each motion; `vector` has as many numbers as `out`.
+    /// out += H s for each motion; `vector` is scratch of the length of `out`.
     fn give(&self, coefficient: &Coefficient<T>, s: &[T], vector: &mut [T], out: &mut [T]) {
         let Coefficient { rho, strength } = coefficient;
         let (size, count) = (rho.size().max(1), self.count().max(1));
         match self {
+            Self::All(_) => rho.multiply_add(T::one(), s, out),
             Self::Coordinates(_) if size == count => rho.multiply_add(T::one(), s, out),
             Self::Coordinates(coordinates) => {
                 vector.fill(T::zero());
@@ -131,12 +136,20 @@ impl<T: Real> Coefficient<T> {
     }
 }
 
+impl<T: Real, M> ChannelDamping<T, M> {
+    /// The memory.
+    pub fn memory(&self) -> &M {
+        self.channels.memory()
+    }
+}
+
 impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
-    /// The terms, one for each kernel, on a memory of these with K channels for each node, and for each
-    /// motion where `copies` are integrated together; every ρ, checked before, is positive semidefinite.
+    /// The terms, one for each kernel, on a memory with these kernels and K channels for each node, and for
+    /// each motion if `copies` are integrated together; every ρ must have been checked to be positive
+    /// semidefinite.
     ///
     /// # Errors
-    /// If the memory is not one of the kernels.
+    /// If the weights of the memory are not those of the kernels.
     pub fn new(
         kernels: &[Kernel],
         (terms, directions, copies): (Vec<Coefficient<T>>, Directions<T>, usize),
@@ -164,7 +177,7 @@ impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
         self.terms.first().map_or(0, |term| term.rho.size())
     }
 
-    /// Takes over G of the sample, and makes room.
+    /// Applies G to the sample, and resizes the buffers.
     fn take(&mut self, sample: &Sample<'_, T>) {
         let (count, nodes, coordinates) = (self.count, sample.fractions.len(), self.coordinates());
         self.directions.take(sample.from, coordinates, &mut self.from);
@@ -174,7 +187,7 @@ impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
     }
 }
 
-/// G of vectors of N numbers one after another.
+/// Applies G to vectors of N numbers one after another.
 fn take_each<T: Real>(directions: &Directions<T>, vectors: &[T], coordinates: usize, out: &mut Vec<T>) {
     out.resize(vectors.len() / coordinates.max(1) * directions.count(), T::zero());
     directions.take(vectors, coordinates, out);
@@ -224,6 +237,9 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         let coordinates = self.vector.len().max(1);
         let nodes = increments.len() / coordinates;
+        if let (Directions::All(_), 1, [term]) = (&self.directions, nodes, &self.terms[..]) {
+            return term.rho.multiply_add(self.channels.leading(0, 1, 0, 0), increments, force);
+        }
         let sum = &mut scratch[..coordinates];
         for (kernel, term) in self.terms.iter().enumerate() {
             for (own, force) in force.chunks_exact_mut(coordinates).enumerate() {
@@ -269,93 +285,5 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.channels.restore(from)
-    }
-}
-
-/// A damping term of a scenario, of all coordinates, or terms of some directions.
-pub enum HostTerm<T: Real, M> {
-    /// One channel for each coordinate.
-    Everywhere(DampingTerm<T, AnySpace, M>),
-    /// One channel for each direction, for one term or more.
-    Channels(ChannelDamping<T, M>),
-}
-
-impl<T: Real, M: Memory<T>> HostTerm<T, M> {
-    /// The memory.
-    pub fn memory(&self) -> &M {
-        match self {
-            Self::Everywhere(term) => term.memory(),
-            Self::Channels(term) => term.channels.memory(),
-        }
-    }
-}
-
-/// Calls the same method of whichever term it is.
-macro_rules! either {
-    ($self:ident, $term:ident => $call:expr) => {
-        match $self {
-            Self::Everywhere($term) => $call,
-            Self::Channels($term) => $call,
-        }
-    };
-}
-
-impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for HostTerm<T, M> {
-    fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
-        either!(self, term => term.check(coordinates, nodes, step_size))
-    }
-
-    fn begin(&mut self, position: &[T], velocity: &[T]) {
-        either!(self, term => term.begin(position, velocity));
-    }
-
-    fn begin_at(&mut self, time: T) {
-        either!(self, term => term.begin_at(time));
-    }
-
-    fn add_known(
-        &mut self,
-        sample: &Sample<'_, T>,
-        known: &mut [T],
-        scratch: &mut [T],
-    ) -> Result<(), MemoryError> {
-        either!(self, term => term.add_known(sample, known, scratch))
-    }
-
-    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
-        either!(self, term => term.add_leading(increments, force, scratch));
-    }
-
-    fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &Matrix<T>)) {
-        either!(self, term => term.visit_leading(nodes, visit));
-    }
-
-    fn leading_is_constant(&self) -> bool {
-        either!(self, term => term.leading_is_constant())
-    }
-
-    fn push(
-        &mut self,
-        sample: &Sample<'_, T>,
-        increments: &[T],
-        scratch: &mut [T],
-    ) -> Result<(), MemoryError> {
-        either!(self, term => term.push(sample, increments, scratch))
-    }
-
-    fn state_bytes(&self) -> usize {
-        either!(self, term => term.state_bytes())
-    }
-
-    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        either!(self, term => term.save(to))
-    }
-
-    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        either!(self, term => term.check_state(from))
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        either!(self, term => term.restore(from))
     }
 }

@@ -1,4 +1,4 @@
-//! Elements: one compiled potential of a few coordinates, at many places.
+//! Elements: one compiled potential of a few coordinates, applied at many places.
 
 use crate::language::expression::Elementary;
 use crate::model::switches::{Side, SidedPoint};
@@ -6,7 +6,7 @@ use crate::model::tape::CompiledPotential;
 use crate::scenario::Element;
 use fvi_sparse::Pattern;
 
-/// The places of one potential.
+/// A potential and the places where it is applied.
 #[derive(Clone, Debug)]
 pub struct Elements<T> {
     potential: CompiledPotential<T>,
@@ -16,7 +16,7 @@ pub struct Elements<T> {
     /// Slots of the entries of each place's Hessian in the stiffness, and of their mirror images.
     slots: Vec<(usize, usize)>,
     point: Vec<T>,
-    /// The sides of the jumps and kinks at each place, where steps end at them, and room for those of one.
+    /// The sides of the jumps and kinks at each place, if steps end at them, and a buffer for one place.
     sides: Option<(Vec<Side>, SidedPoint<T>)>,
     gradient: Vec<T>,
     hessian: Vec<T>,
@@ -24,7 +24,7 @@ pub struct Elements<T> {
 }
 
 impl<T: Elementary> Elements<T> {
-    /// Compiles the potential; `is_sided` says whether jumps and kinks are switches.
+    /// Compiles the potential; with `is_sided` jumps and kinks are switches.
     pub(super) fn new(element: &Element, is_sided: bool) -> Self {
         let width = element.coordinates.first().map_or(1, Vec::len);
         let (potential, sides) = match is_sided {
@@ -73,7 +73,7 @@ impl<T: Elementary> Elements<T> {
             .flat_map(move |place| linear.clone().map(move |&(index, entry)| (place[index as usize], entry)))
     }
 
-    /// Places of the rest's Hessian in the stiffness.
+    /// Places of the entries of the remaining Hessian in the stiffness.
     pub fn places(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
         let pattern = self.potential.pattern().iter();
         self.coordinates.chunks_exact(self.width).flat_map(move |place| {
@@ -81,7 +81,7 @@ impl<T: Elementary> Elements<T> {
         })
     }
 
-    /// Notes where the entries of the Hessian lie.
+    /// Determines the slots of the entries of the Hessian.
     pub fn settle(&mut self, pattern: &Pattern) {
         let slots = self.places().map(|(row, column)| (pattern.slot(row, column), pattern.slot(column, row)));
         self.slots = slots.collect();
@@ -97,26 +97,26 @@ impl<T: Elementary> Elements<T> {
         sum
     }
 
-    /// Jumps and kinks of all places.
+    /// Number of jumps and kinks of all places.
     pub(super) fn switches(&self) -> usize {
         self.sides.as_ref().map_or(0, |(sides, _)| sides.len())
     }
 
-    /// Turns them.
+    /// Sets the sides of the switches.
     pub(super) fn set_sides(&mut self, new: &[Side]) {
         if let Some((sides, _)) = &mut self.sides {
             sides.copy_from_slice(new);
         }
     }
 
-    /// Name of the function that jumps or has a kink, and the number of its row.
+    /// Name of the function with the jump or kink, and the index of its row.
     pub(super) fn describe_switch(&self, index: usize) -> (String, usize) {
         let Some((_, point)) = &self.sides else { return Default::default() };
         (point.name(index % point.len()).to_owned(), index / point.len())
     }
 
-    /// Calls for each place with the jumps and kinks there, the values of the coordinates, and a place among
-    /// so many numbers as there are of all places.
+    /// Calls a function for each place with its jumps and kinks, the values of its coordinates, and its part
+    /// of `numbers`, which has the numbers of all places.
     fn at_switches<N>(
         &mut self,
         position: &[f64],
@@ -139,12 +139,12 @@ impl<T: Elementary> Elements<T> {
         self.at_switches(position, values, |point, local, values| point.values(time, local, values));
     }
 
-    /// Writes how fast they change.
+    /// Writes the rates of change of the arguments with the position.
     pub(super) fn argument_scales(&mut self, time: f64, position: &[f64], scales: &mut [[f64; 2]]) {
         self.at_switches(position, scales, |point, local, scales| point.scales(time, local, scales));
     }
 
-    /// The part of the potentials with jumps and kinks, on the present sides.
+    /// The part of the potentials with jumps and kinks, evaluated on the present sides.
     pub(super) fn sided_potential(&mut self, position: &[T]) -> f64 {
         let Some((sides, point)) = &mut self.sides else { return 0.0 };
         let mut sum = 0.0;
@@ -157,7 +157,7 @@ impl<T: Elementary> Elements<T> {
         sum
     }
 
-    /// Adds the gradient of what is not quadratic.
+    /// Adds the gradient of the part that is not quadratic.
     pub fn add_rest_gradient(&mut self, position: &[T], restoring: &mut [T]) {
         if self.is_quadratic() {
             return;
@@ -171,7 +171,7 @@ impl<T: Elementary> Elements<T> {
         }
     }
 
-    /// Adds gradient and Hessian of what is not quadratic.
+    /// Adds gradient and Hessian of the part that is not quadratic.
     pub fn add_rest_derivatives(&mut self, position: &[T], restoring: &mut [T], stiffness: &mut [T]) {
         if self.is_quadratic() {
             return;
@@ -195,7 +195,7 @@ impl<T: Elementary> Elements<T> {
     }
 }
 
-/// The coordinates of a place, with its sides behind them where there are any.
+/// The coordinates of a place, followed by its sides if there are any.
 #[inline]
 fn sided<'a, T: Elementary>(
     sides: &'a mut Option<(Vec<Side>, SidedPoint<T>)>,

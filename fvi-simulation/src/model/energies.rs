@@ -3,19 +3,19 @@
 use super::tape::{CompiledPotential, LANES, LaneRegisters};
 use crate::language::expression::Elementary;
 
-/// Positions and momenta of many states, every coordinate by itself: the columns of each lie `stride` numbers
-/// apart.
+/// Positions and momenta of many states, in columns: one column for each coordinate, with the distance
+/// `stride` between columns.
 #[derive(Clone, Copy, Debug)]
 pub struct States<'a> {
     /// q.
     pub positions: &'a [f64],
     /// p.
     pub momenta: &'a [f64],
-    /// At least as many as there are states.
+    /// At least the number of states.
     pub stride: usize,
 }
 
-/// Room to compute energies in.
+/// Buffers for the computation of energies.
 #[derive(Clone, Debug)]
 pub struct EnergyRoom<T> {
     lanes: LaneRegisters<T>,
@@ -29,7 +29,7 @@ impl<T> Default for EnergyRoom<T> {
     }
 }
 
-/// States up to which they are taken one by one.
+/// Number of states up to which they are computed one by one.
 const FEW: usize = LANES / 4;
 
 /// ½ Σ p_i²/m_i + U(q), for the reciprocals of the masses.
@@ -51,7 +51,7 @@ pub(super) fn write_plain<T: Elementary>(
                 Some(momenta) => {
                     kinetic = core::array::from_fn(|lane| kinetic[lane] + energy(T::of(momenta[lane])))
                 }
-                // Of large systems there are few states.
+                // For large systems there are few states.
                 None => kinetic.iter_mut().zip(column).for_each(|(sum, &p)| *sum += energy(T::of(p))),
             }
         }
@@ -83,7 +83,7 @@ pub(super) fn write_plain<T: Elementary>(
     }
 }
 
-/// The columns of some numbers from a state on.
+/// The columns from a state on.
 fn columns_from(numbers: &[f64], stride: usize, first: usize) -> impl Iterator<Item = &[f64]> {
     numbers.chunks_exact(stride).map(move |column| &column[first..])
 }

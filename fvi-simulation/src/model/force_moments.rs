@@ -5,34 +5,35 @@ use crate::language::expression::{Expression, Moment};
 use crate::model::tape::{CompiledForce, RoughArguments, Singularity, TimeTerms};
 use fvi_core::{Instant, NodalRule, Real};
 
-/// Moments of the part of a force that depends on time alone, where the nodes of a quadrature are not enough.
+/// Moments of the part of a force that depends on time alone, for steps where a quadrature is not accurate
+/// enough.
 ///
-/// A scheme takes ∫₀¹ ℓ_ν(τ) F(t_k + τh) dτ as Σ_i b_i ℓ_ν(c_i) F(t_k + c_i h). A jump or kink inside the
-/// step spoils that, and so does a root in the step or near it: √t costs every scheme all orders beyond 3/2.
-/// There the integrals are taken piece by piece between the rough points: with the double-exponential rule
-/// \[TakahasiMori74\] where a root is close, with Gauss's and Kronrod's nodes elsewhere. So are they where a
-/// term of the force is narrower than the step. A force without any of this, and every step far from it,
-/// costs nothing.
+/// A scheme approximates ∫₀¹ ℓ_ν(τ) F(t_k + τh) dτ by Σ_i b_i ℓ_ν(c_i) F(t_k + c_i h). That is inaccurate
+/// with a jump or kink inside the step, and with a root in the step or near it: √t reduces the order of every
+/// scheme to 3/2. There the integrals are computed piecewise between the rough points: by the
+/// double-exponential rule \[TakahasiMori74\] if a root is close, by Gauss–Kronrod quadrature otherwise. The
+/// same is done if a term of the force is narrower than the step. Forces without such points, and all steps
+/// far from them, have no additional cost.
 ///
-/// Collocation takes forces at its nodes and nothing else. For it the moment correction is that of forces
-/// there that have the moments of the force, with as many polynomials as there are nodes, and is taken across
-/// rough points and narrow terms only.
+/// Collocation takes forces at its nodes only. The moment correction for it consists of forces at the nodes
+/// that have the moments of the force with as many polynomials as there are nodes, and is used across rough
+/// points and narrow terms only.
 #[derive(Clone, Debug)]
 pub struct ForceMoments {
     force: CompiledForce<f64>,
     rough: RoughArguments,
-    /// Terms that may be narrower than a step; none where all steps are known to be short enough.
+    /// Terms that may be narrower than a step; `None` if all steps are known to be short enough.
     terms: Option<TimeTerms>,
-    /// Where the force has no bound: then the scheme does not look at it, and the moment correction is all of
-    /// it.
+    /// Times at which the force is unbounded: then the scheme does not evaluate it, and the moment correction
+    /// is the whole of its moments.
     unbounded: Option<Vec<Singularity>>,
     coordinates: usize,
     lengths: StepLengths,
     end: f64,
-    /// The step size that the reaches are for.
+    /// The step size for which the reaches were computed.
     step_size: f64,
-    /// For each argument, up to how many steps from its zero the nodes are not enough; without end where it
-    /// costs less to look at each step.
+    /// For each argument the distance from its zero, in steps, up to which the nodes are not accurate enough;
+    /// infinite if it is cheaper to check each step.
     reaches: Vec<f64>,
     registers: Vec<f64>,
     values: Vec<f64>,
@@ -40,33 +41,34 @@ pub struct ForceMoments {
     breaks: Vec<f64>,
     /// Σ of the pieces, (S + 1)·N numbers.
     total: Vec<f64>,
-    /// Halves of halves of the run with the step in them, and whether they are smooth.
+    /// Dyadic parts of the run that contain the step, and whether they are smooth.
     cells: Vec<(f64, f64, bool)>,
-    /// From where on something may have been overlooked.
+    /// Time from which rough points may have been overlooked.
     missed: Option<f64>,
 }
 
-/// What is known of the steps to come. It decides on the cost of their moments, and a run that goes on from a
-/// checkpoint has them as one that was not interrupted.
+/// Lengths of the steps to come. They determine how moments are computed, such that a run continued from a
+/// checkpoint has the same moments as an uninterrupted one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StepLengths {
     /// All of one length.
     Equal,
-    /// Of any.
+    /// Of different lengths.
     Any,
 }
 
-/// Breaks so close to each other, in parts of a step, are one.
+/// Distance, in fractions of a step, below which two breaks are one.
 const APART: f64 = 4.0 * f64::EPSILON;
 
-/// Pieces of a step with a narrow term, and their halvings.
+/// Largest number of pieces of a step with a narrow term, and of their halvings.
 const MOST_PIECES: usize = 4096;
 const MOST_HALVINGS_OF_NARROW: u32 = 44;
 
-/// An argument that touches zero so close to another break, in parts of a step, is rough for the same reason.
+/// Distance, in fractions of a step, from another break below which a zero of an argument is not a separate
+/// one.
 const NEAR: f64 = 1e-9;
 
-/// Parts of a run that are looked at for whether all its steps are smooth.
+/// Number of parts of a run that are examined to find out whether all its steps are smooth.
 const CELLS: usize = 64;
 
 /// Weight functions against which a piece of a step is integrated.
@@ -74,23 +76,24 @@ const CELLS: usize = 64;
 pub(super) enum Against {
     /// The polynomials ℓ_0 … ℓ_S on 0 and these points.
     Shapes(Vec<f64>),
-    /// The polynomials that are one at their own of these nodes and zero at the others, over the weights
-    /// there: what comes out are forces at the nodes.
+    /// The Lagrange polynomials of these nodes divided by the weights there: the integrals are forces at the
+    /// nodes.
     AtNodes(Vec<f64>, Vec<f64>),
 }
 
-/// Step of the double-exponential rule, and how far it goes: to 10⁻³⁷ of the piece from its ends.
+/// Spacing of the double-exponential rule, and its extent: its points come as near as 10⁻³⁷ of the piece to
+/// the ends.
 const SPACING: f64 = 1.0 / 8.0;
 const EXTENT: i32 = 32;
 
-/// Halvings of a piece whose two rules do not agree.
+/// Largest number of halvings of a piece while its two rules disagree.
 const MOST_HALVINGS: u32 = 12;
 
-/// Excess that is rounding, relative to the force.
+/// Size of a correction, relative to the force, below which it is rounding.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// Kronrod's nodes in (0, 1] of 15, from the outermost in, their weights, and those of Gauss's seven among
-/// them.
+/// The nodes in (0, 1] of Kronrod's rule with 15 nodes, from the outermost one, their weights, and the
+/// weights of Gauss's rule with seven of them.
 const KRONROD: [(f64, f64, f64); 8] = [
     (0.991_455_371_120_812_6, 0.022_935_322_010_529_224, 0.0),
     (0.949_107_912_342_758_5, 0.063_092_092_629_978_55, 0.129_484_966_168_869_7),
@@ -103,48 +106,30 @@ const KRONROD: [(f64, f64, f64); 8] = [
 ];
 
 impl ForceMoments {
-    /// For a force with one expression for each coordinate in a run to `end`, whose steps are no longer than
-    /// `longest` if that is known; `None` if no step needs it.
+    /// Moments of a force with one expression for each coordinate in a run to `end`, whose steps are no
+    /// longer than `longest` if that is known; `None` if no step needs them.
     pub fn new(
         components: &[Expression],
         lengths: StepLengths,
         (end, longest): (f64, Option<f64>),
     ) -> Option<Self> {
-        let rough = RoughArguments::of(components);
         // Steps that are chosen on the way follow the terms anyway.
         let terms = longest.and_then(|_| TimeTerms::of(components, end));
-        let count = rough.arguments().len();
-        let mut moments = Self {
-            force: CompiledForce::compile(components),
-            coordinates: components.len(),
-            lengths,
-            end,
-            step_size: longest.unwrap_or(f64::NAN),
-            reaches: vec![f64::INFINITY; count],
-            registers: Vec::new(),
-            values: vec![0.0; count],
-            load: vec![0.0; components.len()],
-            breaks: Vec::new(),
-            total: Vec::new(),
-            cells: Vec::new(),
-            missed: None,
-            rough,
-            terms,
-            unbounded: None,
-        };
+        let step_size = longest.unwrap_or(f64::NAN);
+        let mut moments = Self { terms, step_size, ..Self::whole(components, lengths, end, None) };
         if moments.terms.is_some() && longest.is_some_and(|step| moments.is_smooth_everywhere(step)) {
             moments.terms = None;
         }
         moments.step_size = f64::NAN;
-        (count > 0 || moments.terms.is_some()).then_some(moments)
+        (!moments.reaches.is_empty() || moments.terms.is_some()).then_some(moments)
     }
 
-    /// For a force that the scheme does not look at, since it has no bound at these times.
+    /// For all of a force: `unbounded` says where it has no bound, so that the scheme does not look at it.
     pub fn whole(
         components: &[Expression],
         lengths: StepLengths,
         end: f64,
-        singularities: Vec<Singularity>,
+        unbounded: Option<Vec<Singularity>>,
     ) -> Self {
         let rough = RoughArguments::of(components);
         let count = rough.arguments().len();
@@ -164,17 +149,17 @@ impl ForceMoments {
             missed: None,
             rough,
             terms: None,
-            unbounded: Some(singularities),
+            unbounded,
         }
     }
 
-    /// From where on something may have been overlooked.
+    /// Time from which rough points may have been overlooked.
     pub fn missed(&self) -> Option<f64> {
         self.missed
     }
 
-    /// By how much the moments exceed what the nodes give, ν = 0…S, N numbers each; `None` where they do not.
-    /// For a rule without shapes, of collocation: by how much forces at the nodes.
+    /// Exact moments minus those of the nodes, ν = 0…S, N numbers each; `None` if the nodes are accurate
+    /// enough. For a rule without shapes, that of collocation: corrections of the forces at the nodes.
     pub fn moment_correction<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
         let (start, length) = (rule.start.to_f64(), rule.length.to_f64());
         let against = Against::of(rule);
@@ -204,7 +189,7 @@ impl ForceMoments {
         rough.then_some(self.total.as_slice())
     }
 
-    /// Whether all of the run is smooth for steps of this length, as far as a few looks tell.
+    /// Whether the whole run is smooth for steps of this length, as far as a limited number of checks shows.
     fn is_smooth_everywhere(&mut self, step: f64) -> bool {
         let mut cells = vec![(0.0, self.end)];
         for _ in 0..CELLS {
@@ -221,9 +206,8 @@ impl ForceMoments {
         cells.is_empty()
     }
 
-    /// Whether no curved argument changes its sign, and no term is narrow, in a stretch with this step in
-    /// it: the largest half of a half of the run for which that can be told. It is the same whatever has been
-    /// asked before.
+    /// Whether no curved argument changes its sign, and no term is narrow, in the largest dyadic part of the
+    /// run around this step for which that can be decided. The result does not depend on earlier calls.
     fn is_in_smooth_cell(&mut self, start: f64, length: f64) -> bool {
         if self.lengths != StepLengths::Equal {
             return false;
@@ -254,7 +238,8 @@ impl ForceMoments {
         false
     }
 
-    /// Whether nothing curved changes its sign in a stretch and no term is narrow for steps of this length.
+    /// Whether no curved argument changes its sign in a range of time and no term is narrow for steps of this
+    /// length.
     pub(super) fn is_smooth_cell(&mut self, (from, to): (f64, f64), length: f64) -> bool {
         let rough = &self.rough;
         let mut curved = rough.arguments().iter().enumerate().filter(|(_, argument)| argument.zero.is_none());
@@ -300,10 +285,10 @@ impl ForceMoments {
             }
             self.breaks.sort_by(f64::total_cmp);
             self.breaks.dedup_by(|a, b| *a - *b < APART);
-            // Towards a root nothing is ever smooth: there the double-exponential rule is dense.
+            // A force is never smooth towards a root: the double-exponential rule is dense there.
             if !at_root {
-                // Ends count from inside, and what is at an end is there to the rounding of numbers as large
-                // as times may be.
+                // Breaks at the ends count if they are inside, up to the rounding of numbers as large as
+                // times may be.
                 let scale = start.abs() + self.end.min(1e3 * length);
                 let slack = first.max(last) * length + 64.0 * f64::EPSILON * scale;
                 narrow = self.split_narrow(start, length, slack);
@@ -316,7 +301,7 @@ impl ForceMoments {
     }
 
     /// Adds the zeros of curved arguments; returns whether there are any, and whether one under a root has or
-    /// may have one.
+    /// may have a zero.
     fn find_curved(&mut self, (start, length): (f64, f64), (first, last): (f64, f64)) -> (bool, bool) {
         let (mut found, mut touches) = (false, false);
         for index in 0..self.rough.arguments().len() {
@@ -331,7 +316,8 @@ impl ForceMoments {
                 (start, length),
                 (&mut self.registers, &mut self.values),
                 |place, changes| {
-                    // What touches zero is often the size of what changes its sign there.
+                    // An argument that touches zero is often the absolute value of one that changes its sign
+                    // there.
                     let is_new =
                         changes || breaks.iter().chain(&[0.0, 1.0]).all(|other| (other - place).abs() > NEAR);
                     if is_new && place > first && place < 1.0 - last {
@@ -348,8 +334,7 @@ impl ForceMoments {
         (found, touches)
     }
 
-    /// Adds places between which every term is described by the nodes of a quadrature, where the step's own
-    /// are not enough.
+    /// If the step's nodes do not resolve every term, adds breaks between which a quadrature resolves each.
     fn split_narrow(&mut self, start: f64, length: f64, slack: f64) -> bool {
         let Some(terms) = &mut self.terms else { return false };
         if self.breaks.is_empty() && terms.is_described_in_step(start, length, slack) {
@@ -361,7 +346,7 @@ impl ForceMoments {
         edges.push(0.0);
         let mut pieces: Vec<_> = edges.windows(2).map(|edges| (edges[1], edges[0], 0)).collect();
         let before = self.breaks.len();
-        // The first is at the end of the list.
+        // The first piece is at the end of the list.
         while let Some((from, to, halvings)) = pieces.pop() {
             let at = |place: f64| start + place * length;
             if halvings >= MOST_HALVINGS_OF_NARROW || terms.is_described_in_piece(at(from), at(to), slack) {
@@ -379,8 +364,8 @@ impl ForceMoments {
         was_smooth || self.breaks.len() > before
     }
 
-    /// Finds how far from the zeros of linear arguments under roots the nodes are not enough: the moment
-    /// correction falls like a power of the distance.
+    /// Finds the distance from the zeros of linear arguments under roots up to which the nodes are not
+    /// accurate enough: the moment correction decreases like a power of the distance.
     fn find_reaches<T: Real>(&mut self, rule: &NodalRule<'_, T>) {
         let against = Against::of(rule);
         for index in 0..self.rough.arguments().len() {
@@ -404,8 +389,8 @@ impl ForceMoments {
         }
     }
 
-    /// Leaves in `total` what the integrals over the pieces exceed the nodes by, zero where that is rounding.
-    /// `false` if the force is not finite.
+    /// Leaves in `total` the integrals over the pieces minus those of the nodes, zero if that is rounding.
+    /// Returns `false` if the force is not finite.
     fn integrate<T: Real>(
         &mut self,
         rule: &NodalRule<'_, T>,
@@ -448,8 +433,8 @@ impl ForceMoments {
         true
     }
 
-    /// Leaves the integrals over the pieces in `total`, for a force that has no bound at some times; `false`
-    /// if it is not finite elsewhere.
+    /// Leaves in `total` the integrals over the pieces, for a force that is unbounded at some times; returns
+    /// `false` if it is not finite elsewhere.
     fn integrate_whole(
         &mut self,
         against: &Against,
@@ -459,7 +444,7 @@ impl ForceMoments {
     ) -> bool {
         self.total.clear();
         self.total.resize(against.rows() * self.coordinates, 0.0);
-        // To rounding a grid point is the time of the singularity.
+        // A grid point equals the time of the singularity up to rounding.
         let same = |place: f64, other: f64| {
             (place - other).abs() <= 16.0 * f64::EPSILON * (1.0 + start.abs() / length)
         };
@@ -493,8 +478,8 @@ impl ForceMoments {
         finite && self.total.iter().all(|number| number.is_finite())
     }
 
-    /// The integral from a singularity to another place, on the side of this sign. With δ = u^m, m = 1/(1 +
-    /// e), it is that of a smooth function of u.
+    /// The integral from a singularity to another place, on the side given by the sign. With δ = u^m, m =
+    /// 1/(1 + e), the integrand is a smooth function of u.
     fn beside(
         &mut self,
         against: &Against,
@@ -506,8 +491,8 @@ impl ForceMoments {
         let exponent = singularity.exponents[usize::from(sign > 0.0)];
         let power = (1.0 / (1.0 + exponent)).max(if exponent > -0.2 { 4.0 } else { 2.0 });
         let width = (to - from).abs();
-        // So close that the rounding of the time would show it is the power that it grows like; a logarithm
-        // has nothing to lose there.
+        // Where the rounding of the time would matter, the force is replaced by its power law; a logarithm is
+        // not affected.
         let time = singularity.time;
         let close = match () {
             () if time == 0.0 => 1e-290,
@@ -565,13 +550,13 @@ impl ForceMoments {
             let distance = width * q / (1.0 + q);
             let place = if index < 0 { from + distance } else { to - distance };
             let weight = width * SPACING * std::f64::consts::PI * libm::cosh(s) * q / ((1.0 + q) * (1.0 + q));
-            // So close to an end rounding may take a point beyond it.
+            // Very close to an end rounding may move a point beyond it.
             finite &= self.add(against, step, place, weight) || weight < 1e-12 * width;
         }
         finite
     }
 
-    /// Kronrod's rule with 15 nodes, halving the piece while Gauss's seven of them disagree.
+    /// Kronrod's rule with 15 nodes; the piece is halved while Gauss's rule with seven of them disagrees.
     fn kronrod(
         &mut self,
         against: &Against,
@@ -585,7 +570,7 @@ impl ForceMoments {
             sides.into_iter().map(move |node| (middle + half * node, half * weight, half * gauss))
         });
         let places: Vec<_> = places.collect();
-        // The force alone, without shapes, tells whether the nodes are dense enough.
+        // The force alone, without shapes, determines whether the nodes are dense enough.
         let mut difference = vec![0.0_f64; self.coordinates];
         let mut size = 0.0_f64;
         for &(place, weight, gauss) in &places {
@@ -617,7 +602,7 @@ impl Against {
         }
     }
 
-    /// Integrals for each coordinate.
+    /// Number of integrals for each coordinate.
     pub(super) fn rows(&self) -> usize {
         match self {
             Self::Shapes(points) => points.len() + 1,
@@ -625,7 +610,7 @@ impl Against {
         }
     }
 
-    /// Adds what a place inside a piece contributes.
+    /// Adds the contribution of a place inside a piece.
     pub(super) fn add(&self, place: f64, weight: f64, force: &[f64], total: &mut [f64]) {
         match self {
             Self::Shapes(points) => add_shapes(points, place, weight, force, total),
@@ -640,7 +625,7 @@ impl Against {
         }
     }
 
-    /// Takes off what the i-th node of a rule gives, with F there.
+    /// Subtracts the contribution of the i-th node of a rule, with F there.
     pub(super) fn subtract_node<T: Real>(
         &self,
         rule: &NodalRule<'_, T>,
@@ -658,8 +643,8 @@ impl Against {
     }
 }
 
-/// How close to the beginning and to the end of a step, in parts of it, a break is one that the nodes there
-/// see from inside the step: see [`Moment`].
+/// Distance from the beginning and from the end of a step, as fractions of it, within which a break is seen
+/// by the nodes there from inside the step: see [`Moment`].
 pub(super) fn sides_of_step<T: Real>(rule: &NodalRule<'_, T>) -> (f64, f64) {
     let length = rule.length.to_f64();
     let side = |moment: Moment<T>| {
@@ -669,7 +654,7 @@ pub(super) fn sides_of_step<T: Real>(rule: &NodalRule<'_, T>) -> (f64, f64) {
     (side(Moment::from_right(rule.start)), side(Moment::from_left(rule.start + rule.length)))
 }
 
-/// The moment at which a scheme looks at the force in its i-th node.
+/// The moment at which a scheme evaluates the force in its i-th node.
 pub(super) fn node_moment<T: Real>(rule: &NodalRule<'_, T>, i: usize) -> Moment<f64> {
     moment(Instant::in_step(rule.start, rule.nodes[i], rule.length)).in_double()
 }
@@ -691,7 +676,7 @@ fn add_shapes(points: &[f64], place: f64, weight: f64, force: &[f64], total: &mu
     }
 }
 
-/// Takes b_i ℓ_ν(c_i) F from the moments ν = 0…S.
+/// Subtracts b_i ℓ_ν(c_i) F from the moments ν = 0…S.
 fn subtract_node<T: Real>(rule: &NodalRule<'_, T>, i: usize, force: &[f64], total: &mut [f64]) {
     let degree = rule.points.len();
     for (nu, sums) in total.chunks_exact_mut(force.len()).enumerate() {
@@ -730,7 +715,7 @@ mod tests {
         ForceMoments::new(&[expression], StepLengths::Equal, (1e6, None))
     }
 
-    /// ∫₀¹ F dτ and ∫₀¹ τ F dτ over a step, from moment correction and nodes on straight lines.
+    /// ∫₀¹ F dτ and ∫₀¹ τ F dτ over a step, from the moment correction and the nodes, on straight lines.
     fn moments(text: &str, start: f64, length: f64, value: impl Fn(f64) -> f64) -> Option<[f64; 2]> {
         let midpoint = Galerkin::<f64, 1, 1>::low_order(0.5).unwrap();
         let mut force = force(text)?;
@@ -778,14 +763,14 @@ mod tests {
         // With cubic polynomials the nodes are exact for linear forces: the moment correction falls like the
         // distance to the power −2.
         assert!(root.moment_correction(&rule(&radau.view(), 1e5, 0.01)).is_none());
-        // The same without reaches, which are not looked for where each step has another length.
+        // The same without reaches, which are not computed for steps of different lengths.
         let mut graded = ForceMoments { lengths: StepLengths::Any, ..force("sqrt(t)").unwrap() };
         for (start, length) in [(0.0, 0.01), (0.1, 0.02), (1e5, 0.01)] {
             let found = graded.moment_correction(&rule(&radau.view(), start, length)).map(<[f64]>::to_vec);
             assert_eq!(found.as_deref(), root.moment_correction(&rule(&radau.view(), start, length)));
         }
         assert_eq!(graded.reaches, [f64::INFINITY]);
-        // A jump at a grid point is seen from both sides by the nodes.
+        // At a jump at a grid point the nodes on both sides see the limits from their steps.
         let mut pulse = force("8*step(1 - t)").unwrap();
         assert!(pulse.moment_correction(&rule(&radau.view(), 0.9, 0.1)).is_none());
         assert!(pulse.moment_correction(&rule(&radau.view(), 1.0, 0.1)).is_none());
@@ -804,7 +789,7 @@ mod tests {
         assert!(pulse.moment_correction(&rule(&view, 3.0, 0.1)).is_none());
         let moment_correction = pulse.moment_correction(&rule(&view, 3.25, 0.1)).unwrap();
         let impulse = 0.1 * (moment_correction[0] + moment_correction[1]);
-        // The node is in the middle of the pulse: what it gives is to be taken off.
+        // The node is in the middle of the pulse: its contribution is subtracted.
         let expected = std::f64::consts::PI.sqrt() - 0.1 / 1e-5;
         assert!((impulse - expected).abs() < 1e-9 * expected.abs(), "{impulse}");
         for (text, end, step) in [
@@ -818,7 +803,7 @@ mod tests {
             let steps = (end / step).round() as usize;
             let whole = (0..steps)
                 .filter(|&k| kinked.moment_correction(&rule(&view, k as f64 * step, step)).is_some());
-            // Those across a zero of the sine.
+            // Steps that contain a zero of the sine.
             assert_eq!(whole.count(), if text.contains("abs(sin") { 31 } else { 0 }, "{text}");
         }
         for smooth in ["sin(3*t)*exp(-t)", "t^2 + 5", "1/(1 + t^2)"] {

@@ -1,4 +1,4 @@
-//! The loads of a scenario, compiled: Σ_l f_l a_l(t).
+//! Compiled loads of a scenario: Σ_l f_l a_l(t).
 
 use crate::language::expression::{Elementary, Expression, Moment};
 use crate::model::tape::CompiledForce;
@@ -40,7 +40,7 @@ impl<T: Elementary> Loads<T> {
         Self { patterns, expressions, records, amplitudes, registers: Vec::new() }
     }
 
-    /// Whether there are none.
+    /// Whether there are no loads.
     pub fn is_empty(&self) -> bool {
         self.patterns.is_empty()
     }

@@ -1,8 +1,8 @@
-//! Matrices of as many coordinates as a scenario has, and equations that are eliminated in a full matrix or
-//! within its band.
+//! Matrices with the number of coordinates of a scenario, and equations eliminated in a full matrix or within
+//! its band.
 
 use super::band::{self, BandFactors};
-use super::chain::{Chain, ChainFactors, PairedRows};
+use super::chain::{Chain, ChainFactors};
 use super::shared::Shared;
 use crate::numerics::semidefinite::check_positive_semidefinite;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular};
@@ -18,18 +18,18 @@ pub enum Matrix<T> {
     Diagonal(Vec<T>),
     /// All entries, column by column.
     Dense(Vec<T>),
-    /// Some entries.
+    /// Structurally nonzero entries.
     Sparse(Sparse<T>),
 }
 
-/// The entries of a matrix that need not be zero, row by row.
+/// The structurally nonzero entries of a matrix, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sparse<T> {
-    /// Where they are.
+    /// Places of the entries.
     pub pattern: Arc<Pattern>,
     /// One number for each place of the pattern.
     pub values: Shared<T>,
-    /// Threads that a product may take.
+    /// Number of threads for a product.
     pub threads: usize,
 }
 
@@ -40,10 +40,10 @@ impl<T: Real> Sparse<T> {
         Self { pattern, values, threads: 1 }
     }
 
-    /// out ← out + factor A x, for vectors of as many numbers as A has rows, or of several such motions one
-    /// behind the other.
+    /// out ← out + factor A x, for vectors with one number for each row of A, or for several motions one
+    /// after another.
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
-        // Linear steps begin at increments of zero.
+        // The first increments of a linear step are zero.
         if x.iter().all(|&x| x == T::zero()) {
             return;
         }
@@ -59,18 +59,12 @@ impl<T: Real> Sparse<T> {
         }
     }
 
-    /// Whether the columns of every row are its neighbours and itself.
+    /// Whether the matrix is tridiagonal with all its entries stored.
     pub(super) fn is_tridiagonal(&self) -> bool {
         self.pattern.is_chain()
     }
 
-    /// The rows of a chain, for products.
-    pub(super) fn paired_rows(&self) -> Option<PairedRows<T>> {
-        self.tridiagonal().map(|rows| PairedRows::new(rows.first, rows.middle, rows.last))
-    }
-
-    /// The entries without their columns, where those are the neighbours of the row and itself: chains are
-    /// common.
+    /// The entries without their columns if the matrix is tridiagonal: chains are common.
     fn tridiagonal(&self) -> Option<Tridiagonal<'_, T>> {
         if !self.pattern.is_chain() {
             return None;
@@ -80,7 +74,7 @@ impl<T: Real> Sparse<T> {
     }
 }
 
-/// A matrix with all entries on the diagonal and beside it, row by row.
+/// A tridiagonal matrix with all its entries stored, row by row.
 struct Tridiagonal<'a, T> {
     first: [T; 2],
     middle: &'a [[T; 3]],
@@ -105,8 +99,8 @@ impl<T: Real> Tridiagonal<'_, T> {
 }
 
 impl<T: Real> Matrix<T> {
-    /// out += factor · (B x) for several motions one behind the other. Not where the diagonal alone is
-    /// inlined.
+    /// out += factor · (B x) for several motions one after another. Kept out of line so that only the code
+    /// for a diagonal is inlined.
     #[inline(never)]
     fn multiply_add_copies(&self, factor: T, x: &[T], out: &mut [T]) {
         let size = self.size().max(1);
@@ -128,7 +122,7 @@ impl<T: Real> Matrix<T> {
         }
         let both = |(row, column, _): (usize, usize, T)| [(row, column), (column, row)];
         let pattern = Pattern::new(size, lower.clone().flat_map(both).collect());
-        // Half full is as good as full.
+        // If half or more of the entries are stored, a full matrix is as good.
         if 2 * pattern.len() > size * size {
             let mut dense = vec![T::zero(); size * size];
             for (row, column, entry) in lower {
@@ -149,7 +143,7 @@ impl<T: Real> Matrix<T> {
         Self::Sparse(Sparse { pattern: Arc::new(pattern), values: Shared::Own(values), threads: 1 })
     }
 
-    /// The matrix of `size` rows with these entries, those of one place added up.
+    /// The matrix of `size` rows with these entries; entries at the same place are added.
     pub fn of_entries(size: usize, entries: impl Iterator<Item = (usize, usize, f64)> + Clone) -> Self {
         let pattern = Pattern::new(size, entries.clone().map(|(row, column, _)| (row, column)).collect());
         let mut values = vec![T::zero(); pattern.len()];
@@ -157,7 +151,7 @@ impl<T: Real> Matrix<T> {
         Self::Sparse(Sparse { pattern: Arc::new(pattern), values: Shared::Own(values), threads: 1 })
     }
 
-    /// The same matrix, whose products may take so many threads; the bits are the same.
+    /// The same matrix, with products on at most the given number of threads; the bits are the same.
     #[must_use]
     pub fn on_threads(self, threads: usize) -> Self {
         match self {
@@ -175,7 +169,7 @@ impl<T: Real> Matrix<T> {
         }
     }
 
-    /// Largest distance from the diagonal at which an entry need not be zero.
+    /// Largest distance of a structurally nonzero entry from the diagonal.
     fn band(&self) -> usize {
         match self {
             Self::Diagonal(_) => 0,
@@ -184,7 +178,7 @@ impl<T: Real> Matrix<T> {
         }
     }
 
-    /// Each entry that need not be zero, as (row, column, entry).
+    /// The structurally nonzero entries as (row, column, entry).
     pub fn entries(&self) -> Vec<(usize, usize, T)> {
         match self {
             Self::Diagonal(diagonal) => {
@@ -213,7 +207,7 @@ fn multiply_add_diagonal<T: Real>(diagonal: &[T], factor: T, x: &[T], out: &mut 
 
 fn multiply_add_dense<T: Real>(columns: &[T], factor: T, x: &[T], out: &mut [T]) {
     for (column, &x) in columns.chunks_exact(out.len().max(1)).zip(x) {
-        // Rounded as the products of other matrices are.
+        // Rounded like the products of other matrices.
         out.iter_mut().zip(column).for_each(|(out, &entry)| *out += entry * x * factor);
     }
 }
@@ -298,7 +292,7 @@ impl<T: Real> Block<T> for Matrix<T> {
         let size = self.size();
         let mut dense = vec![T::zero(); size * size];
         self.add_to(T::one(), &mut dense, size, 0, 0);
-        // A lift by rounding makes a semidefinite matrix definite.
+        // A semidefinite matrix becomes definite when its diagonal is raised by the rounding error.
         let lift = largest * T::EPSILON * T::from_count(64 * size as u64);
         (0..size).for_each(|index| dense[index * size + index] += lift);
         if is_positive_definite_in_place(&mut dense, size) {
@@ -309,26 +303,26 @@ impl<T: Real> Block<T> for Matrix<T> {
     }
 }
 
-/// The equations of a step as a dense matrix, of which only a band may be in use.
+/// The equations of a step as a dense matrix, possibly with a band.
 #[derive(Clone, Debug)]
 pub struct DenseEquations<T> {
-    /// The matrix, as long as its entries lie on the diagonal and beside it.
+    /// The matrix as long as it is tridiagonal.
     chain: Option<Chain<T>>,
-    /// Row by row; nothing while there is a chain.
+    /// Row by row; empty while there is a chain.
     entries: Vec<T>,
-    /// Largest distance from the diagonal at which something was added.
+    /// Largest distance from the diagonal of the entries added so far.
     band: usize,
     coordinates: usize,
     pivots: Vec<usize>,
-    /// Whether the matrix that was solved last has left factors.
+    /// Whether the last solution has left factors.
     has_factors: bool,
 }
 
 /// Factors of [`DenseEquations`] for many right-hand sides.
 #[derive(Clone, Debug)]
 pub enum DenseFactors<T> {
-    /// The factors, column by column; their pivots stay with the equations, where nothing else is solved
-    /// meanwhile.
+    /// The factors, column by column; their pivots are stored with the equations, where no other matrix is
+    /// factored in between.
     Whole(Vec<T>),
     /// The factors within a band.
     Banded(BandFactors<T>),
@@ -343,7 +337,7 @@ impl<T> Default for DenseFactors<T> {
 }
 
 impl<T: Real> DenseEquations<T> {
-    /// For N coordinates and S nodes.
+    /// Equations for N coordinates and S nodes.
     pub fn new(coordinates: usize, nodes: usize) -> Self {
         let pivots = vec![0; coordinates * nodes];
         let chain = (nodes == 1 && is_banded(coordinates, 1)).then(|| Chain::zero(coordinates));
@@ -360,18 +354,18 @@ impl<T: Real> DenseEquations<T> {
         self.entries.resize(size * size, T::zero());
     }
 
-    /// Whether elimination within the band is the shorter one.
+    /// Whether elimination within the band has fewer operations.
     fn is_banded(&self) -> bool {
         is_banded(self.pivots.len(), self.band)
     }
 
-    /// Puts the entries of a chain in the place of those of any matrix.
+    /// Copies the entries of a chain to the full matrix.
     #[cold]
     fn spread(&mut self, chain: &Chain<T>) {
         self.make_room();
         self.band = self.band.max(1);
         let size = self.pivots.len();
-        // What elimination may have filled.
+        // Entries that elimination may have filled.
         for row in 0..size {
             self.entries[row * size + row.saturating_sub(1)..row * size + (row + 3).min(size)]
                 .fill(T::zero());
@@ -379,8 +373,8 @@ impl<T: Real> DenseEquations<T> {
         chain.for_each(|row, column, entry| self.entries[row * size + column] = entry);
     }
 
-    /// Factors the chain, if there is one and the pivots may stay on its diagonal; otherwise its entries are
-    /// those of a matrix with a band. Returns whether there are factors.
+    /// Factors the chain, if there is one and pivots on its diagonal are acceptable; otherwise copies its
+    /// entries to the full matrix. Returns whether there are factors.
     fn factor_chain(&mut self) -> Result<bool, Singular> {
         let Some(mut chain) = self.chain.take() else { return Ok(false) };
         let factored = chain.factor();
@@ -392,7 +386,7 @@ impl<T: Real> DenseEquations<T> {
     }
 }
 
-/// Whether elimination within a band is shorter than that of a matrix of so many rows.
+/// Whether elimination within a band has fewer operations than in the full matrix of `size` rows.
 fn is_banded(size: usize, band: usize) -> bool {
     size > 3 && 3 * band < size
 }
@@ -405,11 +399,11 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
             return chain.clear();
         }
         let (n, band) = (self.pivots.len(), self.band);
-        // A small matrix is cleared faster than its band is found.
+        // A small matrix is cleared faster than its band is determined.
         if !self.is_banded() || n <= 16 {
             return self.entries.fill(T::zero());
         }
-        // Elimination fills as much again to the right.
+        // Elimination fills an equal number of entries to the right.
         for row in 0..n {
             let (first, end) = (row.saturating_sub(band), (row + 2 * band + 1).min(n));
             for entry in &mut self.entries[row * n + first..row * n + end] {
@@ -441,7 +435,7 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
             return Ok(());
         }
         if self.is_banded() {
-            return band::solve(&mut self.entries, self.band, vector);
+            return band::solve(&mut self.entries, self.band, &mut self.pivots, vector);
         }
         self.has_factors = true;
         fvi_core::solve(&mut self.entries, &mut self.pivots, vector)
@@ -469,10 +463,11 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
             return Ok(());
         }
         if self.is_banded() {
-            *kept = DenseFactors::Banded(BandFactors::of(&mut self.entries, n, self.band)?);
+            let factors = BandFactors::of(&mut self.entries, self.band, &mut self.pivots)?;
+            *kept = DenseFactors::Banded(factors);
             return Ok(());
         }
-        // The factors may fill the matrix.
+        // The factors may fill the whole matrix.
         self.band = n;
         let mut factors = vec![T::zero(); n * n];
         keep_factors(&mut self.entries, &mut self.pivots, &mut factors)?;

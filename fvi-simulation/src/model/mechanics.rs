@@ -1,6 +1,5 @@
-//! The mechanics of a scenario: mass, compiled potential and force.
+//! The mechanical system of a scenario: mass, compiled potential and force.
 
-use super::chain::PairedRows;
 use super::elements::Elements;
 use super::energies::{EnergyRoom, States, write_plain};
 use super::loads::Loads;
@@ -25,79 +24,76 @@ use std::sync::Arc;
 pub struct Model<T> {
     mass: Matrix<T>,
     inverse_mass: InverseMass<T>,
-    /// Threads that products and solutions may take.
+    /// Number of threads for products and solutions.
     threads: usize,
-    /// K of the scenario, with the springs of its kernels.
+    /// K of the scenario, including the springs of its kernels.
     base: Option<Matrix<T>>,
-    /// Where these springs are at rest.
+    /// Position at which these springs are at rest.
     anchor: Option<Anchor<T>>,
     elements: Vec<Elements<T>>,
     loads: Loads<T>,
-    /// Those of each load case, which acts on a motion of its own.
+    /// Loads of each load case, which has its own motion.
     cases: Vec<Loads<T>>,
-    /// The energies of these motions.
+    /// Energies of these motions.
     energies: Vec<T>,
     potential: Option<CompiledPotential<T>>,
     /// K of the quadratic part ½ qᵀKq + bᵀq of the potential.
     quadratic: Matrix<T>,
-    /// The same, where it is that of a chain, and no other stiffness beside it.
-    paired_rows: Option<PairedRows<T>>,
     linear: Vec<(usize, T)>,
     force: CompiledForce<T>,
     /// Whether there is a force at all.
     forced: bool,
-    /// Whether the matrix from files, or the rows, are all that pulls.
+    /// Whether the restoring force is that of a constant matrix from files, or rows, alone.
     is_constant: bool,
-    /// Whether the paired rows are.
-    pulls_by_paired_rows: bool,
-    /// Forces that are rough in time, so that their moments are taken exactly.
+    /// Forces that are rough in time, with exact moments.
     rough: Option<RoughForces>,
     /// Potentials and forces supplied as code.
     own: Option<Own>,
-    /// The jumps and kinks of potential and force in the position, where steps end at them.
+    /// The jumps and kinks of potential and force in the position, if steps end at them.
     potential_sides: Option<SidedPoint<T>>,
     force_sides: Option<SidedPoint<T>>,
-    /// Values of the stiffness that never change, by slot.
+    /// The constant part of the stiffness, by slot.
     constant: Sparse<T>,
     /// Slots of the entries of the potential's Hessian, and of their mirror images.
     hessian_slots: Vec<(u32, u32)>,
-    /// Slots of the entries of the force's Jacobian by the position, and by the velocity.
+    /// Slots of the entries of the force's Jacobians with respect to the position, and to the velocity.
     jacobian_slots: Vec<usize>,
     resistance_slots: Vec<usize>,
-    /// Where forces depend on the velocity.
+    /// Data for forces that depend on the velocity.
     moving: Option<Moving<T>>,
     registers: Vec<T>,
-    /// Those of the gradient of the potential's rest, and those of both its derivatives.
+    /// Registers for the gradient of the potential's remainder, and for both its derivatives.
     restoring_registers: OwnRegisters<T>,
     rest_registers: OwnRegisters<T>,
-    /// N numbers.
+    /// Scratch vector of N numbers.
     pushed: Vec<T>,
     /// Entries of a Jacobian.
     entries: Vec<T>,
 }
 
-/// What forces of the velocity need.
+/// Data for forces that depend on the velocity.
 #[derive(Clone, Debug)]
 struct Moving<T> {
-    /// Whether those in words depend on it.
+    /// Whether expressions depend on the velocity.
     in_words: bool,
-    /// Values of the resistance −∂F/∂v that never change, by slot; none where all are zero.
+    /// The constant part of the resistance −∂F/∂v, by slot; empty if it is zero.
     constant: Vec<T>,
-    /// q, and v behind it.
+    /// q followed by v.
     point: Vec<T>,
 }
 
-/// The slot of an entry that is in another matrix.
+/// Marker for the slot of an entry that is in the other matrix.
 const NOWHERE: usize = usize::MAX;
 
-/// Arguments of jumps and kinks within each other.
+/// Largest depth of arguments of jumps and kinks within each other.
 const DEEPEST: usize = 64;
 
-/// Inverse of the mass.
+/// Inverse of the mass, with zeros in the rows and columns of coordinates without mass.
 #[derive(Clone, Debug)]
 enum InverseMass<T> {
     Matrix(Matrix<T>),
-    /// The factor of a sparse mass, and masses of the coordinates by themselves for a first guess.
+    /// The factor of a sparse mass, with ones for coordinates without mass, and a lumped mass for each
+    /// coordinate for a first guess, infinite for those without mass.
     Factor(Arc<Factor>, Vec<T>),
 }
 
@@ -105,7 +101,7 @@ impl<T: Elementary> Model<T> {
     /// Compiles the system of a scenario.
     ///
     /// # Errors
-    /// If the mass is not positive definite in the precision of `T`.
+    /// If the mass, apart from rows and columns of zeros, is not positive definite in the precision of `T`.
     pub fn new(scenario: &Scenario) -> Result<Self, MatrixError> {
         let rough = RoughForces::of(scenario);
         let unbounded = UnboundedForces::of(scenario);
@@ -114,8 +110,8 @@ impl<T: Elementary> Model<T> {
         let size = system.coordinates();
         let threads = scenario.history.threads();
         let mass = matrix(&system.mass).on_threads(threads);
-        let inverse_mass = inverse(&mass, size)?;
-        // Steps that are chosen on the way end at jumps and kinks.
+        let inverse_mass = inverse(&mass, &system.mass)?;
+        // Adaptive steps end at jumps and kinks.
         let is_sided = scenario.time.adaptive().is_some() && scenario.cases.is_empty();
         let compiled = system.potential.as_ref().map(|potential| match is_sided {
             true => CompiledPotential::<T>::compile_sided(potential, (size, 'q')),
@@ -150,7 +146,7 @@ impl<T: Elementary> Model<T> {
             .collect();
         let curved: Vec<_> =
             potential.iter().flat_map(|potential| potential.pattern().iter().map(index)).collect();
-        // Columns from N on are those of the velocities.
+        // Columns from N on belong to the velocities.
         let (pushed, resisted): (Vec<_>, Vec<_>) =
             force.linear().iter().map(entry).partition(|&(_, column, _)| column < size);
         let resisted: Vec<_> =
@@ -184,7 +180,7 @@ impl<T: Elementary> Model<T> {
         let (jacobian_slots, resistance_slots): (Vec<_>, Vec<_>) = match in_words {
             false => (turned.iter().map(|&(row, column)| pattern.slot(row, column)).collect(), Vec::new()),
             true => {
-                // Either has a slot for every entry: none where the entry is of the other.
+                // Both lists have a slot for every entry, marked if the entry is in the other matrix.
                 let slots = |&(row, column): &(usize, usize)| match column < size {
                     true => (pattern.slot(row, column), NOWHERE),
                     false => (NOWHERE, pattern.slot(row, column - size)),
@@ -221,26 +217,12 @@ impl<T: Elementary> Model<T> {
             && own.is_none();
         let entries = vec![T::zero(); jacobian_slots.len()];
         let quadratic = Matrix::symmetric(size, springs.iter().copied());
-        let paired_rows = match (&base, &quadratic) {
-            (None, Matrix::Sparse(sparse)) => sparse.paired_rows(),
-            _ => None,
-        };
-        let pulls_by_paired_rows = paired_rows.is_some()
-            && linear.is_empty()
-            && potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
-            && elements.is_empty()
-            && system.loads.is_empty()
-            && scenario.cases.is_empty()
-            && own.is_none()
-            && force.is_zero();
         let mut model = Self {
             mass,
             inverse_mass,
             threads,
             base,
             anchor,
-            paired_rows,
-            pulls_by_paired_rows,
             elements,
             loads: Loads::new(&system.loads),
             cases: scenario.cases.iter().map(|case| Loads::new(&case.loads)).collect(),
@@ -270,8 +252,8 @@ impl<T: Elementary> Model<T> {
         Ok(model)
     }
 
-    /// Takes the sides that a position at t = 0 is on. What arguments within arguments say is found by going
-    /// again.
+    /// Sets the sides of switches from a position at t = 0. It is repeated, since the sides of arguments
+    /// within arguments depend on others.
     fn take_sides_at(&mut self, position: &[f64]) {
         let (mut values, mut before) = (Vec::new(), Vec::new());
         for _ in 0..=self.switches().min(DEEPEST) {
@@ -285,7 +267,7 @@ impl<T: Elementary> Model<T> {
         }
     }
 
-    /// From where on something that is rough in time may have been overlooked.
+    /// Time from which rough points in time may have been overlooked.
     pub fn missed(&self) -> Option<f64> {
         self.rough.as_ref().and_then(RoughForces::missed)
     }
@@ -295,12 +277,12 @@ impl<T: Elementary> Model<T> {
         self.rough.as_mut().and_then(RoughForces::live)
     }
 
-    /// The energies of the motions under load cases, as computed last; none without cases.
+    /// The energies of the motions under load cases, as of the last computation; empty without cases.
     pub fn energies(&self) -> &[T] {
         &self.energies
     }
 
-    /// Subtracts the loads of the system, and of the case that each motion is under.
+    /// Subtracts the loads of the system, and those of the case of each motion.
     #[inline(always)]
     fn subtract_loads(&mut self, instant: Instant<T>, restoring: &mut [T]) {
         if !(self.loads.is_empty() && self.cases.is_empty()) {
@@ -321,13 +303,11 @@ impl<T: Elementary> Model<T> {
 
     /// K q + b.
     fn quadratic_restoring_force(&self, position: &[T], restoring: &mut [T]) {
-        if !self.paired_rows.as_ref().is_some_and(|rows| rows.multiply(position, restoring)) {
-            restoring.fill(T::zero());
-            if let Some(base) = &self.base {
-                base.multiply_add(T::one(), position, restoring);
-            }
-            self.quadratic.multiply_add(T::one(), position, restoring);
+        restoring.fill(T::zero());
+        if let Some(base) = &self.base {
+            base.multiply_add(T::one(), position, restoring);
         }
+        self.quadratic.multiply_add(T::one(), position, restoring);
         for &(coordinate, entry) in &self.linear {
             restoring[coordinate] += entry;
         }
@@ -356,13 +336,22 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
     }
 
     fn restoring_force(&mut self, instant: Instant<T>, position: &Vec<T>, restoring: &mut [T]) {
-        if self.pulls_by_paired_rows
-            && let Some(rows) = &self.paired_rows
-            && rows.multiply(position, restoring)
-        {
-            return;
+        self.quadratic_restoring_force(position, restoring);
+        if let Some(potential) = &self.potential {
+            let point = sided(&mut self.potential_sides, position);
+            potential.add_rest_gradient_again(&mut self.restoring_registers, point, restoring);
         }
-        self.restoring_force_of_all(instant, position, restoring);
+        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, restoring));
+        self.subtract_loads(instant, restoring);
+        if self.forced {
+            let position = with_velocity(&mut self.moving, position);
+            let point = sided(&mut self.force_sides, position);
+            self.force.value(moment(instant), point, &mut self.registers, &mut self.pushed);
+            restoring.iter_mut().zip(&self.pushed).for_each(|(restoring, &force)| *restoring -= force);
+        }
+        if let Some(own) = &mut self.own {
+            own.add_restoring_force(moment(instant), position, restoring);
+        }
     }
 
     fn linearise(
@@ -428,7 +417,7 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         restoring: &mut [T],
     ) {
         self.move_at(velocity);
-        self.restoring_force_of_all(instant, position, restoring);
+        self.restoring_force(instant, position, restoring);
     }
 
     fn linearise_in_motion(
@@ -447,13 +436,13 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         let (Some(moving), Matrix::Sparse(resistance)) = (&self.moving, resistance) else { return };
         let values = resistance.values.own();
         values.copy_from_slice(&moving.constant);
-        // The derivatives of the place that was linearised last.
+        // The derivatives at the last linearisation.
         for (&slot, &entry) in self.resistance_slots.iter().zip(&self.entries) {
             if slot != NOWHERE {
                 values[slot] -= entry;
             }
         }
-        // Terms in code have every place, row by row.
+        // Terms in code have full matrices, row by row.
         let in_code = self.own.iter().flat_map(Own::resistance);
         values.iter_mut().zip(in_code).for_each(|(value, &entry)| *value += T::of(entry));
     }
@@ -512,7 +501,7 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
     }
 }
 
-/// A position, with the velocity behind it where forces in words depend on it.
+/// The position, followed by the velocity if expressions depend on it.
 #[inline(always)]
 fn with_velocity<'a, T: Elementary>(moving: &'a mut Option<Moving<T>>, position: &'a [T]) -> &'a [T] {
     match moving {
@@ -524,7 +513,7 @@ fn with_velocity<'a, T: Elementary>(moving: &'a mut Option<Moving<T>>, position:
     }
 }
 
-/// A position, with the sides of jumps and kinks behind it where there are any.
+/// A position, followed by the sides of jumps and kinks if there are any.
 #[inline(always)]
 fn sided<'a, T: Elementary>(sides: &'a mut Option<SidedPoint<T>>, position: &'a [T]) -> &'a [T] {
     match sides {
@@ -533,7 +522,7 @@ fn sided<'a, T: Elementary>(sides: &'a mut Option<SidedPoint<T>>, position: &'a 
     }
 }
 
-/// Switches are those of the potential, of the forces, and of the elements, group by group.
+/// Switches are numbered in the order: potential, forces, elements group by group.
 impl<T: Elementary> Switched for Model<T> {
     fn switches(&self) -> usize {
         let of_expressions = [&self.potential_sides, &self.force_sides].into_iter().flatten();
@@ -618,7 +607,7 @@ impl<T: Elementary> Switched for Model<T> {
 }
 
 impl<T: Elementary> Model<T> {
-    /// Whether it has an energy of the kind ½ Σ p_i²/m_i + U(q) with one expression for U.
+    /// Whether the energy has the form ½ Σ p_i²/m_i + U(q) with one expression for U.
     pub fn has_plain_energy(&self) -> bool {
         let diagonal = matches!(self.inverse_mass, InverseMass::Matrix(Matrix::Diagonal(_)));
         diagonal
@@ -628,10 +617,10 @@ impl<T: Elementary> Model<T> {
             && self.cases.is_empty()
     }
 
-    /// Writes the energies of as many states as there are places, to the bits of each by itself.
+    /// Writes the energies of `energies.len()` states, with the same bits as one by one.
     ///
-    /// For systems with a [plain](Self::has_plain_energy) energy; for others it writes nothing. `room` serves
-    /// this system only.
+    /// Only for systems with a [plain](Self::has_plain_energy) energy; otherwise nothing is written. `room`
+    /// must be used for this system only.
     pub fn write_energies(&self, states: &States<'_>, room: &mut EnergyRoom<T>, energies: &mut [f64]) {
         if let InverseMass::Matrix(Matrix::Diagonal(inverse_masses)) = &self.inverse_mass {
             write_plain(inverse_masses, self.potential.as_ref(), states, room, energies);
@@ -640,7 +629,7 @@ impl<T: Elementary> Model<T> {
 }
 
 impl<T: Elementary> Model<T> {
-    /// Notes the velocity for what is asked for next.
+    /// Sets the velocity for the next evaluation.
     fn move_at(&mut self, velocity: &[T]) {
         let size = self.mass.size();
         if let Some(Moving { point, .. }) = &mut self.moving {
@@ -648,27 +637,6 @@ impl<T: Elementary> Model<T> {
         }
         if let Some(own) = &mut self.own {
             own.move_at(velocity);
-        }
-    }
-
-    /// The restoring force of all parts. Not inlined where the paired rows are the only part.
-    #[inline(never)]
-    fn restoring_force_of_all(&mut self, instant: Instant<T>, position: &[T], restoring: &mut [T]) {
-        self.quadratic_restoring_force(position, restoring);
-        if let Some(potential) = &self.potential {
-            let point = sided(&mut self.potential_sides, position);
-            potential.add_rest_gradient_again(&mut self.restoring_registers, point, restoring);
-        }
-        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, restoring));
-        self.subtract_loads(instant, restoring);
-        if self.forced {
-            let position = with_velocity(&mut self.moving, position);
-            let point = sided(&mut self.force_sides, position);
-            self.force.value(moment(instant), point, &mut self.registers, &mut self.pushed);
-            restoring.iter_mut().zip(&self.pushed).for_each(|(restoring, &force)| *restoring -= force);
-        }
-        if let Some(own) = &mut self.own {
-            own.add_restoring_force(moment(instant), position, restoring);
         }
     }
 
@@ -680,7 +648,7 @@ impl<T: Elementary> Model<T> {
             && self.force.is_affine()
     }
 
-    /// The potential that is given as an expression.
+    /// The part of the potential that is given as an expression.
     fn potential_energy(&mut self, position: &[T]) -> T {
         let potential = self.potential.as_ref();
         potential.map_or(T::zero(), |potential| potential.value(position, &mut self.registers))
@@ -696,17 +664,19 @@ impl<T: Elementary> Model<T> {
                 velocity.fill(T::zero());
                 inverse.multiply_add(T::one(), momentum, velocity);
             }
-            InverseMass::Factor(factor, _) => {
+            InverseMass::Factor(factor, masses) => {
                 let mut numbers: Vec<f64> = momentum.iter().map(|number| number.to_f64()).collect();
                 factor.solve_on_threads(&mut numbers, self.threads);
-                velocity.iter_mut().zip(numbers).for_each(|(place, number)| *place = T::of(number));
+                for ((place, number), mass) in velocity.iter_mut().zip(numbers).zip(masses.iter().cycle()) {
+                    *place = if mass.is_finite() { T::of(number) } else { T::zero() };
+                }
             }
         }
     }
 }
 
-/// The place q₀ at which the springs K_m(0) ρ_m of kernels are at rest that act on q − q₀:
-/// ½ (q − q₀)ᵀ C (q − q₀) = ½ qᵀCq − (C q₀)ᵀq + ½ q₀ᵀC q₀ with C = Σ K_m(0) ρ_m.
+/// The initial position q₀ at which the springs K_m(0) ρ_m of kernels that act on q − q₀ are at rest: ½ (q −
+/// q₀)ᵀ C (q − q₀) = ½ qᵀCq − (C q₀)ᵀq + ½ q₀ᵀC q₀ with C = Σ K_m(0) ρ_m.
 #[derive(Clone, Debug)]
 struct Anchor<T> {
     /// C q₀.
@@ -734,7 +704,7 @@ impl<T: Real> Anchor<T> {
             .then(|| Self { restoring: vector(&restoring), energy: T::of(energy) })
     }
 
-    /// (coordinate, entry) of the constant part of the gradient, for motions side by side.
+    /// (coordinate, entry) of the constant part of the gradient, for `copies` motions one after another.
     fn restoring_forces(&self, copies: usize) -> impl Iterator<Item = (usize, T)> + '_ {
         let size = self.restoring.len();
         let of_motion = move |motion: usize| {
@@ -746,7 +716,7 @@ impl<T: Real> Anchor<T> {
         (0..copies).flat_map(of_motion)
     }
 
-    /// The energy beside ½ qᵀCq.
+    /// The energy in addition to ½ qᵀCq.
     fn energy(&self, position: &[T]) -> T {
         position.iter().zip(&self.restoring).fold(self.energy, |sum, (&q, &restoring)| sum - q * restoring)
     }
@@ -777,7 +747,7 @@ fn with_springs_of_kernels<T: Real>(
     Some(Matrix::symmetric(system.coordinates(), all.into_iter()).on_threads(threads))
 }
 
-/// The pattern of the scenario's stiffness and these places.
+/// The union of the pattern of the scenario's stiffness and these places.
 fn with_base<T: Real>(size: usize, base: Option<&Matrix<T>>, places: &[(usize, usize)]) -> Arc<Pattern> {
     match base {
         Some(Matrix::Sparse(base)) if places.is_empty() => Arc::clone(&base.pattern),
@@ -799,7 +769,7 @@ fn with_base<T: Real>(size: usize, base: Option<&Matrix<T>>, places: &[(usize, u
     }
 }
 
-/// The scenario's stiffness by the slots of a pattern that has all its places.
+/// The values of the scenario's stiffness by the slots of a pattern that includes its own.
 fn of_base<T: Real>(base: Option<&Matrix<T>>, pattern: &Pattern) -> Shared<T> {
     if let Some(Matrix::Sparse(base)) = base
         && *base.pattern == *pattern
@@ -830,45 +800,66 @@ pub fn vector<T: Real>(numbers: &[f64]) -> Vec<T> {
     numbers.iter().map(|&number| T::of(number)).collect()
 }
 
-fn inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<InverseMass<T>, MatrixError> {
-    if let Matrix::Sparse(entries) = mass {
-        return sparse_inverse(&entries.pattern, &entries.values);
+fn inverse<T: Real>(mass: &Matrix<T>, given: &SymmetricMatrix) -> Result<InverseMass<T>, MatrixError> {
+    let massless = given.zero_rows();
+    match (mass, given) {
+        (Matrix::Sparse(entries), SymmetricMatrix::Sparse(given)) => {
+            if massless.is_empty() {
+                return sparse_inverse(&entries.pattern, &entries.values, &massless);
+            }
+            let (pattern, values) = given.with_ones(&massless);
+            sparse_inverse(&pattern, &vector(&values), &massless)
+        }
+        _ => dense_inverse(mass, &massless).map(InverseMass::Matrix),
     }
-    dense_inverse(mass, size).map(InverseMass::Matrix)
 }
 
-/// The factor of a sparse mass; where that is diagonal, its inverse.
-fn sparse_inverse<T: Real>(pattern: &Pattern, entries: &[T]) -> Result<InverseMass<T>, MatrixError> {
+/// The factor of a sparse mass; for a diagonal mass its inverse.
+fn sparse_inverse<T: Real>(
+    pattern: &Pattern,
+    entries: &[T],
+    massless: &[usize],
+) -> Result<InverseMass<T>, MatrixError> {
     let values: Vec<f64> = entries.iter().map(|entry| entry.to_f64()).collect();
     if pattern.band() == 0 {
         let full = pattern.len() == pattern.size() && values.iter().all(|&value| value > 0.0);
-        let inverses = values.iter().map(|value| T::of(value.recip())).collect();
+        let mut inverses: Vec<T> = values.iter().map(|value| T::of(value.recip())).collect();
+        massless.iter().for_each(|&row| inverses[row] = T::zero());
         let inverse = InverseMass::Matrix(Matrix::Diagonal(inverses));
         return if full { Ok(inverse) } else { Err(MatrixError::NotPositiveDefinite) };
     }
     let factor =
         Analysis::new(pattern).factor_of(pattern, &values).map_err(|_| MatrixError::NotPositiveDefinite)?;
-    // The sum of a row is the mass that moves with it; where couplings make that too small, its own entry.
+    // Lumped mass: the sum of a row, or, if couplings make that too small, the diagonal entry.
     let masses = pattern.rows().enumerate().map(|(row, slots)| {
         let own = values[pattern.slot(row, row)];
         let sum: f64 = values[slots].iter().sum();
         T::of(sum.max(0.5 * own))
     });
-    Ok(InverseMass::Factor(Arc::new(factor), masses.collect()))
+    let mut masses: Vec<T> = masses.collect();
+    massless.iter().for_each(|&row| masses[row] = T::of(f64::INFINITY));
+    Ok(InverseMass::Factor(Arc::new(factor), masses))
 }
 
-fn dense_inverse<T: Real>(mass: &Matrix<T>, size: usize) -> Result<Matrix<T>, MatrixError> {
+fn dense_inverse<T: Real>(mass: &Matrix<T>, massless: &[usize]) -> Result<Matrix<T>, MatrixError> {
     if let Matrix::Diagonal(entries) = mass {
-        let inverses: Vec<T> = entries.iter().map(|&entry| T::one() / entry).collect();
-        let good =
-            entries.iter().zip(&inverses).all(|(entry, inverse)| *entry > T::zero() && inverse.is_finite());
+        let mut inverses: Vec<T> = entries.iter().map(|&entry| T::one() / entry).collect();
+        // Only coordinates without mass; a mass that is rounded to zero is not among them.
+        massless.iter().for_each(|&row| inverses[row] = T::zero());
+        let mut pairs = entries.iter().zip(&inverses).enumerate();
+        let good = pairs.all(|(row, (entry, inverse))| {
+            (*entry > T::zero() && inverse.is_finite()) || massless.binary_search(&row).is_ok()
+        });
         return if good { Ok(Matrix::Diagonal(inverses)) } else { Err(MatrixError::NotPositiveDefinite) };
     }
+    let size = mass.size();
     let mut factors = vec![T::zero(); size * size];
     mass.add_to(T::one(), &mut factors, size, 0, 0);
+    massless.iter().for_each(|&row| factors[row * size + row] = T::one());
     let mut pivots = vec![0; size];
     let mut columns = vec![T::zero(); size * size];
     factor(&mut factors, &mut pivots).map_err(|_| MatrixError::NotPositiveDefinite)?;
     invert_factored(&factors, &pivots, &mut columns);
+    massless.iter().for_each(|&row| columns[row * size + row] = T::zero());
     Ok(Matrix::Dense(columns))
 }

@@ -1,4 +1,4 @@
-//! Where the nodes of a scheme miss what a function of time does.
+//! Detection of functions of time that the nodes of a scheme miss.
 
 use super::force_moments::{ForceMoments, StepLengths};
 use super::scheme::AnyScheme;
@@ -7,17 +7,18 @@ use crate::language::expression::{Expression, Moment};
 use crate::scenario::{Amplitude, Record, Scenario, TimeGrid};
 use fvi_core::NodalRule;
 
-/// Looks at stretches and steps.
+/// Largest number of checks of ranges and steps.
 const MOST_LOOKS: usize = 20_000;
 
-/// What is missed is more than this part of what acts, and of what the nodes around see.
+/// Fraction, of the force and of the values at the surrounding nodes, above which a difference counts as
+/// missed.
 const MISSED: f64 = 0.3;
 
-/// Steps on either side that are looked at.
+/// Number of steps on either side that are examined.
 const BESIDE: usize = 4;
 
-/// The first time near which the nodes of a scenario's scheme miss most of what a function of time does; none
-/// where steps are chosen on the way.
+/// The first time near which the nodes of a scenario's scheme miss most of a function of time; `None` if
+/// there is none, or steps are chosen during the run.
 pub(crate) fn first_missed(scenario: &Scenario, function: &Amplitude) -> Option<f64> {
     let time = &scenario.time;
     if time.adaptive().is_some() || time.steps == 0 {
@@ -98,7 +99,7 @@ impl Nodes<'_> {
         None
     }
 
-    /// The step that a time is in.
+    /// The step that contains a time.
     fn step_at(&self, time: f64) -> usize {
         let (mut low, mut high) = (0, self.time.steps);
         while low < high {
@@ -117,7 +118,7 @@ impl Nodes<'_> {
     ) -> bool {
         self.looks += 1;
         let (start, length) = (self.time.time(step), self.time.time(step + 1) - self.time.time(step));
-        // ∫F is what the nodes give and the sum of the moments on a straight line.
+        // ∫F is the nodes' sum plus the corrections of both moments on a straight line.
         let tests: Vec<f64> = self.nodes.iter().map(|node| 1.0 - node).collect();
         let rule = NodalRule {
             start,

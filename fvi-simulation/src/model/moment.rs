@@ -1,9 +1,9 @@
-//! Instants of steps as expressions see them.
+//! Conversion of instants of steps to moments of expressions.
 
 use crate::language::expression::Moment;
 use fvi_core::{Approach, Instant, Real};
 
-/// The moment of an instant, as expressions see it.
+/// The moment at which expressions are evaluated for an instant.
 pub fn moment<T: Real>(instant: Instant<T>) -> Moment<T> {
     match instant.approach {
         Approach::Inside => Moment::inside(instant.time),

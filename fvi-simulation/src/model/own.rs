@@ -1,22 +1,23 @@
-//! Terms in code, in the precision of a run.
+//! Terms in code, converted to the precision of a run.
 
 use crate::language::expression::{Elementary, Moment};
 use crate::scenario::SharedTerms;
 use fvi_sparse::Pattern;
 
-/// Potential and forces that code supplies, with room for what they are asked and what they answer.
+/// Potential and forces supplied in code, with buffers for their arguments and results.
 #[derive(Clone, Debug)]
 pub(super) struct Own {
     terms: SharedTerms,
     position: Vec<f64>,
-    /// Where forces depend on it.
+    /// Velocity, if forces depend on it.
     velocity: Vec<f64>,
     restoring: Vec<f64>,
-    /// −∂F/∂v, row by row, where they do.
+    /// −∂F/∂v, row by row, if forces depend on the velocity.
     resistance: Vec<f64>,
-    /// One for each place, row by row where all are; none where nothing depends on the position.
+    /// Stiffness: one number for each place, or row by row for a full matrix; empty if nothing depends on the
+    /// position.
     stiffness: Vec<f64>,
-    /// Where these are in the stiffness of the model; empty: as they come.
+    /// Slots of these numbers in the stiffness of the model; empty if they are in the same order.
     slots: Vec<usize>,
     places: Option<Vec<(u32, u32)>>,
     depends_on_position: bool,
@@ -55,12 +56,12 @@ impl Own {
         !self.velocity.is_empty()
     }
 
-    /// Notes the velocity for what follows.
+    /// Sets the velocity for the next evaluation.
     pub(super) fn move_at<T: Elementary>(&mut self, velocity: &[T]) {
         self.velocity.iter_mut().zip(velocity).for_each(|(place, number)| *place = number.to_f64());
     }
 
-    /// −∂F/∂v where it was linearised last, row by row; nothing where no force depends on the velocity.
+    /// −∂F/∂v at the last linearisation, row by row; empty if no force depends on the velocity.
     pub(super) fn resistance(&self) -> &[f64] {
         &self.resistance
     }
@@ -73,7 +74,7 @@ impl Own {
         known.map(|&(row, column)| (row as usize, column as usize)).chain(all)
     }
 
-    /// Finds its places in the pattern of the model, which has them.
+    /// Determines the slots of its places in the pattern of the model, which contains them.
     pub(super) fn settle(&mut self, pattern: &Pattern) {
         self.slots = match &self.places {
             Some(_) => self.places().map(|(row, column)| pattern.slot(row, column)).collect(),
@@ -110,7 +111,7 @@ impl Own {
         add(&self.restoring, restoring);
     }
 
-    /// `stiffness` is that of the model: it has every place, row by row, unless places are known.
+    /// `stiffness` is the stiffness of the model: a full matrix row by row, unless the places are known.
     pub(super) fn add_linearisation<T: Elementary>(
         &mut self,
         moment: Moment<T>,
@@ -155,7 +156,7 @@ mod tests {
     use crate::simulation::motion::Motion;
     use crate::simulation::{Precision, Solver};
 
-    /// A pendulum with a drive, U = −9 cos q, F = sin 3t.
+    /// A driven pendulum, U = −9 cos q, F = sin 3t.
     struct Pendulum;
 
     impl OwnTerms for Pendulum {
@@ -218,7 +219,7 @@ mod tests {
         }
     }
 
-    /// F_i = sin(t), whatever the position.
+    /// F_i = sin(t), independent of the position.
     struct Drive;
 
     impl OwnTerms for Drive {
@@ -287,7 +288,7 @@ mod tests {
         }
     }
 
-    /// A row of pendulums by themselves, U = −9 Σ cos q_i, whose stiffness is a diagonal.
+    /// Uncoupled pendulums, U = −9 Σ cos q_i, whose stiffness is diagonal.
     struct Row(usize);
 
     impl OwnTerms for Row {

@@ -1,4 +1,4 @@
-//! What acts on a system and is rough in time: forces, loads and samples whose moments are taken exactly.
+//! Forces, loads and samples that are rough in time, whose moments are computed exactly.
 
 use super::force_moments::{ForceMoments, StepLengths};
 use super::scenario_loads::{loads, takes_moments};
@@ -9,14 +9,15 @@ use fvi_core::{NodalRule, Real};
 use std::ops::Range;
 use std::slice::from_ref;
 
-/// The forces of a scenario that jump, have kinks or roots, are narrow or without bound, or come as samples.
+/// The forces of a scenario that have jumps, kinks or roots, are narrow or unbounded, or are given by
+/// samples.
 #[derive(Clone, Debug)]
 pub(crate) struct RoughForces {
     coordinates: usize,
-    /// Motions integrated together, one for each load case.
+    /// Number of motions integrated together, one for each load case.
     motions: usize,
     force: Option<ForceMoments>,
-    /// Part of it whose values the scheme does not use.
+    /// Unbounded part of the force, which the scheme does not evaluate.
     unbounded: Option<ForceMoments>,
     /// Amplitudes that are expressions.
     expressions: Vec<(ForceMoments, RoughLoad)>,
@@ -26,7 +27,7 @@ pub(crate) struct RoughForces {
     live: Option<SignalMoments<SampledInput>>,
 }
 
-/// A load, and the motions that it acts on.
+/// A load and the motions that it acts on.
 #[derive(Clone, Debug)]
 struct RoughLoad {
     load: Load,
@@ -34,8 +35,8 @@ struct RoughLoad {
 }
 
 impl RoughForces {
-    /// For the schemes that take the work of forces by a quadrature or at nodes inside the step; `None` if
-    /// all is smooth.
+    /// The rough forces of a scenario whose scheme computes the work of forces by a quadrature or at nodes
+    /// inside the step; `None` if all forces are smooth.
     pub(crate) fn of(scenario: &Scenario) -> Option<Self> {
         if !takes_moments(scenario) {
             return None;
@@ -62,7 +63,7 @@ impl RoughForces {
         let (mut unbounded, coordinates) = (None, system.coordinates());
         if let Some(whole) = &whole {
             let moments = |components: &[_], singularities: &[_]| {
-                ForceMoments::whole(components, lengths, time.end(), singularities.to_vec())
+                ForceMoments::whole(components, lengths, time.end(), Some(singularities.to_vec()))
             };
             unbounded = whole.force.as_ref().map(|(components, times)| moments(components, times));
             for (load, motions, times) in &whole.loads {
@@ -93,14 +94,14 @@ impl RoughForces {
         self.live.as_mut().map(SignalMoments::signal_mut)
     }
 
-    /// From where on something may have been overlooked.
+    /// Time from which rough points may have been overlooked.
     pub(crate) fn missed(&self) -> Option<f64> {
         let forces = self.force.iter().chain(&self.unbounded);
         forces.chain(self.expressions.iter().map(|(amplitude, _)| amplitude)).find_map(ForceMoments::missed)
     }
 
-    /// Writes by how much the moments exceed what the nodes give, ν = 0…S, N numbers each and for each
-    /// motion, and returns whether they do.
+    /// Writes the exact moments minus those of the nodes, ν = 0…S, N numbers each and for each motion, and
+    /// returns whether there is a correction.
     pub(crate) fn moment_correction<T: Real>(
         &mut self,
         rule: &NodalRule<'_, T>,
@@ -139,7 +140,7 @@ impl RoughForces {
     }
 }
 
-/// Sets what is to be summed to zero, once.
+/// Sets the sum to zero before its first term.
 fn clear<T: Real>(moment_correction: &mut [T], found: &mut bool) {
     if !std::mem::replace(found, true) {
         moment_correction.fill(T::zero());

@@ -1,14 +1,14 @@
-//! The damping terms of a scenario on memories: how many channels they have, which of them may share one.
+//! The damping terms of a scenario on memories: number of channels, and terms that may share a memory.
 
-use super::channel_damping::{ChannelDamping, Coefficient, Directions, HostTerm};
+use super::channel_damping::{ChannelDamping, Coefficient, Directions};
 use super::matrices::Matrix;
 use super::mechanics::matrix;
 use super::space::AnySpace;
 use crate::language::expression::Elementary;
 use crate::scenario::{self, SymmetricMatrix};
-use fvi_core::{DampingError, DampingTerm, Derivative, Kernel, Memory};
+use fvi_core::{Block, DampingError, Derivative, Kernel, Memory};
 
-/// On what the derivative of a term acts.
+/// Type of the derivative of a term.
 fn derivative(term: &scenario::Damping) -> Derivative {
     match term.derivative {
         scenario::Derivative::RiemannLiouville => Derivative::RiemannLiouville,
@@ -16,7 +16,7 @@ fn derivative(term: &scenario::Damping) -> Derivative {
     }
 }
 
-/// Directions that the memory of a term follows; `None`: every coordinate.
+/// Directions whose motion the memory of a term stores; `None`: every coordinate.
 fn directions<T: Elementary>(term: &scenario::Damping) -> Option<Directions<T>> {
     match (&term.attached, &term.coefficient) {
         (Some(attached), _) => Some(Directions::of_dampers(attached)),
@@ -25,13 +25,12 @@ fn directions<T: Elementary>(term: &scenario::Damping) -> Option<Directions<T>> 
     }
 }
 
-/// The same, every coordinate by its number.
+/// The same, with every coordinate by its index.
 fn all_directions<T: Elementary>(term: &scenario::Damping) -> Directions<T> {
     directions(term).unwrap_or_else(|| Directions::Coordinates((0..term.coefficient.size()).collect()))
 }
 
-/// Number of channels that the memory of a term has for each node, where so many motions are integrated
-/// together.
+/// Number of channels that the memory of a term has for each node, with `copies` motions integrated together.
 pub fn channels_of(term: &scenario::Damping, copies: usize) -> usize {
     let for_one = match (&term.attached, &term.coefficient) {
         (Some(attached), _) => attached.columns.len(),
@@ -43,7 +42,7 @@ pub fn channels_of(term: &scenario::Damping, copies: usize) -> usize {
     for_one * copies
 }
 
-/// Whether the memories of two terms would follow the same numbers, so that they may have one.
+/// Whether the memories of two terms would store the same samples, so that they may share one.
 pub fn follow_alike<T: Elementary>(one: &scenario::Damping, other: &scenario::Damping) -> bool {
     let same_derivative = one.derivative == other.derivative
         && (derivative(one) == Derivative::RiemannLiouville
@@ -51,27 +50,29 @@ pub fn follow_alike<T: Elementary>(one: &scenario::Damping, other: &scenario::Da
     same_derivative && all_directions::<T>(one) == all_directions::<T>(other)
 }
 
-/// Damping terms on a memory of their kernels. Where there are several they follow the same numbers.
+/// Damping terms on a memory of their kernels. Several terms must have the same samples.
 ///
 /// # Errors
-/// If the coefficients are not positive semidefinite in the precision of `T`, or the memory is not one of the
-/// kernels.
+/// If the coefficients are not positive semidefinite in the precision of `T`, or the weights of the memory
+/// are not those of the kernels.
 pub fn term_on_memory<T: Elementary, M: Memory<T>>(
     space: &AnySpace,
     terms: &[(&scenario::Damping, Kernel)],
     memory: M,
-) -> Result<HostTerm<T, M>, DampingError> {
+) -> Result<ChannelDamping<T, M>, DampingError> {
     let rho =
         |term: &scenario::Damping| -> Matrix<T> { matrix(&term.coefficient).on_threads(space.threads()) };
-    let (first, kernel) = terms[0];
-    if terms.len() == 1 && directions::<T>(first).is_none() {
-        return DampingTerm::in_space(space, kernel, rho(first), derivative(first), memory)
-            .map(HostTerm::Everywhere);
-    }
+    let first = terms[0].0;
+    let directions = match directions::<T>(first) {
+        None if terms.len() == 1 => {
+            rho(first).check_positive_semidefinite().map_err(DampingError::Coefficients)?;
+            Directions::All(first.coefficient.size())
+        }
+        _ => all_directions(first),
+    };
     let coefficient =
         |&(term, _): &(&scenario::Damping, Kernel)| Coefficient::new(rho(term), term.attached.as_ref());
     let coefficients = terms.iter().map(coefficient).collect();
     let kernels: Vec<Kernel> = terms.iter().map(|(_, kernel)| *kernel).collect();
-    let shape = (coefficients, all_directions(first), space.copies());
-    ChannelDamping::new(&kernels, shape, derivative(first), memory).map(HostTerm::Channels)
+    ChannelDamping::new(&kernels, (coefficients, directions, space.copies()), derivative(first), memory)
 }

@@ -1,14 +1,14 @@
-//! The loads of a scenario, and whether its scheme takes more of forces of time than their values at nodes.
+//! The loads of a scenario, and whether its scheme supports exact moments of forces of time.
 
 use crate::scenario::{ForceQuadrature, Load, Scenario};
 use std::ops::Range;
 
-/// Whether the scheme of a scenario can take forces of time by more than its nodes.
+/// Whether the scheme of a scenario supports exact moments of forces of time.
 pub(crate) fn takes_moments(scenario: &Scenario) -> bool {
     scenario.system.force_quadrature == ForceQuadrature::Moments && scenario.scheme_descriptor().takes_moments
 }
 
-/// The loads of a scenario, with the motions that they act on.
+/// The loads of a scenario, each with the range of motions that it acts on.
 pub(crate) fn loads(scenario: &Scenario) -> impl Iterator<Item = (&Load, Range<usize>)> {
     let motions = scenario.copies();
     let shared = scenario.system.loads.iter().map(move |load| (load, 0..motions));

@@ -1,5 +1,6 @@
 //! The schemes of scenarios: any degree, any quadrature, known at run time.
 
+use super::massless::{Carried, Found, MasslessRows, Settling};
 use super::matrices::Matrix;
 use super::space::{AnyEquations, AnyFactors, AnySpace};
 use crate::numerics::StagedMethod;
@@ -11,7 +12,7 @@ use fvi_core::{
 };
 use fvi_scenario::with_staged_method;
 
-/// Any of the core's schemes, its tables on the heap.
+/// Any of fvi-core's schemes, with its tables on the heap.
 #[derive(Clone, Debug)]
 pub struct AnyScheme<T> {
     weights: Vec<T>,
@@ -24,18 +25,20 @@ pub struct AnyScheme<T> {
     matrix: Vec<T>,
     square: Vec<T>,
     form: Form,
+    /// Coordinates without mass whose positions at grid points do not follow from the step's polynomial.
+    massless: MasslessRows,
 }
 
-/// Where the fractional force acts, and what the memory stores.
+/// Place where the fractional force acts, and samples that the memory stores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
-    /// At q_{k+1}, in the new momentum only; the main nodes.
+    /// The force acts at q_{k+1}, in the new momentum only; the memory stores main nodes.
     MainNodes,
-    /// At the end of the step, in all equations; the main nodes.
+    /// The force acts at the end of the step, in all equations; the memory stores main nodes.
     EndOfStep,
-    /// At the quadrature nodes; these.
+    /// The force acts at the quadrature nodes, which the memory stores.
     Nodes,
-    /// At the nodes, where the equations of motion hold.
+    /// The force acts at the collocation nodes, which the memory stores.
     Collocation,
 }
 
@@ -43,7 +46,7 @@ impl<T: Real> AnyScheme<T> {
     /// The scheme of a scenario.
     ///
     /// # Errors
-    /// If degree, points and stages do not go together.
+    /// If degree, points and stages do not fit each other.
     pub fn new(scenario: &Scenario) -> Result<Self, ParameterError> {
         let form = match scenario.convolution.at {
             DampedAt::MainNodes => Form::MainNodes,
@@ -85,6 +88,7 @@ impl<T: Real> AnyScheme<T> {
             matrix: Vec::new(),
             square: Vec::new(),
             form,
+            massless: MasslessRows::default(),
         };
         let tables = Tables {
             control_points: &mut scheme.control_points,
@@ -108,6 +112,7 @@ impl<T: Real> AnyScheme<T> {
             matrix: Vec::new(),
             square: Vec::new(),
             form,
+            massless: MasslessRows::default(),
         }
     }
 
@@ -124,7 +129,13 @@ impl<T: Real> AnyScheme<T> {
             matrix: super::vector(method.matrix().as_flattened()),
             square: super::vector(method.square().as_flattened()),
             form: Form::Collocation,
+            massless: MasslessRows::default(),
         }
+    }
+
+    /// The same scheme for a system with these coordinates without mass.
+    pub(crate) fn with_massless(self, massless: MasslessRows) -> Self {
+        Self { massless, ..self }
     }
 
     /// The discrete Lagrangian.
@@ -139,7 +150,7 @@ impl<T: Real> AnyScheme<T> {
         }
     }
 
-    /// A of collocation, R·R numbers row by row.
+    /// A of collocation, R·R numbers row by row; `None` for other schemes.
     pub fn matrix(&self) -> Option<&[T]> {
         (self.form == Form::Collocation).then_some(&self.matrix)
     }
@@ -154,8 +165,8 @@ impl<T: Real> AnyScheme<T> {
         self.form == Form::MainNodes
     }
 
-    /// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths the compiler
-    /// knows: loops over nodes and points vanish from its step.
+    /// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths are known to
+    /// the compiler: its step has no loops over nodes and points.
     #[inline(always)]
     fn of_one_point(&self) -> Option<DiscreteLagrangian<'_, T>> {
         fn one<T>(numbers: &[T]) -> Option<&[T; 1]> {
@@ -195,7 +206,7 @@ impl Rule {
     }
 }
 
-/// The room of a step, and what a linear system keeps between steps.
+/// Workspace of a step, and data that a linear system reuses between steps.
 pub struct Room<T: Real> {
     increments: Vec<T>,
     residual: Vec<T>,
@@ -203,10 +214,14 @@ pub struct Room<T: Real> {
     forces: Vec<T>,
     known: Vec<T>,
     scratch: Vec<T>,
-    /// How far the nodes of the last sample lie behind the position, and behind it what pulled there.
+    /// Offsets of the position from the nodes of the last sample, followed by the last restoring force and
+    /// the means of coordinates without mass.
     carried: Vec<T>,
-    /// Numbers of the first.
+    /// Lengths of the first and the second of these parts.
     behind: usize,
+    pulled: usize,
+    /// Buffers for coordinates without mass at the ends of steps.
+    settling: Settling<T>,
     moment_correction: Vec<T>,
     point: Vec<T>,
     stiffness: Matrix<T>,
@@ -223,7 +238,7 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         let samples = self.sampling().nodes();
         let numbers = |count: usize| vec![T::zero(); count * size];
         let behind = if self.form == Form::Nodes { points } else { 0 };
-        // Of a linear system nothing is guessed.
+        // For a linear system there is no guess.
         let guessed = !mechanics.is_linear() && self.of_one_point().is_some();
         Room {
             increments: numbers(degree),
@@ -233,8 +248,10 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
             known: numbers(samples),
             scratch: numbers(samples + 1),
             moment_correction: numbers(degree + 1),
-            carried: numbers(behind + usize::from(guessed)),
+            carried: vec![T::zero(); (behind + usize::from(guessed)) * size + self.massless.carried()],
             behind: behind * size,
+            pulled: usize::from(guessed) * size,
+            settling: Settling::new(&self.massless, mechanics),
             point: numbers(1),
             stiffness: mechanics.stiffness(),
             matrix: space.equations(degree),
@@ -265,7 +282,9 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
-        let (behind, restoring) = room.carried.split_at_mut(room.behind);
+        let (behind, rest) = room.carried.split_at_mut(room.behind);
+        let (restoring, means) = rest.split_at_mut(room.pulled);
+        room.settling.begin(&self.massless, &state.position);
         let mut work = Workspace::<T, AnySpace, _> {
             increments: &mut room.increments,
             residual: &mut room.residual,
@@ -281,7 +300,7 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
             matrix: &mut room.matrix,
             kept: &mut room.kept,
         };
-        match (self.form, self.of_one_point()) {
+        let iterations = match (self.form, self.of_one_point()) {
             (Form::MainNodes, Some(lagrangian)) => {
                 lagrangian.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
             }
@@ -299,19 +318,25 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
                 let tables = CollocationTables { matrix, square, weights, nodes };
                 tables.step(&mut work, mechanics, damping, step, state)
             }
+        }?;
+        if !self.massless.is_empty() {
+            let found = Found { weights: &self.weights, stages: &room.stages };
+            let carried = Carried { behind, means, increments: &mut room.increments };
+            room.settling.end(&self.massless, mechanics, step, &found, carried, state);
         }
+        Ok(iterations)
     }
 }
 
 impl<T: Real> AnyScheme<T> {
-    /// What the last step has solved for: with the state at its beginning, all that
-    /// [`interpolate`](Self::interpolate) needs.
+    /// The solution of the last step: with the state at its beginning it determines
+    /// [`interpolate`](Self::interpolate).
     pub fn solution(room: &Room<T>) -> &[T] {
         &room.increments
     }
 
     /// Moves position and momentum from the beginning of a step, of the given length, to the given fraction
-    /// of it, by the polynomial that the scheme itself works with.
+    /// of it, by the polynomial of the scheme.
     pub fn interpolate(
         &self,
         solution: &[T],
@@ -322,7 +347,7 @@ impl<T: Real> AnyScheme<T> {
     ) {
         let size = position.len().max(1);
         let unknowns = || solution.chunks_exact(size);
-        // Δq, and Δv or v.
+        // Δq, and Δv for collocation or v.
         let (mut way, mut velocity) = (vec![T::zero(); size], vec![T::zero(); size]);
         if self.form == Form::Collocation {
             mechanics.velocity(momentum, &mut velocity);
@@ -331,7 +356,7 @@ impl<T: Real> AnyScheme<T> {
             for (j, acceleration) in unknowns().enumerate() {
                 let [once, mut twice] = integrals_of_shape(&self.nodes, j, fraction);
                 if self.nodes.len() == 1 {
-                    // One stage goes all the way with the velocity that it ends with, Δq = h (v + h a).
+                    // With one stage the displacement follows from the final velocity, Δq = h (v + h a).
                     twice = fraction;
                 }
                 add_multiple(&mut velocity, length * once, acceleration);

@@ -1,22 +1,22 @@
-//! Numbers that several matrices may have in common.
+//! Numbers that several matrices may share.
 
 use fvi_core::Real;
 use std::any::Any;
 use std::ops::Deref;
 use std::sync::Arc;
 
-/// The entries of a sparse matrix: its own, or those of other matrices too. Those of finite-element models
-/// take more room than all vectors together.
+/// The entries of a sparse matrix, owned or shared with other matrices. Those of finite-element models take
+/// more memory than all vectors together.
 #[derive(Clone, Debug)]
 pub enum Shared<T> {
-    /// For this matrix alone.
+    /// Owned by one matrix.
     Own(Vec<T>),
-    /// For all that hold them.
+    /// Shared by several matrices.
     Common(Arc<Vec<T>>),
 }
 
 impl<T: Real> Shared<T> {
-    /// Numbers of a scenario in the precision of `T`: the scenario's own where that is theirs.
+    /// Numbers of a scenario in the precision of `T`: shared with the scenario if that is double precision.
     pub fn of(numbers: &Arc<Vec<f64>>) -> Self {
         let any: Arc<dyn Any + Send + Sync> = Arc::<Vec<f64>>::clone(numbers);
         match any.downcast::<Vec<T>>() {
@@ -25,7 +25,7 @@ impl<T: Real> Shared<T> {
         }
     }
 
-    /// The numbers, to be changed for this matrix alone.
+    /// The numbers, mutable; shared ones are copied first.
     #[inline]
     pub fn own(&mut self) -> &mut [T] {
         if let Self::Common(numbers) = self {
@@ -50,7 +50,7 @@ impl<T> Deref for Shared<T> {
     }
 }
 
-/// The same numbers.
+/// Equality of the numbers, owned or shared.
 impl<T: PartialEq> PartialEq for Shared<T> {
     fn eq(&self, other: &Self) -> bool {
         **self == **other

@@ -1,5 +1,4 @@
-//! Exact moments of signals that are given piece by piece: samples that are held, and records with straight
-//! lines between rows.
+//! Exact moments of piecewise signals: samples that are held, and records that are linear between rows.
 
 use super::force_moments::{Against, gauss_places, node_moment, sides_of_step};
 use crate::language::expression::Moment;
@@ -8,19 +7,19 @@ use fvi_core::{NodalRule, Real};
 
 /// A function of time that is a polynomial between its breaks.
 pub(super) trait Signal {
-    /// Numbers that it has at each time.
+    /// Number of its components.
     fn width(&self) -> usize;
 
     /// Calls `found` with each break between two times, in ascending order.
     fn breaks(&self, from: f64, to: f64, found: impl FnMut(f64));
 
-    /// Writes the values at a time in the piece that begins at or before it.
+    /// Writes the values at a time, by the piece that begins at or before it.
     fn value(&self, time: f64, values: &mut [f64]);
 
-    /// Writes what a scheme takes at a node of the step that begins at `start`.
+    /// Writes the values that a scheme uses at a node of the step that begins at `start`.
     fn at_node(&self, start: f64, node: Moment<f64>, values: &mut [f64]);
 
-    /// How close to an end of the step, in parts of it, a break counts there.
+    /// Distance from the ends of the step, as fractions of it, within which a break counts as at the end.
     fn edges<T: Real>(rule: &NodalRule<'_, T>) -> (f64, f64);
 }
 
@@ -41,12 +40,12 @@ impl Signal for SampledInput {
         }
     }
 
-    /// The sample at the beginning of the step, held over all of it.
+    /// The sample at the beginning of the step, held over the whole step.
     fn at_node(&self, start: f64, _: Moment<f64>, values: &mut [f64]) {
         self.value(start, values);
     }
 
-    /// As [`SampledInput::at_step`] counts samples.
+    /// The same tolerance as in [`SampledInput::at_step`].
     fn edges<T: Real>(rule: &NodalRule<'_, T>) -> (f64, f64) {
         let rounding = 4.0 * T::EPSILON.to_f64() * rule.start.abs().max(rule.length).to_f64();
         let edge = f64::max(1e-9, rounding / rule.length.to_f64());
@@ -89,19 +88,19 @@ pub(super) struct SignalMoments<S> {
 }
 
 impl<S: Signal> SignalMoments<S> {
-    /// Of this signal.
+    /// Moments of this signal.
     pub(super) fn new(signal: S) -> Self {
         let values = vec![0.0; signal.width()];
         Self { signal, breaks: Vec::new(), values, total: Vec::new() }
     }
 
-    /// The signal, to be changed between steps.
+    /// The signal, mutable between steps.
     pub(super) fn signal_mut(&mut self) -> &mut S {
         &mut self.signal
     }
 
-    /// The moment correction, as of [`ForceMoments`](super::force_moments::ForceMoments); `None` in a step
-    /// without a break inside, which is left to the nodes.
+    /// The moment correction, as of [`ForceMoments`](super::force_moments::ForceMoments); `None` for a step
+    /// without a break inside, for which the nodes are accurate enough.
     pub(super) fn moment_correction<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
         let (start, length) = (rule.start.to_f64(), rule.length.to_f64());
         let (first, last) = S::edges(rule);
@@ -125,7 +124,7 @@ impl<S: Signal> SignalMoments<S> {
                 against.add(place, weight, &self.values, &mut self.total);
             }
         }
-        // A sample within the rounding of the first grid point counts there.
+        // A sample within rounding of the first grid point counts as at that point.
         let begin = start + first * length;
         for i in 0..rule.nodes.len() {
             self.signal.at_node(begin, node_moment(rule, i), &mut self.values);

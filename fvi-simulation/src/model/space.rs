@@ -1,5 +1,5 @@
-//! The space in which scenarios run: vectors of as many coordinates as there are, and equations that are
-//! solved as suits them.
+//! The space of scenarios: vectors with a number of coordinates known at run time, and equations with a
+//! choice of solvers.
 
 use super::matrices::{DenseEquations, DenseFactors, Matrix};
 use super::sparse::{Elimination, Factored, SparseEquations};
@@ -8,13 +8,13 @@ use std::sync::Arc;
 
 /// The space of N coordinates, N known at run time, or of several such motions together.
 ///
-/// Vectors are on the heap, blocks are [`Matrix`]. How the equations of a step are solved is a value, so that
-/// what is written over spaces is compiled once for all of them: in a full matrix or within its band, or,
-/// where there is a plan, by a sparse factor.
+/// Vectors are on the heap, blocks are [`Matrix`]. The solver for the equations of a step is a value, so that
+/// code which is generic over spaces is compiled once for all solvers: elimination in a full matrix or within
+/// its band, or, with a plan, a sparse factor.
 ///
-/// With C motions of one linear system, which have sparse factors, the vectors have C N numbers, one motion
-/// behind the other, and a block of N rows stands for the matrix that has it C times on its diagonal: one
-/// factor serves all motions, in one pass.
+/// With C motions of one linear system, which use sparse factors, vectors have C N numbers, one motion after
+/// another, and a block of N rows stands for the block-diagonal matrix with C copies of it: one factor solves
+/// for all motions in one pass.
 #[derive(Clone, Debug)]
 pub struct AnySpace {
     coordinates: usize,
@@ -29,39 +29,40 @@ impl AnySpace {
         Self { coordinates, copies: 1, threads: 1, plan: None }
     }
 
-    /// The space in which equations are eliminated by this plan.
+    /// The space whose equations are solved by a sparse factor with this plan.
     pub fn sparse(plan: Elimination) -> Self {
         Self { coordinates: plan.coordinates(), copies: 1, threads: 1, plan: Some(Arc::new(plan)) }
     }
 
-    /// The space of so many motions together.
+    /// The space of `copies` motions together.
     #[must_use]
     pub fn times(self, copies: usize) -> Self {
         Self { copies, ..self }
     }
 
-    /// The same space, whose products and solutions may take so many threads; the bits are the same.
+    /// The same space, with products and solutions on at most the given number of threads; the bits are the
+    /// same.
     #[must_use]
     pub fn on_threads(self, threads: usize) -> Self {
         Self { threads, ..self }
     }
 
-    /// How many threads that are.
+    /// Number of threads.
     pub fn threads(&self) -> usize {
         self.threads
     }
 
-    /// How many motions there are.
+    /// Number of motions.
     pub fn copies(&self) -> usize {
         self.copies
     }
 
-    /// How equations are eliminated where they are sparse.
+    /// Plan of the sparse elimination; `None` for dense equations.
     pub fn plan(&self) -> Option<&Elimination> {
         self.plan.as_deref()
     }
 
-    /// Room for the equations of a step of this many nodes.
+    /// Storage for the equations of a step with `nodes` nodes.
     pub fn equations<T: Real>(&self, nodes: usize) -> AnyEquations<T> {
         match &self.plan {
             None => AnyEquations::Dense(DenseEquations::new(self.coordinates, nodes)),
@@ -96,7 +97,7 @@ impl<T: Real> Space<T> for AnySpace {
     }
 }
 
-/// The equations of a step, solved as their space says.
+/// The equations of a step, with the solver of their space.
 pub enum AnyEquations<T> {
     /// In a full matrix, or within its band.
     Dense(DenseEquations<T>),
@@ -106,9 +107,9 @@ pub enum AnyEquations<T> {
 
 /// Factors of [`AnyEquations`] for many right-hand sides.
 pub enum AnyFactors<T> {
-    /// That of dense ones.
+    /// Factors of dense equations.
     Dense(DenseFactors<T>),
-    /// That of sparse ones.
+    /// Factor of sparse equations.
     Sparse(Option<Factored>),
 }
 
@@ -168,7 +169,7 @@ impl<T: Real> Equations<T, Matrix<T>> for AnyEquations<T> {
                 *kept = AnyFactors::Dense(factors);
             }
             Self::Sparse(equations) => {
-                // Before the next factor is made: there may not be room for two.
+                // The old factor is dropped first: there may not be memory for two.
                 *kept = AnyFactors::default();
                 let mut factor = None;
                 equations.keep(&mut factor, inertia)?;
@@ -182,7 +183,7 @@ impl<T: Real> Equations<T, Matrix<T>> for AnyEquations<T> {
         match (self, kept) {
             (Self::Dense(equations), AnyFactors::Dense(factors)) => equations.solve_kept(factors, vector),
             (Self::Sparse(equations), AnyFactors::Sparse(factor)) => equations.solve_kept(factor, vector),
-            // Nothing has been kept.
+            // No factor has been stored.
             _ => {}
         }
     }

@@ -1,4 +1,4 @@
-//! The equations of many coordinates, with sparse factors.
+//! Sparse equations of many coordinates, and their factors.
 
 use super::matrices::Matrix;
 use crate::scenario::KnownMatrices;
@@ -6,22 +6,22 @@ use fvi_core::{DiscreteLagrangian, Equations, Real, Singular};
 use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
 
-/// How the equations of a step are eliminated, known before the first step.
+/// Plan of the elimination for the equations of a step, made before the first step.
 #[derive(Clone, Debug)]
 pub struct Elimination {
     pattern: Arc<Pattern>,
     analysis: Analysis,
-    /// With two unknown nodes.
+    /// Transformation to symmetric form, for two unknown nodes.
     pair: Option<StagePair>,
 }
 
 impl Elimination {
-    /// Analyses the places at which the sum of these matrices can have entries.
+    /// Analyses the union of the patterns of these matrices.
     pub fn of<T: Real>(coordinates: usize, blocks: &[&Matrix<T>]) -> Self {
         Self::with_pattern(Self::places_of(coordinates, blocks))
     }
 
-    /// The same with a pattern of other scenarios, if one of them has had these places.
+    /// The same, using an equal pattern of another scenario if there is one.
     pub fn knowing<T: Real>(coordinates: usize, blocks: &[&Matrix<T>], known: &KnownMatrices) -> Self {
         Self::with_pattern(known.pattern(Self::places_of(coordinates, blocks)))
     }
@@ -31,7 +31,7 @@ impl Elimination {
             Matrix::Sparse(sparse) => Some(&sparse.pattern),
             _ => None,
         });
-        // Often the stiffness has all places, and has been analysed.
+        // Often the stiffness includes all other patterns, and has been analysed already.
         let widest = sparse.max_by_key(|pattern| pattern.len());
         let none = || Arc::new(Pattern::new(coordinates, Vec::new()));
         let mut pattern = widest.map_or_else(none, Arc::clone);
@@ -64,7 +64,7 @@ impl Elimination {
         if self.pair.is_some() { 2 } else { 1 }
     }
 
-    /// Numbers of the factor.
+    /// Number of entries of the factor.
     pub fn factor_len(&self) -> usize {
         self.analysis.factor_len()
     }
@@ -80,43 +80,43 @@ impl Elimination {
     }
 }
 
-/// Two rows or columns of numbers, one for each unknown node.
+/// A 2×2 matrix row by row, one row or column for each unknown node.
 type Pair = [[f64; 2]; 2];
 
-/// What makes the equations of a step with two unknown nodes, damped at two quadrature nodes or at none,
-/// symmetric and quasidefinite.
+/// Transformation of the equations of a step with two unknown nodes, damped at two quadrature nodes or at
+/// none, to symmetric and quasidefinite form.
 ///
-/// With stages X_i = q_k + Σ_μ ℓ_μ(c_i) e^μ as unknowns and equations that are combined so that each has the
-/// force of one stage, their matrix is
+/// With the stages X_i = q_k + Σ_μ ℓ_μ(c_i) e^μ as unknowns and equations combined such that each contains
+/// the force of one stage, the matrix is
 ///
 /// ```text
 /// h [K₁ + a₁₁ M/h²    a₁₂ M/h²     ;
 ///    a₂₁ M/h²         K₂ + a₂₂ M/h²] ,
 /// ```
 ///
-/// K_i the stiffness at stage i with the leading weights of the damping there. Of Gauss's rule
-/// a = (A²)⁻¹ = [6, 6(2√3 − 3); −6(2√3 + 3), 6], A that of collocation. So with g² = −a₂₁/a₁₂, g times the
-/// second unknown in its place, and −1/g times the second equation,
+/// K_i the stiffness at stage i with the leading weights of the damping there. For Gauss's rule a = (A²)⁻¹ =
+/// [6, 6(2√3 − 3); −6(2√3 + 3), 6], A that of collocation. With g² = −a₂₁/a₁₂, the second unknown multiplied
+/// by g and the second equation by −1/g it becomes
 ///
 /// ```text
 /// h [K₁ + a₁₁ M/h²    c M/h²          ;
 ///    c M/h²           −(K₂ + a₂₂ M/h²)] ,       c = g a₁₂ = 6√3 ,
 /// ```
 ///
-/// which is quasidefinite, and has a factor L Σ Lᵀ in every order of elimination, where
-/// G_i = K_i + a_ii M/h² is positive definite. Its numbers hardly grow where K_i is positive semidefinite
+/// which is quasidefinite, and has a factor L Σ Lᵀ for every order of elimination, if G_i = K_i + a_ii M/h²
+/// is positive definite. There is hardly any growth of its numbers if K_i is positive semidefinite
 /// (\[GillSaundersShinnerl96\]): (c M/h²) G_i⁻¹ (c M/h²) ≤ (c²/a₁₁) M/h² = 3 a₁₁ M/h² ≤ 3 G_j.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StagePair {
-    /// Combinations of the equations: row by row, one number for each equation.
+    /// Combinations of the equations: each row has one coefficient for each equation.
     equations: Pair,
-    /// Combinations of the unknowns: row by row, one number for each of the new ones.
+    /// Combinations of the unknowns: each row has one coefficient for each new unknown.
     unknowns: Pair,
 }
 
 impl StagePair {
-    /// For a discrete Lagrangian; `None` where it has other than two unknown nodes and two points, or its
-    /// equations cannot be combined so.
+    /// The transformation for a discrete Lagrangian; `None` if it does not have two unknown nodes and two
+    /// points, or its equations cannot be brought into this form.
     pub fn of<T: Real>(lagrangian: &DiscreteLagrangian<'_, T>) -> Option<Self> {
         fn pair<T: Real>(numbers: &[T]) -> Option<Pair> {
             let numbers: &[T; 4] = numbers.try_into().ok()?;
@@ -124,7 +124,7 @@ impl StagePair {
             Some([[a, b], [c, d]])
         }
         let &[first, second] = lagrangian.weights else { return None };
-        // Row by row one node.
+        // One row for each node.
         let (shapes, [one, other]) = (pair(lagrangian.shapes)?, pair(lagrangian.tests)?);
         // Row ν and column μ of the matrix have −h Σ_i b_i ℓ_ν(c_i) ℓ_μ(c_i) K_i.
         let (first, second) = (-first.to_f64(), -second.to_f64());
@@ -155,39 +155,39 @@ fn inverse([[a, b], [c, d]]: Pair) -> Option<Pair> {
         .then(|| [[d, -b], [-c, a]].map(|row| row.map(|number| number / determinant)))
 }
 
-/// The sparse equations of a step: with one unknown node their matrix is symmetric and definite, with two it
-/// is made [symmetric and quasidefinite](StagePair).
+/// The sparse equations of a step: for one unknown node the matrix is symmetric and definite, for two it is
+/// transformed to be [symmetric and quasidefinite](StagePair).
 ///
-/// The pattern is analysed once. Newton's method factors again where the matrix has changed since it was
-/// factored last.
+/// The pattern is analysed once. Newton's method factors the matrix only if it differs from the last one
+/// factored.
 pub struct SparseEquations {
     pattern: Arc<Pattern>,
-    /// Of the pattern; `None` after it grew.
+    /// Analysis of the pattern; `None` after it has grown.
     analysis: Option<Analysis>,
     pair: Option<StagePair>,
-    /// One for each place, times `sign`; of pairs four.
+    /// One value for each place, times `sign`; four for pairs.
     values: Vec<f64>,
     /// The sign that makes the first entry positive; 0 while nothing has been added.
     sign: f64,
-    /// That a solution may take.
+    /// Number of threads for a solution.
     threads: usize,
-    /// The last matrix that was factored for one solution, with its factor.
+    /// The last matrix factored for a single solution, with its factor.
     last: Option<(Vec<f64>, Factored)>,
     /// The vector in double precision.
     buffer: Vec<f64>,
 }
 
-/// The factor of a matrix A, or of what it is with a minus.
+/// The factor of a matrix A, or of −A.
 pub struct Factored {
     factor: Factor,
     pair: Option<StagePair>,
     sign: f64,
     threads: usize,
-    /// √A_ii; nothing of pairs.
+    /// √A_ii; empty for pairs.
     scales: Vec<f64>,
 }
 
-/// How many roundings of its terms a residual may have for one correction to be enough.
+/// Size of a residual, in rounding errors of its terms, up to which one correction suffices.
 const ROUNDINGS: f64 = 32.0;
 
 impl Factored {
@@ -201,7 +201,8 @@ impl Factored {
         vector.iter_mut().zip(buffer.iter()).for_each(|(place, &number)| *place = T::of(number));
     }
 
-    /// The numbers of both nodes, those of all motions of the first one before those of the second, as pairs.
+    /// Solves for both nodes as pairs; the numbers of the first node for all motions come before those of the
+    /// second.
     fn solve_pairs<T: Real>(&self, pair: &StagePair, buffer: &mut Vec<f64>, vector: &mut [T]) {
         let (first, second) = vector.split_at_mut(vector.len() / 2);
         let combined = |[a, b]: [f64; 2], x: f64, y: f64| a * x + b * y;
@@ -219,7 +220,7 @@ impl Factored {
 }
 
 impl SparseEquations {
-    /// Room for equations that are eliminated by this plan, on so many threads.
+    /// Storage for equations with this plan, on at most the given number of threads.
     pub fn new(plan: &Elimination, threads: usize) -> Self {
         Self {
             pattern: Arc::clone(&plan.pattern),
@@ -233,7 +234,7 @@ impl SparseEquations {
         }
     }
 
-    /// Numbers at each place of the pattern.
+    /// Number of values at each place of the pattern.
     fn numbers(&self) -> usize {
         if self.pair.is_some() { 4 } else { 1 }
     }
@@ -259,7 +260,7 @@ impl SparseEquations {
     }
 }
 
-/// Adds to each place the numbers times the entry there.
+/// Adds, at each place, the four numbers times the entry of the block.
 fn add_pairs<T: Real>(pattern: &Pattern, places: &mut [[f64; 4]], numbers: &[f64], block: &Matrix<T>) {
     for (row, slots) in pattern.rows().enumerate() {
         let mut places = pattern.columns()[slots.clone()].iter().zip(&mut places[slots]);
@@ -324,7 +325,7 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
 
     fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular> {
         if !self.last.as_ref().is_some_and(|(values, _)| *values == self.values) {
-            // Before the next factor is made: there may not be room for two.
+            // The old factor is dropped first: there may not be memory for two.
             self.last = None;
             let factored = self.factored(false)?;
             self.last = Some((self.values.clone(), factored));
@@ -362,15 +363,14 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
         }
     }
 
-    /// Of one unknown node, each motion by itself: |r_i| > 32 ε √A_ii · max_j √A_jj (|e_j| + |q_j|) for some
-    /// i, or not a number. Of two always.
+    /// For one unknown node, for each motion separately: |r_i| > 32 ε √A_ii · max_j √A_jj (|e_j| + |q_j|) for
+    /// some i, or not a number. For two nodes always true.
     ///
-    /// The factor is that of A + E with E symmetric and |E_ij| ≤ c ε √(A_ii A_jj), c growing with the entries
-    /// of a row (\[Demmel89\] theorem 2.1), and the entries of A and of the stiffness in it are no larger
-    /// than their diagonals allow either: the right-hand side is what the residual, and the forces in it, are
-    /// rounded by. Below it another correction would bring rounding of its own. What E does at every step is
-    /// harmless: the midpoint rule with A + E is that of the mass M + h E, and as stable as that one is
-    /// definite.
+    /// The factor is that of A + E with E symmetric and |E_ij| ≤ c ε √(A_ii A_jj), c growing with the number
+    /// of entries of a row (\[Demmel89\] theorem 2.1), and the entries of A and of its stiffness are bounded
+    /// by their diagonals likewise: the right-hand side bounds the rounding of the residual and of the forces
+    /// in it. Below it another correction would only add rounding errors. The effect of E at every step is
+    /// harmless: the midpoint rule with A + E is that of the mass M + h E, and stable if that is definite.
     fn is_unsettled(
         &self,
         kept: &Option<Factored>,
@@ -378,7 +378,7 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
         position: &[T],
         residual: &mut [T],
     ) -> bool {
-        // What the rounding of a pair's factor does is no change of a mass.
+        // The rounding errors of a pair's factor are not equivalent to a change of the mass.
         let Some(Factored { scales, pair: None, .. }) = kept else { return true };
         let size = scales.len().max(1);
         let motions = increments.chunks(size).zip(position.chunks(size)).zip(residual.chunks_mut(size));
@@ -400,7 +400,7 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
     }
 }
 
-/// Hands each entry of a row that need not be zero to `visit`, columns ascending.
+/// Calls `visit` for each structurally nonzero entry of a row, columns ascending.
 fn for_each_entry<T: Real>(block: &Matrix<T>, row: usize, mut visit: impl FnMut(usize, T)) {
     match block {
         Matrix::Diagonal(entries) => visit(row, entries[row]),
@@ -421,7 +421,7 @@ fn for_each_entry<T: Real>(block: &Matrix<T>, row: usize, mut visit: impl FnMut(
     }
 }
 
-/// The pattern with the places of a block; `None` if it has them all.
+/// The pattern extended by the places of a block; `None` if it includes them.
 fn widened<T: Real>(pattern: &Arc<Pattern>, block: &Matrix<T>) -> Option<Pattern> {
     if let Matrix::Sparse(sparse) = block
         && Arc::ptr_eq(&sparse.pattern, pattern)
@@ -463,7 +463,7 @@ mod tests {
     fn sparse_equations_are_solved_like_dense_ones() {
         let size = 7;
         let (mass, stiffness) = (Matrix::Diagonal(vec![3.0; size]), chain(size));
-        // That of the midpoint rule comes with a minus; a pattern that is known and one that grows.
+        // The matrix of the midpoint rule has a negative sign; the pattern is known in advance, or grows.
         for (sign, known) in [(1.0, true), (-1.0, true), (-1.0, false)] {
             let blocks = if known { vec![&mass, &stiffness] } else { vec![&mass] };
             let mut sparse = SparseEquations::new(&Elimination::of(size, &blocks), 1);
@@ -505,13 +505,13 @@ mod tests {
         };
         let coupling = 6.0 * 3.0_f64.sqrt();
         near(product(product(equations, rows(view.kinetic)), unknowns), [[6.0, coupling], [coupling, -6.0]]);
-        // Each stage's stiffness by itself.
+        // The stiffness of each stage separately.
         for (stage, expected) in [[[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, -1.0]]].into_iter().enumerate()
         {
             let force = tests[stage].map(|test| shapes[stage].map(|shape| -0.5 * test * shape));
             near(product(product(equations, force), unknowns), expected);
         }
-        // Nor more points, nor fewer unknowns, nor points at the ends.
+        // Not for more points, fewer unknowns, or points at the ends.
         let lobatto = fvi_core::Quadrature::<3>::lobatto().unwrap();
         assert!(StagePair::of(&Galerkin::<f64, 2, 3>::new(&lobatto).unwrap().view()).is_none());
         assert!(StagePair::of(&Galerkin::low_order(0.5).unwrap().view()).is_none());
@@ -525,7 +525,7 @@ mod tests {
         let scheme = two_gauss_points();
         let (view, pair) = (scheme.view(), StagePair::of(&scheme.view()).unwrap());
         let mass = Matrix::Diagonal((1..=size).map(|i| i as f64).collect());
-        // Another stiffness at each stage, the second with a place more than is known.
+        // Another stiffness at each stage, the second with a place that is not in the pattern.
         let more = Matrix::symmetric(size, [(0, 0, 3.0), (3, 1, 0.5), (6, 2, -0.25)].into_iter());
         let stiffness = [chain(size), more];
         let plan = Elimination::of(size, &[&mass, &stiffness[0]]).of_pairs(pair);
@@ -557,7 +557,7 @@ mod tests {
         for (found, expected) in found.iter().chain(&kept).zip(expected.iter().cycle()) {
             assert!((found - expected).abs() < 1e-14, "{found} {expected}");
         }
-        // Of a factor in pairs every residual is worth a correction.
+        // With a factor in pairs every residual needs a correction.
         let at_rest = vec![0.0; size];
         assert!(Equations::<f64, Matrix<f64>>::is_unsettled(
             &sparse,
@@ -581,7 +581,7 @@ mod tests {
         let unsettled = |increments: &[f64], residual: &mut [f64]| {
             Equations::<f64, Matrix<f64>>::is_unsettled(&equations, &kept, increments, &[0.0; 10], residual)
         };
-        // The residual of what solves the equations, and one that is a millionth of them.
+        // The residual of the exact solution, and one of a millionth of the right-hand side.
         let mut right = vec![0.0; 2 * size];
         for (x, b) in increments.chunks(size).zip(right.chunks_mut(size)) {
             stiffness.multiply_add(-1.0, x, b);
@@ -598,7 +598,7 @@ mod tests {
         let mut left = right.clone();
         assert!(unsettled(&increments, &mut left));
         assert!(left[..size].iter().all(|&r| r == 0.0) && left[size..] == right[size..]);
-        // Nothing that is not finite passes for rounding.
+        // A residual that is not finite does not count as rounding.
         for bad in [f64::NAN, f64::INFINITY] {
             let mut increments = increments.clone();
             increments[1] = bad;

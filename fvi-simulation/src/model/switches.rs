@@ -1,17 +1,17 @@
-//! Jumps and kinks in the position as switches: a system is smooth while none of them is turned.
+//! Jumps and kinks in the position as switches: a system is smooth as long as no switch changes.
 
 use super::tape::CompiledSides;
 use crate::language::expression::Elementary;
 use serde::{Deserialize, Serialize};
 
-/// On which side of a jump or kink with the argument g a system is taken.
+/// Side on which a system is evaluated at a jump or kink with the argument g.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Side {
-    /// As for g < 0, wherever g is.
+    /// As for g < 0, independently of g.
     Below,
-    /// As for g > 0.
+    /// As for g > 0, independently of g.
     Above,
-    /// Between them, in the share a + b g of what is above.
+    /// A combination with the fraction a + b g of the upper side.
     Between {
         /// a
         share: f64,
@@ -21,12 +21,12 @@ pub enum Side {
 }
 
 impl Side {
-    /// That of a value of the argument; zero is above.
+    /// The side for a value of the argument; zero is above.
     pub fn of(value: f64) -> Self {
         if value < 0.0 { Self::Below } else { Self::Above }
     }
 
-    /// The other one; between stays.
+    /// The opposite side; `Between` is unchanged.
     pub fn other(self) -> Self {
         match self {
             Self::Below => Self::Above,
@@ -35,7 +35,7 @@ impl Side {
         }
     }
 
-    /// a and b.
+    /// The inputs a and b of the compiled programs.
     fn inputs(self) -> [f64; 2] {
         match self {
             Self::Below => [0.0, 0.0],
@@ -45,39 +45,39 @@ impl Side {
     }
 }
 
-/// A system whose jumps and kinks in the position are switches. They are numbered; nothing turns them but
-/// [`set_sides`](Self::set_sides).
+/// A system whose jumps and kinks in the position are numbered switches. Only [`set_sides`](Self::set_sides)
+/// changes them.
 pub trait Switched {
-    /// How many there are.
+    /// Number of switches.
     fn switches(&self) -> usize {
         0
     }
 
-    /// Turns them.
+    /// Sets the sides of all switches.
     fn set_sides(&mut self, _sides: &[Side]) {}
 
     /// Writes their arguments at a time and a position.
     fn arguments(&mut self, _time: f64, _position: &[f64], _values: &mut Vec<f64>) {}
 
-    /// Writes how fast they change: (Σ_i |∂g/∂q_i|, Σ_i |q_i ∂g/∂q_i|) of each.
+    /// Writes the rates of change of the arguments: (Σ_i |∂g/∂q_i|, Σ_i |q_i ∂g/∂q_i|) of each.
     fn argument_scales(&mut self, _time: f64, _position: &[f64], _scales: &mut Vec<[f64; 2]>) {}
 
-    /// The part of the potential that has jumps and kinks, as it is on the present sides.
+    /// The part of the potential with jumps and kinks, evaluated on the present sides.
     fn sided_potential(&mut self, _position: &[f64]) -> f64 {
         0.0
     }
 
-    /// A switch in words: what jumps or has a kink, and where it is written.
+    /// Description of a switch: the function with the jump or kink, and the key that contains it.
     fn describe_switch(&self, _index: usize) -> String {
         String::new()
     }
 }
 
-/// Room for a position with the inputs that say the sides of a function's jumps and kinks.
+/// A buffer for a position and the inputs for the sides of a function's jumps and kinks.
 #[derive(Clone, Debug)]
 pub(super) struct SidedPoint<T> {
     sides: CompiledSides,
-    /// Coordinates, then the inputs.
+    /// Coordinates, followed by the inputs.
     numbers: Vec<T>,
     /// The same in double precision.
     doubles: Vec<f64>,
@@ -85,19 +85,19 @@ pub(super) struct SidedPoint<T> {
 }
 
 impl<T: Elementary> SidedPoint<T> {
-    /// All of them below.
+    /// The initial state with all sides below.
     pub(super) fn new(sides: CompiledSides) -> Self {
         let length = sides.coordinates() + 2 * sides.names().len();
         let (numbers, doubles) = (vec![T::zero(); length], vec![0.0; length]);
         Self { sides, numbers, doubles, registers: Vec::new() }
     }
 
-    /// How many jumps and kinks there are.
+    /// Number of jumps and kinks.
     pub(super) fn len(&self) -> usize {
         self.sides.names().len()
     }
 
-    /// Name of the function that jumps, or has a kink.
+    /// Name of the function with the jump or kink.
     pub(super) fn name(&self, index: usize) -> &str {
         &self.sides.names()[index]
     }
@@ -112,7 +112,7 @@ impl<T: Elementary> SidedPoint<T> {
         }
     }
 
-    /// The position with the inputs behind it.
+    /// The position followed by the inputs.
     #[inline]
     pub(super) fn at(&mut self, position: &[T]) -> &[T] {
         self.numbers.iter_mut().zip(position).for_each(|(place, &number)| *place = number);
@@ -125,7 +125,7 @@ impl<T: Elementary> SidedPoint<T> {
         self.sides.values(time, &self.doubles, &mut self.registers, values);
     }
 
-    /// Writes how fast they change.
+    /// Writes the rates of change of the arguments.
     pub(super) fn scales(&mut self, time: f64, position: &[f64], scales: &mut [[f64; 2]]) {
         self.doubles.iter_mut().zip(position).for_each(|(place, &number)| *place = number);
         self.sides.scales(time, &self.doubles, &mut self.registers, scales);

@@ -1,12 +1,12 @@
 //! Potentials and forces compiled once, before the first step.
 //!
 //! An expression is differentiated symbolically into a graph in which every distinct value occurs once, and
-//! the graph is written out as programs without branches: for the value, for the gradient, and for the
-//! gradient with those entries of the Hessian that are not zero everywhere. The quadratic part of a potential
-//! becomes a matrix, the linear part of a force likewise, so that a linear system is seen to be one.
+//! the graph is compiled to programs without branches: for the value, for the gradient, and for the gradient
+//! with the structurally nonzero entries of the Hessian. The quadratic part of a potential becomes a matrix,
+//! and so does the linear part of a force, so that linear systems are detected.
 //!
-//! Evaluation allocates nothing: it works in a vector that the caller keeps and that grows once. The vector
-//! may be shared between programs. A program for q of length n takes exactly n coordinates.
+//! Evaluation does not allocate: it works in a vector owned by the caller, which grows once and may be shared
+//! between programs. A program for q of length n takes exactly n coordinates.
 
 mod derivative;
 mod enclosure;

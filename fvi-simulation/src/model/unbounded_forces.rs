@@ -1,5 +1,5 @@
-//! Forces of time that grow without bound and have an impulse nevertheless, taken out of what the nodes of a
-//! scheme look at.
+//! Forces of time that are unbounded but integrable, separated from those that the nodes of a scheme
+//! evaluate.
 
 use super::scenario_loads::{loads, takes_moments};
 use super::scheme::AnyScheme;
@@ -8,23 +8,23 @@ use crate::language::expression::{Expression, Node, Operator};
 use crate::scenario::{Amplitude, Load, Scenario, Scheme};
 use std::ops::Range;
 
-/// Terms that are taken out.
+/// Separated terms.
 #[derive(Clone, Debug)]
 pub(crate) struct UnboundedForces {
-    /// The scenario without it.
+    /// The scenario without these terms.
     pub(crate) rest: Scenario,
-    /// One expression for each coordinate.
+    /// One expression for each coordinate, and the singularities.
     pub(crate) force: Option<(Vec<Expression>, Vec<Singularity>)>,
-    /// With the motions that they act on.
+    /// Loads with the motions that they act on, and their singularities.
     pub(crate) loads: Vec<(Load, Range<usize>, Vec<Singularity>)>,
 }
 
-/// What is less singular than this, at t = 0 and elsewhere, needs no more than exact moments of what exceeds
-/// the nodes: the double-exponential rule loses nothing there.
+/// Exponents, at t = 0 and elsewhere, above which exact moment corrections suffice: the double-exponential
+/// rule is accurate for them.
 const MILD: [f64; 2] = [-0.5 - 1e-9, -0.2];
 
 impl UnboundedForces {
-    /// `None` where there is nothing to take out, or the scheme has no moments.
+    /// `None` if there is no such term, or the scheme does not support moments.
     pub(crate) fn of(scenario: &Scenario) -> Option<Self> {
         if !takes_moments(scenario) {
             return None;
@@ -74,7 +74,7 @@ impl UnboundedForces {
     }
 }
 
-/// Whether the nodes of a scenario's scheme look at forces where a step begins, and at an end of it at all.
+/// Whether the nodes of a scenario's scheme include the beginning of a step, and any of its ends.
 fn touched(scenario: &Scenario) -> [bool; 2] {
     if scenario.scheme == Scheme::Collocation {
         return [true; 2];
@@ -84,7 +84,7 @@ fn touched(scenario: &Scenario) -> [bool; 2] {
     [has(0.0), has(0.0) || has(1.0)]
 }
 
-/// The terms of an expression that are to be taken out, what is left, and when they are without bound.
+/// The terms of an expression to be separated, the remaining expression, and the times of the singularities.
 fn split(
     expression: &Expression,
     end: f64,

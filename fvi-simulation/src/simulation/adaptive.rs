@@ -1,4 +1,4 @@
-//! Steps chosen on the way, so that the error stays near a tolerance.
+//! Steps chosen during the run, so that the error stays near a tolerance.
 
 use super::breaks::Breaks;
 use super::crossings::{Crossings, Standing, Verdict};
@@ -9,22 +9,23 @@ use crate::scenario::{Adaptive, Scenario};
 use fvi_core::{StateError, StepError};
 use serde::{Deserialize, Serialize};
 
-/// How much of the difference of two halves and the whole is taken for the error of the halves.
+/// Factor between the difference of two half steps and the whole step and the assumed error of the half
+/// steps.
 ///
-/// Of a smooth motion the error is 1/(2^k − 1) of it, of a singular start up to a quarter. Errors add up
-/// while nothing damps them: the rest is for that.
+/// For a smooth motion the error is 1/(2^k − 1) of the difference, for a singular start up to a quarter. The
+/// remaining margin allows for the accumulation of errors in undamped motions.
 const SHARE: f64 = 2.0;
 
-/// The first attempt where nothing says how long it may be, as a share of the end, times √tolerance.
+/// The first attempt without other information, as a fraction of the end, times √tolerance.
 const FIRST: f64 = 1e-3;
 
-/// Attempts at one step before the run is given up.
+/// Largest number of attempts at one step.
 const MOST_ATTEMPTS: usize = 60;
 
-/// Steps by pairs: two halves are made, and the whole at once to compare them with.
+/// Steps in pairs: two half steps, and the whole step for comparison with them.
 ///
-/// The memory goes both ways too, so that what it loses in a step is part of the difference. The halves stay.
-/// An attempt whose difference is too large is taken back by the saved state, to the last bit.
+/// The memory also makes both, so that its errors are part of the difference. The half steps are kept. After
+/// an attempt with too large a difference the saved state is restored, bit by bit.
 pub(crate) struct AdaptiveSteps<'s> {
     scenario: &'s Scenario,
     rule: Adaptive,
@@ -32,44 +33,44 @@ pub(crate) struct AdaptiveSteps<'s> {
     /// Jumps and kinks in the position, if there are any.
     crossings: Option<Crossings>,
     progress: Progress,
-    /// How far steps are told apart: rounding of the precision.
+    /// Rounding unit of the precision, by which times are distinguished.
     epsilon: f64,
-    /// Of momenta that counts as one.
+    /// Reference size of each momentum.
     momentum_scale: Vec<f64>,
     /// State before the pair, and between its halves.
     saved: Vec<u8>,
     saved_between: Vec<u8>,
     whole: GridState,
     end: GridState,
-    /// By the polynomial of the whole step, where steps are looked into.
+    /// State inside the step by the polynomial of the whole step, if states inside steps are needed.
     inside: Option<GridState>,
-    /// Weights of positions and momenta inside a step.
+    /// Weights of the differences of positions and momenta inside a step.
     share_inside: [f64; 2],
-    /// Of the error in the length of the step: at its end, and inside of it.
+    /// Orders of the error in the length of the step: at its end, and inside it.
     orders: [f64; 2],
-    /// Whether the simulation is at the end of the pair, whose second half is not shown yet.
+    /// Whether the simulation is at the end of the pair while its second half has not been returned yet.
     ahead: bool,
     /// Iterations of Newton's method in that half.
     iterations_ahead: u32,
 }
 
-/// State that a later run needs to go on.
+/// State needed to continue in a later run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
     control: StepControl,
-    /// The second half of the pair at hand, where the first has been shown: its length and its end.
+    /// Length and end of the second half of the current pair, if its first half has been returned.
     second: Option<(f64, f64)>,
     time: f64,
     /// Largest values so far of position and momentum.
     largest: [Vec<f64>; 2],
     pub(crate) counts: Counts,
-    /// Whether the pair that begins next does so at a break.
+    /// Whether the next pair begins at a break.
     at_break: bool,
     standing: Option<Standing>,
 }
 
 impl Progress {
-    /// The time of the state that was shown last.
+    /// The time of the state returned last.
     pub fn time(&self) -> f64 {
         self.time
     }
@@ -78,9 +79,9 @@ impl Progress {
 /// Counts of attempts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Counts {
-    /// Attempts at pairs of steps that were rejected.
+    /// Rejected pairs of steps.
     pub rejected: usize,
-    /// Attempts at pairs.
+    /// All attempted pairs of steps.
     pub attempts: usize,
     /// The shortest step made.
     pub smallest: f64,
@@ -89,10 +90,10 @@ pub struct Counts {
 }
 
 impl<'s> AdaptiveSteps<'s> {
-    /// `None` for a scenario whose steps are known beforehand.
+    /// `None` for a scenario with steps known in advance.
     ///
     /// # Errors
-    /// If the tolerance is below what the precision reaches.
+    /// If the tolerance cannot be reached in the precision.
     pub(crate) fn new(
         scenario: &'s Scenario,
         precision: Precision,
@@ -118,9 +119,12 @@ impl<'s> AdaptiveSteps<'s> {
         let largest =
             [&start.position, &start.momentum].map(|numbers| numbers.iter().map(|x| x.abs()).collect());
         let counts = Counts { rejected: 0, attempts: 0, smallest: f64::INFINITY, largest: 0.0 };
-        let momentum_scale: Vec<f64> =
-            scenario.system.mass.diagonal().iter().map(|mass| rule.scale * mass).collect();
-        let energy_scale = momentum_scale.iter().zip(&start.momentum).map(|(scale, p)| {
+        // Momenta of coordinates without mass are zero, and so are their errors.
+        let of_mass = |mass: f64| if mass > 0.0 { rule.scale * mass } else { rule.scale };
+        let masses = scenario.system.mass.diagonal();
+        let momentum_scale: Vec<f64> = masses.iter().map(|&mass| of_mass(mass)).collect();
+        let scales = momentum_scale.iter().zip(&start.momentum).zip(&masses);
+        let energy_scale = scales.filter(|(_, mass)| **mass > 0.0).map(|((scale, p), _)| {
             let p = p.abs().max(*scale);
             p * p / scale * rule.scale
         });
@@ -147,8 +151,8 @@ impl<'s> AdaptiveSteps<'s> {
             whole: start.clone(),
             end: start.clone(),
             inside: scenario.is_looked_into().then(|| start.clone()),
-            // The polynomial of half the step is as much better. Galerkin's has momenta of a low order, which
-            // are not held to the tolerance.
+            // The polynomial of half the step is more accurate by the same ratio. Galerkin's has momenta of
+            // low order, which are not held to the tolerance.
             share_inside: match scheme.has_momentum_inside {
                 true => [libm::pow(2.0, -orders[1]); 2],
                 false => [libm::pow(2.0, -orders[1]), 0.0],
@@ -164,12 +168,12 @@ impl<'s> AdaptiveSteps<'s> {
         self.progress.second.is_none() && self.progress.time >= self.rule.end
     }
 
-    /// State that a later run needs to go on from the state that was shown last.
+    /// State needed to continue in a later run from the state returned last.
     pub(crate) fn progress(&self) -> &Progress {
         &self.progress
     }
 
-    /// Goes on from there.
+    /// Continues from this state.
     pub(crate) fn go_on(&mut self, simulation: &mut Simulation, progress: Progress) {
         if let (Some(crossings), Some(standing)) = (&mut self.crossings, &progress.standing) {
             crossings.go_on(simulation, standing.clone());
@@ -177,7 +181,7 @@ impl<'s> AdaptiveSteps<'s> {
         (self.progress, self.ahead) = (progress, false);
     }
 
-    /// The state of the simulation that was shown last, as bytes.
+    /// The saved state of the simulation for the state returned last.
     ///
     /// # Errors
     /// [`StateError`] if a memory cannot be saved.
@@ -185,10 +189,10 @@ impl<'s> AdaptiveSteps<'s> {
         if self.ahead { Ok(self.saved_between.clone()) } else { simulation.save() }
     }
 
-    /// Shows the next state; returns the iterations of Newton's method that led to it.
+    /// Writes the next state; returns the number of iterations of Newton's method.
     ///
     /// # Errors
-    /// Why no further step can be made; the simulation is as it was.
+    /// The reason why no further step can be made; the simulation is unchanged.
     pub(crate) fn advance(
         &mut self,
         simulation: &mut Simulation,
@@ -209,13 +213,13 @@ impl<'s> AdaptiveSteps<'s> {
         self.attempt(simulation, next)
     }
 
-    /// The input that is held over the pair that a time is in.
+    /// The input held over the pair that contains a time.
     fn input(&self, time: f64) -> &'s [f64] {
         let scenario: &'s Scenario = self.scenario;
         scenario.input.as_ref().and_then(|input| input.from_time(time)).unwrap_or(&[])
     }
 
-    /// Makes pairs until one is good enough, and shows the state between its halves.
+    /// Makes pairs until one is accurate enough, and writes the state between its halves.
     fn attempt(&mut self, simulation: &mut Simulation, middle: &mut GridState) -> Result<u32, String> {
         let time = self.progress.time;
         let input = self.input(time);
@@ -224,12 +228,12 @@ impl<'s> AdaptiveSteps<'s> {
             crossings.begin(simulation, (time, &self.whole.position), self.progress.at_break)?;
         }
         self.saved = simulation.save().map_err(|error| error.to_string())?;
-        // Two halves that show beside the time.
+        // Half steps must be large enough to change the time.
         let shortest = (2.0 * self.rule.shortest).max(32.0 * self.epsilon * time);
         let longest = self.rule.longest.map_or(f64::INFINITY, |longest| 2.0 * longest);
         let longest = self.rule.longest_unjudged(time).map_or(longest, |most| most.min(longest));
         let (mut worst, mut tried) = (None, 0.5 * shortest);
-        // Where the pair is to end, because it crosses a jump or kink there.
+        // Time at which the pair should end because it crosses a jump or kink there.
         let mut crossing: Option<f64> = None;
         for _ in 0..MOST_ATTEMPTS {
             let longest =
@@ -241,7 +245,7 @@ impl<'s> AdaptiveSteps<'s> {
             };
             let next_break = self.breaks.after(time, time + 1.25 * proposed);
             let left = next_break - time;
-            // Nothing shorter than the shortest may be left, for which the memory has no rates.
+            // No remainder shorter than the shortest step may be left, for which the memory has no rates.
             let (length, at_break) = match proposed {
                 proposed if proposed > 0.9 * left || left < 2.0 * shortest => (left, true),
                 proposed if proposed > 0.5 * left => (0.5 * left, false),
@@ -308,7 +312,7 @@ impl<'s> AdaptiveSteps<'s> {
             }
             self.progress.counts.rejected += 1;
             simulation.restore(&self.saved).map_err(|error| error.to_string())?;
-            // Whatever is not a number counts as a failure.
+            // An error that is not a number counts as a failure.
             self.progress.control.reject(length, error.filter(|error| error.is_finite()));
             worst = Some(match made {
                 Err(AttemptError::Step(reason)) => reason.to_string(),
@@ -337,7 +341,7 @@ impl<'s> AdaptiveSteps<'s> {
         ))
     }
 
-    /// Makes the whole step, goes back, and makes the halves. Leaves the simulation at the end.
+    /// Makes the whole step, restores the state, and makes the half steps. Leaves the simulation at the end.
     fn make_pair(
         &mut self,
         simulation: &mut Simulation,
@@ -370,14 +374,14 @@ impl<'s> AdaptiveSteps<'s> {
         let inside = self.inside.as_ref().map_or(0.0, |inside| {
             let [positions, momenta] = self.share_inside;
             let error = self.largest_difference(inside, middle, [positions, of_momenta * momenta]);
-            // As a function of the length like the other.
+            // Rescaled to the same dependence on the length as the other.
             libm::pow(error, self.orders[0] / self.orders[1])
         });
         if inside > at_end || inside.is_nan() { inside } else { at_end }
     }
 
-    /// The largest difference of two states in units of the tolerance, positions and momenta counted by their
-    /// shares.
+    /// The largest difference of two states in units of the tolerance, with the given weights of positions
+    /// and momenta.
     fn largest_difference(&self, one: &GridState, other: &GridState, shares: [f64; 2]) -> f64 {
         let Self { rule, progress, momentum_scale, .. } = self;
         let [positions, momenta] = &progress.largest;
@@ -390,7 +394,7 @@ impl<'s> AdaptiveSteps<'s> {
             positions.map(|((&one, &other), &most)| shares[0] * relative(one, other, most, rule.scale));
         let momenta =
             momenta.map(|(((&one, &other), &most), &scale)| shares[1] * relative(one, other, most, scale));
-        // Not a number beats every number.
+        // A value that is not a number counts as larger than every number.
         let beats = |error: f64, largest: f64| error > largest || error.is_nan();
         let largest = positions
             .chain(momenta)
@@ -399,7 +403,7 @@ impl<'s> AdaptiveSteps<'s> {
     }
 }
 
-/// Why an attempt cannot be judged.
+/// Reason why the error of an attempt is unknown.
 enum AttemptError {
     Step(StepError),
     State(StateError),

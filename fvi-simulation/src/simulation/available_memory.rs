@@ -1,6 +1,6 @@
-//! How much memory there is to be had.
+//! Amount of memory available.
 
-/// Bytes that can be taken without pushing others out, where the system says so.
+/// Bytes of memory available without swapping, if the operating system reports them.
 pub(super) fn available_memory() -> Option<usize> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     available_in(&text)

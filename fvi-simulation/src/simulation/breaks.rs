@@ -1,18 +1,18 @@
-//! Times at which a motion is rough, where steps that are chosen on the way must end: jumps, kinks and roots
-//! of forces of time, what of them is narrower than the step, samples, and what the scenario asks for.
+//! Times at which a motion is rough, where adaptive steps must end: jumps, kinks and roots of forces of time,
+//! terms narrower than the step, samples, and times required by the scenario.
 
 use crate::model::tape::{RoughArguments, TimeTerms};
 use crate::scenario::{Amplitude, Scenario};
 
 /// The breaks of a scenario.
 pub(super) struct Breaks {
-    /// Those known beforehand, ascending, the end last.
+    /// Breaks known in advance, ascending, the end last.
     known: Vec<f64>,
-    /// Arguments whose zeros are sought step by step.
+    /// Arguments whose zeros are searched for in each step.
     curved: Option<Curved>,
-    /// Functions of time that a step must not run over unseen, and the tolerance.
+    /// Functions of time that steps must resolve, and the tolerance.
     narrow: Option<(TimeTerms, f64)>,
-    /// Nothing is closer to another break than this.
+    /// Smallest distance between breaks.
     apart: f64,
 }
 
@@ -26,7 +26,7 @@ struct Curved {
 }
 
 impl Breaks {
-    /// Those of a scenario up to its end; steps are no shorter than `shortest`.
+    /// The breaks of a scenario up to its end; steps are at least `shortest` long.
     pub(super) fn of(scenario: &Scenario, shortest: f64) -> Self {
         let (end, apart) = (scenario.time.end(), 2.5 * shortest);
         let amplitudes = scenario.system.loads.iter().map(|load| &load.amplitude);
@@ -48,7 +48,7 @@ impl Breaks {
         let asked: Vec<f64> = scenario.time.grid.iter().flat_map(|grid| grid.times()).copied().collect();
         let mut found: Vec<f64> = zeros.chain(records).chain(samples).collect();
         found.sort_by(f64::total_cmp);
-        // What the scenario asks for stays to the last bit; what is found there to rounding is the same.
+        // Times required by the scenario are kept exactly; breaks equal to them up to rounding are dropped.
         let near = |times: &[f64], time: f64| {
             let after = times.partition_point(|&other| other < time);
             let room = apart.max(1e-12 * time.abs());
@@ -66,19 +66,19 @@ impl Breaks {
         Self { known, curved, narrow, apart }
     }
 
-    /// The first break after a time; one that is not known beforehand is sought up to `reach` only.
+    /// The first break after a time; breaks not known in advance are searched for up to `reach` only.
     pub(super) fn after(&mut self, time: f64, reach: f64) -> f64 {
         let index = self.known.partition_point(|&other| other <= time);
         let known = self.known.get(index).copied().unwrap_or(reach);
         let next = match self.curved.as_mut().and_then(|curved| curved.first(time, known.min(reach))) {
-            // To rounding the break at which the step begins, or the one that is known.
+            // Not if it equals, up to rounding, the beginning of the step or the known break.
             Some(found) if found - time > self.apart && known - found > self.apart => found,
             _ => known,
         };
         let Some((terms, tolerance)) = &mut self.narrow else { return next };
         let farthest = next.min(reach);
         let seen = terms.reach(time, farthest, *tolerance);
-        // Nothing shorter than the shortest step is left before the next break.
+        // No remainder shorter than the shortest step may be left before the next break.
         let is_apart = seen - time > self.apart && next - seen > 4.0 * self.apart;
         if seen < farthest && is_apart { seen } else { next }
     }
@@ -96,7 +96,7 @@ impl Curved {
 
     /// The first time of a change of sign.
     fn first(&mut self, from: f64, to: f64) -> Option<f64> {
-        // A zero where the step begins is behind it.
+        // A zero at the beginning of the step is excluded.
         let from = from + self.apart;
         let mut found = to;
         for position in 0..self.sought.len() {
@@ -113,7 +113,7 @@ impl Curved {
             });
             match (first, searched) {
                 (Some(place), _) => found = self.closer(index, stretch.0 + place * stretch.1),
-                // What is farther has not been looked at.
+                // The range beyond has not been searched.
                 (None, Err(time)) if time > from => found = time,
                 (None, _) => {}
             }
@@ -126,7 +126,7 @@ impl Curved {
         self.values[index] < 0.0
     }
 
-    /// The first time after a change of sign that is known to a few units of rounding.
+    /// Refines the first time after a change of sign to a few rounding units.
     fn closer(&mut self, index: usize, time: f64) -> f64 {
         let mut width = 2.0 * f64::EPSILON * time.abs();
         let (mut low, mut high) = (time - width, time + width);
@@ -181,7 +181,7 @@ mod tests {
         let mut found = breaks("step(sin(t))", "");
         let first = found.after(0.0, 4.0);
         assert!((first - std::f64::consts::PI).abs() < 1e-15 * 4.0, "{first}");
-        // Not the one where the step begins.
+        // Not the break at which the step begins.
         assert_eq!(found.after(first, 5.0), 10.0);
         let second = found.after(first, 6.5);
         assert!((second - 2.0 * std::f64::consts::PI).abs() < 1e-14, "{second}");
@@ -203,7 +203,7 @@ mod tests {
     fn steps_do_not_run_over_narrow_terms() {
         for width in [1e-2, 1e-4, 1e-6] {
             let mut found = breaks(&format!("sin(t) + exp(-((t - 3.3)/{width})^2)/{width}"), "");
-            // They come near in few steps, and are as short as the term there.
+            // The narrow term is approached in few steps, which are as short as the term near it.
             let (mut time, mut steps) = (0.0, 0);
             while time < 3.3 - 3.0 * width {
                 let next = found.after(time, time + 4.0);
@@ -213,7 +213,7 @@ mod tests {
             }
             assert!(steps < 30, "{steps}");
         }
-        // What is smooth limits nothing.
+        // Smooth functions do not limit steps.
         for smooth in ["sin(3*t)*exp(-t)", "1/(1 + t^2)", "t^2.5", "sqrt(t)"] {
             assert_eq!(breaks(smooth, "").after(0.0, 1.0), 10.0, "{smooth}");
         }

@@ -1,4 +1,4 @@
-//! Dense or sparse: in which space a scenario runs.
+//! Choice of the dense or the sparse space for a scenario.
 
 use crate::language::{InputError, Problem};
 use crate::model::{AnyScheme, AnySpace, Elimination, Matrix, Model, StagePair, matrix};
@@ -7,7 +7,7 @@ use crate::simulation::available_memory::available_memory;
 use fvi_core::Mechanics;
 use serde::Serialize;
 
-/// How the equations of a step are solved.
+/// Solver of the equations of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Solver {
@@ -15,7 +15,7 @@ pub enum Solver {
     Dense,
     /// By a sparse Cholesky factor.
     Sparse {
-        /// Places in the matrix of a step.
+        /// Structurally nonzero places in the matrix of a step.
         places: usize,
         /// Bytes of its factor.
         factor_bytes: usize,
@@ -34,27 +34,27 @@ pub enum SolverChoice {
     Sparse,
 }
 
-/// Coordinates beyond which the sparse factor is the cheaper one.
+/// Number of coordinates from which the sparse factor is faster.
 const MANY: usize = 128;
 
-/// Coordinates beyond which it is so for matrices from files that leave most of the factor empty: a step with
-/// full matrices takes N² operations, its check eigenvalues of N × N matrices.
+/// Number of coordinates from which it is faster for matrices from files with a sparse factor: a step with
+/// full matrices takes N² operations, and its check the eigenvalues of N × N matrices.
 const SEVERAL: usize = 32;
 
-/// The part of N² that a factor may have up to [`MANY`] coordinates.
+/// Largest fraction of N² entries of a factor for up to [`MANY`] coordinates.
 const SMALL: f64 = 0.25;
 
-/// Coordinates times nodes up to which a full matrix may be eliminated: it takes 8 n² bytes.
+/// Largest number of coordinates times nodes for a full matrix, which takes 8 n² bytes.
 const MOST_DENSE: usize = 6_000;
 
-/// Unknowns of a step from which on full matrices are worth a warning.
+/// Number of unknowns of a step from which a warning about full matrices is given.
 const SLOW: usize = 300;
 
-/// The schemes that have sparse factors, from the one that is stable at every step on.
+/// The schemes with sparse factors, beginning with the one that is stable at every step.
 const SPARSE_SCHEMES: &str = "there are sparse factors for `kind` = \"low-order\" with `[convolution] at` = \"nodes\", `order` = 2, \
      and for \"galerkin\" of `degree` = 2 on two Gauss points with `[convolution] family` = \"bdf\", `order` = 3 or 4";
 
-/// Warning about full matrices of many coordinates: the reason, and what avoids them.
+/// Warning about full matrices of many coordinates: the reason, and how to avoid them.
 pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
     let (degree, coordinates) = (scenario.scheme_descriptor().unknowns, scenario.coordinates());
     let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::are_full);
@@ -92,8 +92,8 @@ pub(super) fn dense_warning(scenario: &Scenario) -> Option<String> {
     ))
 }
 
-/// What makes the matrix of a step of two unknown nodes a symmetric one: that of Gauss's two points, unless
-/// the damping joins them.
+/// Transformation to a symmetric matrix for a step with two unknown nodes: that of Gauss's two points, unless
+/// the damping couples them.
 fn stage_pair(scenario: &Scenario) -> Option<StagePair> {
     let scheme = match scenario.scheme {
         Scheme::Galerkin { degree: 2, .. } if scenario.convolution.family.staged().is_none() => {
@@ -106,11 +106,11 @@ fn stage_pair(scenario: &Scenario) -> Option<StagePair> {
 
 /// The sparse space for a scenario, or `None` if it runs in the dense one.
 ///
-/// Sparse factors serve symmetric matrices of one unknown node, and of two on two Gauss points: variational
+/// Sparse factors require symmetric matrices with one unknown node, or two on two Gauss points: variational
 /// schemes of degree 1 and 2 without a force that depends on the position or the velocity.
 ///
 /// # Errors
-/// If the system is too large for the solver that its scheme needs, or its factor for the memory.
+/// If the system is too large for the solver that its scheme needs, or its factor for the available memory.
 pub(super) fn sparse_space(
     scenario: &Scenario,
     choice: SolverChoice,
@@ -125,7 +125,7 @@ pub(super) fn sparse_space(
     let eliminated = (degree == 1 && !collocation) || pair.is_some();
     let suits = eliminated && !pushed && !owned && scenario.system.gyroscopic.is_none();
     let wanted = match choice {
-        // Load cases share a sparse factor, however small it is.
+        // Load cases share a sparse factor of any size.
         SolverChoice::Automatic => (scenario.system.is_large() && many) || !scenario.cases.is_empty(),
         SolverChoice::Dense => false,
         SolverChoice::Sparse => true,
@@ -175,12 +175,13 @@ pub(super) fn sparse_space(
     Ok(Some(AnySpace::sparse(plan).times(scenario.copies()).on_threads(scenario.history.threads())))
 }
 
-/// Whether there are so few coordinates that full matrices are a choice.
+/// Whether the number of coordinates is small enough for full matrices.
 pub(super) fn is_of_few(scenario: &Scenario, choice: SolverChoice) -> bool {
     choice == SolverChoice::Automatic && scenario.cases.is_empty() && scenario.coordinates() <= MANY
 }
 
-/// Whether there are so many coordinates that eigenvalues of full matrices take longer than short runs.
+/// Whether the number of coordinates is so large that eigenvalues of full matrices take longer than short
+/// runs.
 pub(super) fn are_several(scenario: &Scenario) -> bool {
     scenario.coordinates() > SEVERAL
 }

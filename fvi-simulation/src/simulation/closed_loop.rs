@@ -1,4 +1,4 @@
-//! Whether a loop is stable: the zeros of 1 + L to the right of the imaginary axis, counted.
+//! Stability of closed loops: the number of zeros of 1 + L in the right half-plane.
 
 use super::stability::winding::{Fineness, turned};
 use nalgebra::Complex;
@@ -13,43 +13,43 @@ pub struct OpenLoop {
     pub log_denominator: Complex<f64>,
 }
 
-/// Where a loop is followed.
+/// The contour on which a loop is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contour {
-    /// The lowest frequency: below, L is its power law at s = 0.
+    /// The lowest frequency, below which L follows its power law at s = 0.
     pub lowest: f64,
-    /// The highest one: above, |L| is below 1, or there is no dead time and L is its power law.
+    /// The highest frequency: above, |L| is below 1, or there is no dead time and L follows its power law.
     pub highest: f64,
-    /// Up to this frequency |L| may be a number from ½ on.
+    /// Largest frequency at which |L| may be ½ or more.
     pub crossing: f64,
     /// The sum of all dead times in L.
     pub dead_time: f64,
-    /// Motions that grow more slowly than e^{σt} are left out: zero, or little where the open loop may have
-    /// motions that neither grow nor fade.
+    /// Shift σ of the contour to the right: motions that grow more slowly than e^{σt} are not counted. Zero, or a
+    /// small number if the open loop may have motions that neither grow nor decay.
     pub shift: f64,
 }
 
-/// On a piece of the contour.
+/// For a piece of the contour.
 const FINENESS: Fineness = Fineness { followed: 0.5, parts: 1, halvings: 44 };
 
-/// Ratio of neighbouring frequencies on the axis, logarithm of.
+/// Logarithm of the ratio of neighbouring frequencies on the axis.
 const PIECE: f64 = 0.05;
 
-/// How far e^{−iωL} turns on a piece.
+/// Phase of e^{−iωL} on a piece, in radians.
 const TURN: f64 = 0.3;
 
-/// Most pieces.
+/// Largest number of pieces.
 const MOST_PIECES: f64 = 4e5;
 
-/// How many motions e^{st} of a loop grow: zeros of D + N with Re s > 0, which are those of 1 + L and hidden
-/// ones alike.
+/// Number of growing motions e^{st} of a closed loop: zeros of D + N with Re s > 0, which include those of 1
+/// + L and cancelled ones.
 ///
 /// The argument principle on a quarter of a ring, from the positive axis along its outer arc to the imaginary
-/// axis, down it, and along its inner arc back; the conjugate quarter turns as much. Zeros inside the inner
-/// arc and beyond the outer one are not seen.
+/// axis, down it, and along its inner arc back; the conjugate quarter contributes equally. Zeros inside the
+/// inner arc and beyond the outer one are not counted.
 ///
 /// # Errors
-/// In words: if a zero lies on the contour, or the function cannot be followed there.
+/// A message: a zero lies on the contour, or the phase of the function cannot be followed there.
 pub fn growing_motions(
     contour: &Contour,
     open: &dyn Fn(Complex<f64>) -> Option<OpenLoop>,
@@ -60,7 +60,7 @@ pub fn growing_motions(
     })
 }
 
-/// How many motions e^{st} of the open loop itself grow: zeros of D with Re s > 0.
+/// Number of growing motions e^{st} of the open loop: zeros of D with Re s > 0.
 ///
 /// # Errors
 /// As [`growing_motions`].
@@ -93,9 +93,9 @@ fn turns(
     }
 }
 
-/// How many motions z = e^{sh} of a sampled loop grow: `open_motions` of the plant's own that do, and the
-/// turns of 1 + L about the upper half of the unit circle, `open` as a function of s with
-/// 0 ≤ Im s ≤ `highest` = π/h.
+/// Number of growing motions z = e^{sh} of a sampled loop, from `open_motions` growing motions of the plant
+/// itself and the winding of 1 + L along the upper half of the unit circle, where `open` is a function of s
+/// with 0 ≤ Im s ≤ `highest` = π/h.
 ///
 /// # Errors
 /// As [`growing_motions`].
@@ -108,7 +108,7 @@ pub fn growing_sampled_motions(
     let function = |s: Complex<f64>| Some(logarithm(open(s + contour.shift)? + 1.0));
     let arc = along(0.5 * PI, &Fineness { parts: 16, ..FINENESS }, &|angle| function(polar(low, angle)));
     let axis = along_axis(contour, low, high, &|x| {
-        // The end of the band to the bit.
+        // The end of the band exactly.
         function(if x >= high { Complex::new(0.0, contour.highest) } else { polar(x, 0.5 * PI) })
     });
     let turned = arc.and_then(|arc| Some(-axis? - arc)).ok_or_else(|| {
@@ -122,7 +122,7 @@ pub fn growing_sampled_motions(
     }
 }
 
-/// How far the phase turns up the imaginary axis, of a function of ln ω.
+/// Change of the phase of a function of ln ω along the imaginary axis.
 fn along_axis(
     contour: &Contour,
     low: f64,
@@ -156,7 +156,7 @@ fn logarithm(z: Complex<f64>) -> Complex<f64> {
     Complex::new(libm::log(z.norm()), libm::atan2(z.im, z.re))
 }
 
-/// e^{x + iθ}, with no real part at θ = π/2 and no imaginary one at 0.
+/// e^{x + iθ}, with exactly zero real part at θ = π/2 and exactly zero imaginary part at 0.
 fn polar(x: f64, angle: f64) -> Complex<f64> {
     let size = libm::exp(x);
     let cosine = if angle == 0.5 * PI { 0.0 } else { libm::cos(angle) };
@@ -180,14 +180,14 @@ mod tests {
     fn loops_become_unstable_at_their_ultimate_gain() {
         let contour =
             |dead_time| Contour { lowest: 1e-7, highest: 1e6, crossing: 100.0, dead_time, shift: 0.0 };
-        // k/(s (s + 1)²) at k = 2; k e^{−Ls}/s at k L = π/2.
+        // Stability limits: k/(s (s + 1)²) at k = 2; k e^{−Ls}/s at k L = π/2.
         for (factor, expected) in [(0.999, 0), (1.001, 2)] {
             let cubic = integrating(2.0 * factor, 0.0, 2);
             assert_eq!(growing_motions(&contour(0.0), &cubic), Ok(expected), "{factor}");
             let delayed = integrating(0.25 * PI * factor, 2.0, 0);
             assert_eq!(growing_motions(&contour(2.0), &delayed), Ok(expected), "{factor}");
         }
-        // Each further zero of a dead time: k L beyond 5π/2.
+        // Each further zero due to the dead time: k L beyond 5π/2.
         assert_eq!(growing_motions(&contour(2.0), &integrating(1.26 * PI, 2.0, 0)), Ok(4));
         assert!(growing_motions(&contour(2.0), &integrating(0.25 * PI, 2.0, 0)).is_err());
     }

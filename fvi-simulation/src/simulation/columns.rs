@@ -1,10 +1,10 @@
-//! The registry of output columns: the numbers that a run has at each grid point beside t, q, p, energy and
+//! The registry of output columns: numbers of a run at each grid point in addition to t, q, p, energy and
 //! derivatives.
 
 use crate::scenario::Scenario;
 use std::ops::Range;
 
-/// Where the numbers of some columns come from.
+/// Source of the numbers of some columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Source {
     /// The controllers, as of their last sample up to the time of the row.
@@ -21,34 +21,34 @@ struct Group {
     members: usize,
 }
 
-/// The columns of a run, in the order in which a state holds their numbers: source by source, member by
-/// member, the quantities of a member side by side.
+/// The columns of a run, in the order of their numbers in a state: source by source, member by member, with
+/// the quantities of a member side by side.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Columns {
     groups: Vec<Group>,
 }
 
-/// One quantity of all members of its source: an array in `trajectory.npz` and in Python.
+/// One quantity for all members of its source: an array in `trajectory.npz` and in Python.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Quantity {
     /// Its name.
     pub name: &'static str,
-    /// How many members have it.
+    /// Number of members.
     pub members: usize,
     first: usize,
     stride: usize,
 }
 
 impl Quantity {
-    /// Its numbers, one for each member, among those of all columns.
+    /// Its numbers, one for each member, among the numbers of all columns.
     pub fn of<'a>(&self, columns: &'a [f64]) -> impl Iterator<Item = f64> + use<'a> {
         columns.iter().skip(self.first).step_by(self.stride).take(self.members).copied()
     }
 }
 
 impl Columns {
-    /// Those of a scenario. **The registry**: a new column is a line here and a line in `motion.rs` that
-    /// writes its numbers.
+    /// The columns of a scenario. **The registry**: a new column is a line here and a line in `motion.rs`
+    /// that writes its numbers.
     pub fn of(scenario: &Scenario) -> Self {
         let group = |source, quantities, members| Group { source, quantities, members };
         let memories = usize::from(scenario.output.memory_energy);
@@ -60,17 +60,17 @@ impl Columns {
         Self { groups }
     }
 
-    /// How many columns there are.
+    /// Number of columns.
     pub fn len(&self) -> usize {
         self.groups.iter().map(|group| group.quantities.len() * group.members).sum()
     }
 
-    /// Whether there are none.
+    /// Whether there are no columns.
     pub fn is_empty(&self) -> bool {
         self.groups.is_empty()
     }
 
-    /// The quantities, in the order of their names' appearance.
+    /// The quantities, in the order of the first appearance of their names.
     pub fn quantities(&self) -> impl Iterator<Item = Quantity> {
         let mut begin = 0;
         self.groups.iter().flat_map(move |group| {
@@ -86,8 +86,8 @@ impl Columns {
         })
     }
 
-    /// The heading of each column in `trajectory.csv`: the name of its quantity, with the number of the
-    /// member behind it where there are several.
+    /// The heading of each column in `trajectory.csv`: the name of its quantity, followed by the index of the
+    /// member if there are several.
     pub fn headings(&self) -> Vec<String> {
         let of_group = |group: &Group| -> Vec<String> {
             let of_member = |member: usize| {
@@ -101,7 +101,7 @@ impl Columns {
         self.groups.iter().flat_map(of_group).collect()
     }
 
-    /// The places of a source's columns; empty if it has none.
+    /// The range of a source's columns; empty if it has none.
     pub fn places(&self, source: Source) -> Range<usize> {
         let mut begin = 0;
         for group in &self.groups {

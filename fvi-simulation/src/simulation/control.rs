@@ -1,48 +1,51 @@
-//! Controllers at work: they sample states at grid points and say what force acts over a step.
+//! Controllers in a run: they sample states at grid points and supply the forces over steps.
 
 use crate::language::InputError;
 use crate::language::Problem;
 use crate::language::expression::{Elementary, Moment};
+use crate::numerics::aligned::Aligned;
 use crate::numerics::controller_source::ControllerTables;
-use crate::numerics::exponential_table::{ENDLESS, ENDLESS_REACH, ExponentialKernel, SMALLEST_TOLERANCE};
+use crate::numerics::exponential_table::{
+    ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
+};
 use crate::scenario::{Controller, SampledInput, Scenario};
 use crate::simulation::{GridState, Precision};
 use fvi_core::{
-    ExponentialSum, ExponentialTable, FractionalPid, Kernel, PidInputs, PidLaw, Real, StateError,
-    StateReader, StateWriter,
+    ExponentialSum, FractionalPid, Kernel, ParameterError, PidInputs, PidLaw, Real, StateError, StateReader,
+    StateWriter,
 };
 use std::collections::VecDeque;
 
-/// The force of a step: what is held from its beginning on, and what changes inside it.
+/// The input force of a step: the force held from its beginning, and changes inside it.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Drive {
-    /// From the beginning of the step on.
+    /// The force from the beginning of the step.
     pub(crate) held: Vec<f64>,
-    /// The same again and what follows inside the step, with the times from which it acts; empty without
-    /// delays that are no whole number of steps.
+    /// The same force and the following ones inside the step, with the times from which they act; `None`
+    /// unless a delay is not an integer number of steps.
     pub(crate) inside: Option<SampledInput>,
     /// The largest force on each coordinate.
     pub(crate) largest: Vec<f64>,
 }
 
-/// Controllers in a precision.
+/// The controllers of a scenario, in any precision.
 pub(crate) trait Control {
-    /// Takes the state after so many steps, where a sample is due.
+    /// Samples the state after the given number of steps, if a sample is due.
     ///
     /// # Errors
-    /// Why a controller refused it.
+    /// The reason why a controller refused it.
     fn take(&mut self, step: u64, state: &GridState) -> Result<(), String>;
-    /// Writes the force over the step that follows so many others and begins at a time; `drive` has the
-    /// inputs of the scenario in it.
+    /// Adds the force over the step that begins at a time after the given number of steps to `drive`, which
+    /// contains the inputs of the scenario.
     fn drive(&mut self, step: u64, time: f64, drive: &mut Drive);
-    /// Output, setpoint and measured value of each controller at its last sample.
+    /// Writes output, setpoint and measured value of each controller at its last sample.
     fn write(&self, columns: &mut [f64]);
     /// Appends the state.
     ///
     /// # Errors
     /// [`StateError`], of memories that cannot be saved.
     fn save(&self, bytes: &mut Vec<u8>) -> Result<(), StateError>;
-    /// Takes over a state.
+    /// Restores a state.
     ///
     /// # Errors
     /// [`StateError`] if the bytes are no such state.
@@ -52,7 +55,7 @@ pub(crate) trait Control {
 /// The controllers of a scenario; `None` if it has none.
 ///
 /// # Errors
-/// If a sample time is no whole number of steps, or a memory cannot be made.
+/// If a sample time is not an integer number of steps, or a memory cannot be built.
 pub(crate) fn control(
     scenario: &Scenario,
     precision: Precision,
@@ -66,14 +69,14 @@ pub(crate) fn control(
     }))
 }
 
-/// Whether outputs begin to act inside steps.
+/// Whether outputs may begin to act inside steps.
 pub(crate) fn acts_inside_steps(scenario: &Scenario) -> bool {
     let step = scenario.time.step;
     scenario.controllers.iter().any(|controller| controller.delay_in_steps(step).1 != 0.0)
 }
 
 /// The memory of a controller.
-pub type Sum<T> = ExponentialSum<T, Vec<T>, Vec<T>>;
+pub type Sum<T> = ExponentialSum<T, Aligned<T>, Vec<T>>;
 
 /// A controller on exponential sums.
 pub type SumPid<T> = FractionalPid<T, Sum<T>, Sum<T>, PidLaw<T>, Sum<T>>;
@@ -82,21 +85,21 @@ pub type SumPid<T> = FractionalPid<T, Sum<T>, Sum<T>, PidLaw<T>, Sum<T>>;
 struct Loops<T> {
     loops: Vec<Loop<T>>,
     step_size: f64,
-    /// Position and momentum as expressions see them.
+    /// Position and momentum as variables of expressions.
     variables: Vec<T>,
 }
 
-/// A controller in a loop.
+/// A controller in a closed loop.
 struct Loop<T> {
     controller: Controller,
     pid: SumPid<T>,
-    /// Steps between samples.
+    /// Number of steps between samples.
     every: u64,
-    /// How much later the output acts: whole steps, and a part of one.
+    /// Delay until the output acts: an integer number of steps, and a fraction of one.
     delay: (u64, f64),
-    /// Outputs that do not act yet, with the steps in which they begin to.
+    /// Outputs that do not act yet, with the steps in which they begin to act.
     waiting: VecDeque<(u64, T)>,
-    /// The output that acts.
+    /// The output that acts at present.
     acting: T,
     /// Output, setpoint and measured value of the last sample.
     columns: [T; 3],
@@ -106,16 +109,11 @@ impl<T: Elementary> Loops<T> {
     fn new(scenario: &Scenario) -> Result<Self, InputError> {
         let step_size = scenario.time.step;
         let make = |(index, controller): (usize, &Controller)| {
-            let refused = |key: &str, problem: Problem| {
-                let (one, several) = (format!("controller.{key}"), format!("controller[{index}].{key}"));
-                scenario.error_at_first(&[&one, &several], problem)
-            };
-            let unusable = |reason: String| refused("sample", Problem::Unusable { reason });
             let every = controller.steps_between(step_size).ok_or_else(|| {
                 let allowed = format!("a multiple of the step {step_size}");
-                refused("sample", Problem::OutOfRange { allowed })
+                error_at(scenario, index, &["sample"], Problem::OutOfRange { allowed })
             })?;
-            let pid = pid(scenario, controller).map_err(unusable)?;
+            let pid = pid(scenario, controller).map_err(|unusable| unusable.error(scenario, index))?;
             Ok(Loop {
                 controller: controller.clone(),
                 pid,
@@ -131,76 +129,119 @@ impl<T: Elementary> Loops<T> {
     }
 }
 
-/// A controller of a scenario before its first sample.
-///
-/// # Errors
-/// As [`tables`], and if a number does not fit into the precision.
-pub fn pid<T: Real>(scenario: &Scenario, controller: &Controller) -> Result<SumPid<T>, String> {
-    let law = controller.law::<T>().map_err(|error| error.to_string())?;
-    let tables = tables(scenario, controller)?;
-    let of = |kernel: Result<Kernel, fvi_core::ParameterError>, table| {
-        memory::<T>(&kernel.map_err(|error| error.to_string())?, table)
-    };
-    let integral = of(law.integral_kernel(), &tables.integral)?;
-    let derivative = of(law.derivative_kernel(), &tables.derivative)?;
-    let filter = match (law.filter_kernel(), &tables.filter) {
-        (Ok(Some(kernel)), Some(table)) => Some(of(Ok(kernel), table)?),
-        _ => None,
-    };
-    FractionalPid::with_parts(law, integral, Some(derivative), filter).map_err(|error| error.to_string())
+/// Reason why a controller of a scenario cannot be built.
+#[derive(Clone, Debug)]
+pub struct Unusable {
+    /// The keys that may be the cause, of `[controller]`, or of the scenario if they begin with the name of
+    /// another table; the first one in the file is reported.
+    keys: &'static [&'static str],
+    reason: String,
 }
 
-/// The tables, made for h = 1, on which a controller of a scenario runs.
+impl Unusable {
+    fn of(keys: &'static [&'static str], reason: impl ToString) -> Self {
+        Self { keys, reason: reason.to_string() }
+    }
+
+    /// The error for a parameter of the law that is refused.
+    pub fn of_parameter(error: &ParameterError) -> Self {
+        Self::of(Controller::keys_of(error.parameter), error)
+    }
+
+    /// The error about the controller with this index.
+    pub fn error(self, scenario: &Scenario, index: usize) -> InputError {
+        error_at(scenario, index, self.keys, Problem::Unusable { reason: self.reason })
+    }
+}
+
+impl From<ParameterError> for Unusable {
+    fn from(error: ParameterError) -> Self {
+        Self::of_parameter(&error)
+    }
+}
+
+/// An error about the first of some keys that is in the file.
+fn error_at(scenario: &Scenario, index: usize, keys: &[&str], problem: Problem) -> InputError {
+    let of_controller = |key: &&str| match key.starts_with("history.") {
+        true => vec![(*key).to_owned()],
+        false => vec![format!("controller.{key}"), format!("controller[{index}].{key}")],
+    };
+    let paths: Vec<String> = keys.iter().flat_map(of_controller).collect();
+    let paths: Vec<&str> = paths.iter().map(String::as_str).collect();
+    scenario.error_at_first(&paths, problem)
+}
+
+/// A controller of a scenario in its state before the first sample.
 ///
 /// # Errors
-/// Why there are none: its `sample` is no whole number of steps, or a tolerance cannot be met.
-pub fn tables(scenario: &Scenario, controller: &Controller) -> Result<ControllerTables, String> {
+/// As [`tables`], and if a number is out of range in the precision.
+pub fn pid<T: Real>(scenario: &Scenario, controller: &Controller) -> Result<SumPid<T>, Unusable> {
+    let law = controller.law::<T>()?;
+    let tables = tables(scenario, controller)?;
+    let integral = memory::<T>(&law.integral_kernel()?, &tables.integral, "integral")?;
+    let derivative = memory::<T>(&law.derivative_kernel()?, &tables.derivative, "derivative")?;
+    let filter = match (law.filter_kernel()?, &tables.filter) {
+        (Some(kernel), Some(table)) => Some(memory::<T>(&kernel, table, "filter of the derivative")?),
+        _ => None,
+    };
+    Ok(FractionalPid::with_parts(law, integral, Some(derivative), filter)?)
+}
+
+/// The tables of a controller of a scenario, computed for h = 1.
+///
+/// # Errors
+/// A message: its `sample` is not an integer number of steps, or a tolerance cannot be met.
+pub fn tables(scenario: &Scenario, controller: &Controller) -> Result<ControllerTables, Unusable> {
     let step = scenario.time.step;
-    let every = controller.steps_between(step).ok_or_else(|| format!("`sample` is no multiple of {step}"))?;
-    // Tables are made for the run that was planned, and serve one that is carried further.
+    let every = controller
+        .steps_between(step)
+        .ok_or_else(|| Unusable::of(&["sample"], format!("it is no multiple of {step}")))?;
+    // Tables are computed for the planned run, and also used by one that is continued beyond.
     let planned = scenario.history.planned.unwrap_or(scenario.time.steps.saturating_add(1));
     let [planned, ticks] = [planned, scenario.time.steps].map(|steps| (steps as u64 / every) as usize + 2);
-    let law = controller.law::<f64>().map_err(|error| error.to_string())?;
+    let law = controller.law::<f64>()?;
     let tolerance = scenario.history.tolerance.unwrap_or(SMALLEST_TOLERANCE);
     let reach = match scenario.history.horizon {
         Some(horizon) => horizon.max(planned),
         None => planned.next_power_of_two().max(1 << 20),
     };
     if reach < ticks {
-        return Err(format!(
+        let reason = format!(
             "its memory was made for {reach} samples, and {ticks} are wanted: begin anew, or with a longer `history.horizon`"
-        ));
+        );
+        return Err(Unusable::of(&["history.horizon", "sample"], reason));
     }
     let horizon = if reach > ENDLESS_REACH { ENDLESS } else { reach };
-    ControllerTables::new(&law, horizon, tolerance).map_err(|error| error.to_string())
+    ControllerTables::new(&law, horizon, tolerance).map_err(|error| match error {
+        ExponentialKernelError::Parameter(error) => match error.parameter {
+            "horizon" => Unusable::of(&["history.horizon", "sample"], error),
+            "tolerance" => Unusable::of(&["history.tolerance", "sample"], error),
+            _ => error.into(),
+        },
+        missed => Unusable::of(&["history.tolerance", "mu", "sample"], missed),
+    })
 }
 
-/// The memory of a kernel on its table.
-fn memory<T: Real>(kernel: &Kernel, table: &ExponentialKernel) -> Result<Sum<T>, String> {
+/// The memory of a kernel with its table.
+fn memory<T: Real>(kernel: &Kernel, table: &ExponentialKernel, what: &str) -> Result<Sum<T>, Unusable> {
     let table = table.table::<T>();
-    let table = ExponentialTable {
-        stages: table.stages,
-        head: table.head.as_ref().to_vec(),
-        exponentials: table.exponentials.as_ref().to_vec(),
-        slow_blocks: table.slow_blocks,
-        far_blocks: table.far_blocks,
-        horizon: table.horizon,
-        step_size: table.step_size,
-    };
     let state = vec![T::zero(); table.borrow().state_len(1)];
-    kernel.exponential_sum(table, 1, state).map_err(|error| error.to_string())
+    kernel.exponential_sum(table, 1, state).map_err(|error| {
+        let reason = format!("the weights of the {what}, powers of it, leave the precision ({error})");
+        Unusable::of(&["sample"], reason)
+    })
 }
 
-/// Quanta up to which numbers are rounded to them.
+/// Largest multiple of a quantum to which numbers are rounded.
 const MOST_QUANTA: f64 = (1u64 << 52) as f64;
 
-/// The nearest multiple of a quantum, if there is one; half-way from zero.
+/// The nearest multiple of a quantum, if there is a quantum; ties are rounded away from zero.
 fn rounded<T: Real>(number: T, quantum: Option<f64>) -> T {
     match quantum {
         Some(quantum) => {
             let quantum = T::of(quantum);
             let count = (number / quantum).to_f64();
-            // Beyond, the numbers of double precision are multiples themselves.
+            // Larger numbers of double precision are multiples already.
             if count.abs() < MOST_QUANTA { T::of(libm::round(count)) * quantum } else { number }
         }
         None => number,
@@ -224,7 +265,7 @@ impl<T: Elementary> Loop<T> {
         let output = self.pid.tick_with(&inputs).map_err(|error| error.to_string())?;
         let mut output = rounded(output, quantise.output);
         if let Some(quantum) = quantise.output {
-            // Within limits, whatever is nearest.
+            // The nearest multiple within the limits.
             let [lower, upper] = settings.limits;
             if output.to_f64() > upper {
                 output -= T::of(quantum);
@@ -272,7 +313,7 @@ impl<T: Elementary> Control for Loops<T> {
         drive.largest.extend(drive.held.iter().map(|force| force.abs()));
         let Some(inside) = &mut drive.inside else { return };
         changes.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // Relative to what is held: that is handed over by itself.
+        // Relative to the held force, which is passed separately.
         let (mut times, mut samples) = (vec![time], vec![drive.held.clone()]);
         for (fraction, index, output) in changes {
             let one = &self.loops[index];
@@ -330,7 +371,7 @@ impl<T: Elementary> Control for Loops<T> {
     }
 }
 
-/// Adds the force of an output.
+/// Adds the force of a controller's output.
 fn add<T: Real>(controller: &Controller, output: T, forces: &mut [f64]) {
     for &(coordinate, force) in controller.drives.entries.iter() {
         if let Some(place) = forces.get_mut(coordinate as usize) {

@@ -1,106 +1,107 @@
-//! Where steps that are chosen on the way cross jumps and kinks of the system in the position.
+//! Crossings of jumps and kinks of the system in the position by adaptive steps.
 //!
-//! The system is taken on one side of each of them throughout a pair of steps, so that the motion is smooth
-//! and its polynomial tells when the argument passes zero. The pair is then made again to end there, and the
-//! next begins on the other side.
+//! The system is evaluated on one side of each throughout a pair of steps, so that the motion is smooth and
+//! its polynomial determines the time at which the argument passes zero. The pair is then repeated to end
+//! there, and the next pair begins on the other side.
 
 use super::Simulation;
 use super::events::zero;
 use crate::model::Side;
 use serde::{Deserialize, Serialize};
 
-/// Parts of each half at whose ends arguments are looked at.
+/// Number of parts of each half step at whose ends arguments are evaluated.
 const LOOKS: usize = 8;
 
-/// A smallest value between looks is sought where the parabola through three of them is below this share of
-/// the one in the middle, in so many steps.
+/// A minimum between evaluations is searched for if the parabola through three values falls below this
+/// fraction of the middle one, with the given number of steps.
 const LOW: f64 = 0.3;
 const STEPS_TO_LOWEST: usize = 30;
 
-/// A crossing is met where the time to it is below this share of the tolerance times the length of the pair
-/// that saw it first: what the wrong side does meanwhile to the momentum is as small beside what the pair
-/// does.
+/// A crossing counts as reached if the time to it is below this fraction of the tolerance times the length of
+/// the pair that found it first: the relative error of the momentum due to the wrong side is then of this
+/// size.
 const NEAR: f64 = 1e-3;
 
-/// Values of arguments below so many roundings of what they are made of are not told from zero.
+/// Values of arguments below this number of rounding errors of their terms are not distinguished from zero.
 const ROUNDINGS: f64 = 64.0;
 
-/// Most that is left of the way to a crossing which steps across cannot be made, after each step.
+/// Largest remaining fraction, after each step, of the time to a crossing that steps cannot cross.
 const LEFT: f64 = 0.1;
 
-/// Half the way of an argument from one side to the other where a motion slides between them, in units of
+/// Half the range of an argument from one side to the other while a motion slides between them, in units of
 /// the tolerance.
 const WIDTH: f64 = 0.02;
 
-/// State that a later run needs to go on.
+/// State needed to continue in a later run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Standing {
-    /// The sides that the present pair is made on.
+    /// The sides during the present pair.
     sides: Vec<Side>,
-    /// Those that the next one begins on in place of them.
+    /// Changes of sides at the beginning of the next pair.
     turned: Vec<(usize, Side)>,
-    /// Steps across a crossing cannot be made: the length of the pair that was to be, and about when it is.
+    /// If steps across a crossing fail: the length of the failed pair, and the approximate time of the
+    /// crossing.
     cautious: Option<(f64, f64)>,
 }
 
-/// Sides at the beginning of a pair of steps.
+/// Result of trying both sides at the beginning of a pair of steps.
 #[derive(Clone, Copy, Debug, Default)]
 struct Trial {
-    /// Whether the motion goes to the side that it is on: below, above.
+    /// Whether the motion moves to the assumed side: below, above.
     goes: [Option<bool>; 2],
-    /// How fast, as the change of the argument by the square of the time.
+    /// Rate at which it does, as the change of the argument divided by the square of the time.
     rate: [f64; 2],
-    /// Whether it is settled, whatever the first look says.
+    /// Whether the side is decided, independently of the first evaluation.
     settled: bool,
 }
 
-/// Where a motion goes from zero of an argument.
+/// Side of a motion that begins at a zero of an argument.
 enum Beginning {
-    /// It is on its side from this look on; from the last one if it stays where it is.
+    /// The motion is on its side from this evaluation on; from the last one if it stays at zero.
     OnSide(usize),
-    /// Sides have been changed: the pair is to be made again.
+    /// Sides have been changed: the pair must be repeated.
     Again,
-    /// A shorter pair may tell.
+    /// A shorter pair is needed to decide.
     Unclear,
 }
 
 /// Crossings within a pair of steps.
 #[derive(Debug)]
 pub(super) enum Verdict {
-    /// Nothing.
+    /// No crossing.
     Clear,
-    /// It ends where it does so.
+    /// The pair ends at a crossing.
     Ends,
-    /// It should have ended at this time.
+    /// The pair should end at this time.
     EndAt(f64),
-    /// Sides at its beginning have been changed: it is to be made again.
+    /// Sides at the beginning have been changed: the pair must be repeated.
     Again,
 }
 
-/// The switches of a simulation, and where the motion stands with them.
+/// The switches of a simulation, and the state of the motion relative to them.
 pub(super) struct Crossings {
     standing: Standing,
     tolerance: f64,
-    /// Of positions that counts as one.
+    /// Reference size of positions.
     scale: f64,
     end: f64,
     epsilon: f64,
-    /// Of energies: a jump of the potential is one beside it.
+    /// Reference size of energies, relative to which a jump of the potential is significant.
     energy_scale: f64,
     trials: Vec<(usize, Trial)>,
-    /// Below which the values of arguments are rounding; how fast arguments change with the position.
+    /// Rounding errors of the arguments, and their rates of change with the position.
     noise: Vec<f64>,
     slopes: Vec<f64>,
     times: Vec<f64>,
-    /// Values of all arguments at these times.
+    /// Values of all arguments at the times of evaluation.
     looks: Vec<Vec<f64>>,
     position: Vec<f64>,
-    /// The length of the first pair that was to be made from here.
+    /// Length of the first pair attempted from here.
     length: Option<f64>,
 }
 
 impl Crossings {
-    /// Those of a simulation at t = 0; `None` if there are none.
+    /// The switches of a simulation at t = 0; `None` if there are none.
     pub(super) fn of(
         simulation: &mut Simulation,
         (tolerance, scale, end): (f64, f64, f64),
@@ -113,7 +114,7 @@ impl Crossings {
             return None;
         }
         let mut values = Vec::new();
-        // The model has taken the sides of the position.
+        // The model has set the sides from the position.
         switches.arguments(0.0, position, &mut values);
         let sides = values.iter().map(|&value| Side::of(value)).collect();
         Some(Self {
@@ -137,13 +138,13 @@ impl Crossings {
         &self.standing
     }
 
-    /// Goes on from there, within a pair or at its end.
+    /// Continues from a saved state, within a pair or at its end.
     pub(super) fn go_on(&mut self, simulation: &mut Simulation, standing: Standing) {
         self.standing = standing;
         simulation.switches().set_sides(&self.standing.sides);
     }
 
-    /// Turns what is to be turned where a pair begins; `is_break` says whether forces may jump there too.
+    /// Changes the sides due at the beginning of a pair; `is_break`: forces may jump there too.
     ///
     /// # Errors
     /// If a potential jumps.
@@ -183,7 +184,7 @@ impl Crossings {
         self.noise.extend(scales.iter().map(|[_, size]| ROUNDINGS * self.epsilon * size));
         self.slopes.clear();
         self.slopes.extend(scales.iter().map(|[slope, _]| slope));
-        // Arguments within others may have turned these.
+        // Changes of other arguments may have changed these.
         let mut values = Vec::new();
         for _ in 0..=self.standing.sides.len().min(64) {
             switches.arguments(time, position, &mut values);
@@ -193,7 +194,7 @@ impl Crossings {
                     continue;
                 }
                 match *side {
-                    // What held a motion between the sides is another force now.
+                    // After a break the force that holds a motion between the sides is different.
                     Side::Between { .. } if is_break => {
                         (*side, changed) = (Side::of(value), true);
                         self.trials.push((index, Trial::default()));
@@ -213,7 +214,7 @@ impl Crossings {
         Ok(())
     }
 
-    /// The longest pair to be made from a time.
+    /// The longest pair allowed from a time.
     pub(super) fn longest(&self, time: f64) -> f64 {
         match self.standing.cautious {
             Some((_, crossing)) if crossing > time => (1.0 - LEFT) * (crossing - time),
@@ -221,15 +222,14 @@ impl Crossings {
         }
     }
 
-    /// Takes in that a pair of this length could not be made.
+    /// Records that a pair of this length failed.
     pub(super) fn not_made(&mut self, time: f64, length: f64) {
         let (first, _) = self.standing.cautious.unwrap_or((length, time));
         self.standing.cautious = Some((first, time));
     }
 
-    /// Looks at a pair that has been made, from its beginning by way of its middle to its end. Pairs are
-    /// no shorter than `apart`; `is_aimed` says whether it was to end at a crossing, which it may do a little
-    /// before.
+    /// Examines a finished pair from its beginning over its middle to its end. Pairs are at least `apart`
+    /// long; `is_aimed`: the pair was to end at a crossing, before which it may end by a small amount.
     ///
     /// # Errors
     /// If there is no motion from here, or more than one.
@@ -242,7 +242,8 @@ impl Crossings {
     ) -> Result<Verdict, String> {
         let length = *self.length.get_or_insert(end - begin);
         let near = match self.standing.cautious {
-            // Where the way to a crossing is made in ever shorter steps, no step may be left over.
+            // If a crossing is approached in ever shorter steps, no remainder shorter than a step may be
+            // left.
             Some((first, _)) if 1.1 * apart <= (self.tolerance * first).max(1e-11 * self.end) => 1.1 * apart,
             _ => 0.0,
         };
@@ -265,7 +266,7 @@ impl Crossings {
         }
         let first = found.iter().fold(f64::INFINITY, |first, &(time, _)| first.min(time));
         if first - begin < apart {
-            // Too near for a step: it is where the pair begins.
+            // Too near for a step: it counts as at the beginning of the pair.
             if first - begin > 100.0 * near.max(1e-11 * end) {
                 let names = self.names(simulation, found.iter().filter(|(time, _)| *time == first));
                 return Err(format!(
@@ -281,7 +282,7 @@ impl Crossings {
         if first < end - near.max(if end - first < apart { apart } else { 0.0 }) {
             return Ok(Verdict::EndAt(first));
         }
-        // What is crossed at the end, or within rounding of it.
+        // Arguments crossed at the end, or within rounding of it.
         let (mut turned, mut ahead) = (Vec::new(), f64::INFINITY);
         let mut crossing = f64::INFINITY;
         for (index, &from) in armed.iter().enumerate() {
@@ -311,7 +312,7 @@ impl Crossings {
         Ok(Verdict::Ends)
     }
 
-    /// Takes the values of the arguments along a pair.
+    /// Evaluates the arguments along a pair.
     fn look(&mut self, simulation: &mut Simulation, [begin, middle, end]: [f64; 3]) {
         let part = |from: f64, to: f64, look: usize| from + (to - from) * (look as f64 / LOOKS as f64);
         self.times.clear();
@@ -333,7 +334,7 @@ impl Crossings {
         }
     }
 
-    /// The side behind a crossing at the end of the pair.
+    /// The side after a crossing at the end of the pair.
     fn behind(&self, index: usize) -> Side {
         match self.standing.sides[index] {
             Side::Between { share, slope } => {
@@ -365,7 +366,7 @@ impl Crossings {
         }
     }
 
-    /// Where the motion goes that begins at zero of an argument.
+    /// Side of the motion that begins at a zero of an argument.
     fn judge_beginning(&mut self, simulation: &mut Simulation, place: usize) -> Result<Beginning, String> {
         let (index, trial) = self.trials[place];
         let side = self.standing.sides[index];
@@ -394,7 +395,7 @@ impl Crossings {
                     "the motion from here is not unique: at rest on {name} it may leave to either side; begin a little beside it"
                 ))
             }
-            // Whether the other side would do too where it begins at rest.
+            // At rest, whether the other side would also be possible.
             (true, None) if start == 0.0 => Ok(self.turn(simulation, index, side.other())),
             (true, _) => Ok(Beginning::OnSide(on_side)),
             (false, None | Some(true)) => {
@@ -404,7 +405,8 @@ impl Crossings {
                 Ok(self.turn(simulation, index, side.other()))
             }
             (false, Some(false)) => {
-                // Both sides push back. The share of what is above that leaves it where it is:
+                // Both sides push the motion back. The fraction of the upper side with which it stays in
+                // place:
                 let share = trial.rate[0] / (trial.rate[0] + trial.rate[1]);
                 let slope = 0.5 / (WIDTH * self.tolerance * self.scale * self.slopes[index]);
                 trial.settled = true;
@@ -421,7 +423,7 @@ impl Crossings {
         Beginning::Again
     }
 
-    /// The first time from a look on at which the motion leaves the side of a switch.
+    /// The first time, from an evaluation on, at which the motion leaves the side of a switch.
     fn first_crossing(&mut self, simulation: &mut Simulation, index: usize, from: usize) -> Option<f64> {
         let side = self.standing.sides[index];
         let values: Vec<f64> = self.looks.iter().map(|values| inside(side, values[index])).collect();
@@ -449,7 +451,7 @@ impl Crossings {
         None
     }
 
-    /// About when a switch will be crossed beyond the end of the pair.
+    /// Approximate time of a crossing after the end of the pair.
     fn crossing_ahead(&mut self, simulation: &mut Simulation, index: usize) -> f64 {
         let (side, last) = (self.standing.sides[index], self.times.len() - 1);
         let end = self.times[last];
@@ -473,7 +475,7 @@ impl Crossings {
     }
 }
 
-/// How far a value of an argument lies inside of a side; negative outside.
+/// Distance of a value of an argument from the boundary of a side; negative outside.
 fn inside(side: Side, value: f64) -> f64 {
     match side {
         Side::Above => value,
@@ -485,14 +487,14 @@ fn inside(side: Side, value: f64) -> f64 {
     }
 }
 
-/// The lowest value of the parabola through three values at equal distances.
+/// The minimum of the parabola through three values at equal distances.
 fn lowest(before: f64, now: f64, next: f64) -> f64 {
     let (slope, curvature) = (0.5 * (next - before), before - 2.0 * now + next);
     if curvature > 0.0 { now - 0.5 * slope * slope / curvature } else { now }
 }
 
-/// A time with a value that is not positive around the smallest value between the first and the last of
-/// three times, if there is one: golden sections.
+/// Searches for a time with a value ≤ 0 around the minimum between the first and the last of three times, by
+/// golden sections; returns it with the value.
 fn below_zero(mut at: impl FnMut(f64) -> f64, [mut low, _, mut high]: [f64; 3]) -> Option<(f64, f64)> {
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let place = |low: f64, high: f64| [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];

@@ -1,4 +1,4 @@
-//! Watches a run for energy that nothing has put in.
+//! Detection of energy that grows without work done on the system.
 
 use crate::language::expression::Moment;
 use crate::model::tape::CompiledForce;
@@ -14,53 +14,52 @@ use fvi_core::NodalRule;
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
-/// How much of it a motion without damping may lose on steps known beforehand, and on adaptive ones in units
-/// of their tolerance.
+/// Largest relative loss of energy of a motion without damping, on steps known in advance and, in units of
+/// their tolerance, on adaptive ones.
 const LOST: f64 = 0.1;
 const LOST_IN_TOLERANCES: f64 = 1e4;
 
-/// How far the energy may rise, as a multiple of all that was there or put in.
+/// Largest rise of the energy, as a multiple of the initial energy and the work.
 const FACTOR: f64 = 1000.0;
 
-/// Compares the energy of a run with what there was at the start and what forces have put in since.
+/// Compares the energy of a run with the initial energy and the work of forces since.
 ///
-/// The check of the step before the run is that of the motion linearised at the start. Where the potential is
-/// not quadratic a step can be too long elsewhere, and the energy then grows by itself. Damping only takes
-/// energy, so
+/// The check of the step before the run is that of the motion linearised at the start. If the potential is
+/// not quadratic, a step can be too long elsewhere, and the energy then grows without work. Damping only
+/// takes energy, so
 ///
 /// ```text
-/// E_k − E₀ ≤ W_k ,    W_k = Σ h |F·v| + Σ h |u·v| + what the start does to the memory
+/// E_k − E₀ ≤ W_k ,    W_k = Σ h |F·v| + Σ h |u·v| + work of the memory's initial forces
 /// ```
 ///
-/// up to the error of the scheme. The guard trips where E_k − E₀ passes a thousand times T₀ + max(|U₀|,
-/// U₀ − min U) + W_k, with the kinetic energy T and the potential U: a rise that no constant in U, fall
-/// into a well or resonance explains. Forces are taken at the nodes of the scheme, with what is added where
-/// they are rough between nodes, and the larger of Δq and h v at both ends of the step for the way that
-/// they act along. Of a force F(t, q, v) that is F(t, q, 0) alone; what the velocity adds, R = F(t, q, v) −
-/// F(t, q, 0), counts for the power R·v that it has where that is positive: drag explains no energy at all,
-/// and a force that drives a motion what it puts in. Forces of the velocity in code count whole. The memory
-/// of a Riemann–Liouville derivative pushes with up to |ρ q₀| t^{−β}, that of Caputo's for β > 1 with up to
-/// |ρ v₀| t^{1−β}; for β = 0 it is a spring and holds ½ q₀ᵀρ q₀.
+/// up to the error of the scheme. The guard trips if E_k − E₀ exceeds a thousand times T₀ + max(|U₀|, U₀ −
+/// min U) + W_k, with the kinetic energy T and the potential U: a rise that cannot be due to a constant in U,
+/// a fall into a well or resonance. Forces are evaluated at the nodes of the scheme, with corrections where
+/// they are rough between nodes, and the displacement is the larger of Δq and h v at both ends of the step.
+/// For a force F(t, q, v) this is F(t, q, 0) only; the remainder R = F(t, q, v) − F(t, q, 0) counts with its
+/// power R·v if that is positive: drag does not count at all, a driving force with its work.
+/// Velocity-dependent forces in code count as a whole. The memory of a Riemann–Liouville derivative exerts up
+/// to |ρ q₀| t^{−β}, that of Caputo's for β > 1 up to |ρ v₀| t^{1−β}; for β = 0 it is a spring with the
+/// energy ½ q₀ᵀρ q₀.
 ///
-/// With a mass matrix from a file velocities would cost a solution of equations each. The diagonal matrix L
-/// of the sums of |m_ij| over rows stands for it: M ≤ L, so that ½ pᵀL⁻¹p is no more than T. The energy is
-/// asked for only where that alone passes a thousand times what is explained.
+/// With a mass matrix from a file each velocity would require the solution of equations. The diagonal matrix
+/// L of the sums of |m_ij| over rows is used instead: M ≤ L, so that ½ pᵀL⁻¹p is a lower bound of T. The
+/// energy is computed only if that bound alone exceeds the limit.
 pub struct EnergyGuard {
     reaction: OnEnergyGrowth,
     start: f64,
     inverse_mass: SymmetricMatrix,
-    /// Whether that is of a larger, diagonal mass in place of the system's.
+    /// Whether the inverse is that of the larger, diagonal mass instead of the system's.
     is_lumped: bool,
-    /// Forces |f| t^{−e} of each coordinate that the start leaves in the memory.
-    /// ρ x, K(s) and j: a force like ρ x L⁻¹[K(s)/s^{1+j}](t).
+    /// Forces that the initial state exerts through the memory: ρ x, K(s) and j, with the force ρ x
+    /// L⁻¹[K(s)/s^{1+j}](t).
     pushes: Vec<(Vec<f64>, TransferFunction, f64)>,
     first_energy: f64,
     first_potential: f64,
     lowest_potential: f64,
     /// Kinetic energy at the start, and the energy in damping terms of order 0, which are springs.
     stored: f64,
-    /// Whether anything from outside or from the start can do work at all; without it positions and
-    /// velocities need not be kept.
+    /// Whether forces or the initial state can do work; if not, positions and velocities are not stored.
     is_driven: bool,
     work: f64,
     time: f64,
@@ -69,24 +68,24 @@ pub struct EnergyGuard {
     /// The velocity at the end of the step.
     new_velocity: Vec<f64>,
     force: Option<Forces>,
-    /// Forces between nodes, and their moments in a step.
+    /// Rough forces, and a buffer for their moments in a step.
     rough: Option<(RoughForces, Vec<f64>)>,
-    /// Forces in code, and the largest of a step.
+    /// Forces in code, and a buffer for the largest of a step.
     own: Option<(SharedTerms, Vec<f64>)>,
-    /// Where in a step the scheme looks at forces.
+    /// Fractions of a step at which the scheme evaluates forces.
     nodes: Vec<f64>,
     warning: Option<String>,
-    /// The share of the energy that may be lost where nothing takes any; none where something may.
+    /// Fraction of the energy that may be lost if nothing dissipates any; `None` if something may.
     may_lose: Option<f64>,
-    /// That more was lost.
+    /// Warning that more was lost.
     lost: Option<String>,
     /// Twice the kinetic energies of a batch, then its potential energies.
     heights: Vec<f64>,
-    /// A state of a batch.
+    /// Buffer for a state of a batch.
     state: GridState,
 }
 
-/// State of a guard since the start.
+/// State of a guard.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gathered {
     lowest_potential: f64,
@@ -98,24 +97,29 @@ pub struct Gathered {
 impl EnergyGuard {
     /// A guard for a run of the scenario from this state.
     pub fn new(scenario: &Scenario, start: &GridState) -> Self {
-        // What is linear is covered by the check of the step.
+        // Linear systems are covered by the check of the step.
         if !scenario.cases.is_empty() {
             return Self::blind();
         }
+        // Zero for coordinates without mass.
+        let inverse = |mass: f64| if mass == 0.0 { 0.0 } else { mass.recip() };
         let inverse_mass = match &scenario.system.mass {
             SymmetricMatrix::Diagonal(masses) => {
-                SymmetricMatrix::Diagonal(masses.iter().map(|mass| 1.0 / mass).collect())
+                SymmetricMatrix::Diagonal(masses.iter().map(|&mass| inverse(mass)).collect())
             }
             SymmetricMatrix::Dense(mass) => {
                 let zero = || nalgebra::DMatrix::zeros(mass.nrows(), mass.nrows());
-                SymmetricMatrix::Dense(dense::inverse(mass.clone()).unwrap_or_else(zero))
+                let mut regular = mass.clone();
+                // Momenta of coordinates without mass are zero.
+                scenario.system.massless().into_iter().for_each(|row| regular[(row, row)] = 1.0);
+                SymmetricMatrix::Dense(dense::inverse(regular).unwrap_or_else(zero))
             }
-            // Linear motions that no step makes grow.
+            // Linear motions that are stable at every step.
             SymmetricMatrix::Sparse(_) if stability::is_unconditional(scenario) => return Self::blind(),
             SymmetricMatrix::Sparse(mass) => SymmetricMatrix::Diagonal(
                 mass.pattern
                     .rows()
-                    .map(|slots| mass.values[slots].iter().map(|entry| entry.abs()).sum::<f64>().recip())
+                    .map(|slots| inverse(mass.values[slots].iter().map(|entry| entry.abs()).sum()))
                     .collect(),
             ),
         };
@@ -136,7 +140,7 @@ impl EnergyGuard {
                 Derivative::RiemannLiouville => pushes.push((pulled, term.transfer.clone(), 0.0)),
             }
         }
-        // What pushes nothing need not be followed.
+        // Terms without a force are dropped.
         pushes.retain(|(push, ..)| push.iter().any(|&push| push != 0.0));
         let force = Forces::of(scenario);
         let own = scenario.system.own_terms.clone().map(|terms| (terms, vec![0.0; scenario.coordinates()]));
@@ -146,7 +150,7 @@ impl EnergyGuard {
             || !scenario.controllers.is_empty()
             || !pushes.is_empty();
         let potential = start.energy - kinetic;
-        // What memories know of a past may put energy in, which nothing here accounts for.
+        // A past stored in memories may add energy that is not accounted for here.
         let remembers = scenario.initial.past.is_some() && scenario.time.energy_guard.is_none();
         let reaction = if remembers { OnEnergyGrowth::Ignore } else { scenario.time.on_energy_growth() };
         Self {
@@ -184,13 +188,13 @@ impl EnergyGuard {
         Gathered { lowest_potential: *lowest_potential, work: *work, warning, lost }
     }
 
-    /// Goes on from a later state with what another guard of the same run had gathered until then.
+    /// Continues from a later state with the state of another guard of the same run.
     pub(crate) fn go_on(&mut self, gathered: Gathered, state: &GridState) {
         let Gathered { lowest_potential, work, warning, lost } = gathered;
         (self.lowest_potential, self.work) = (lowest_potential, work);
         (self.warning, self.lost) = (warning, lost);
         if self.position.is_empty() {
-            // It watches nothing.
+            // The guard is disabled.
             return;
         }
         self.time = state.time;
@@ -228,9 +232,9 @@ impl EnergyGuard {
         }
     }
 
-    /// Takes in the states of a batch, whose first step began at the time `begin`; `input` is held over the
-    /// step to each of them, which began at the given time. Returns the state at which the run must stop, if
-    /// it must, and why.
+    /// Examines the states of a batch, whose first step began at the time `begin`; `input` returns the input
+    /// held over the step that began at a given time. Returns the state at which the run must stop, if it
+    /// must, and the reason.
     pub(crate) fn take_along<'a>(
         &mut self,
         batch: &StepBatch,
@@ -252,11 +256,11 @@ impl EnergyGuard {
         found
     }
 
-    /// Takes in the states of a batch if nothing drives the motion and the energy of none is out of bounds;
-    /// returns whether.
+    /// Examines a batch as a whole if nothing drives the motion and no energy exceeds the bound; returns
+    /// whether it did.
     ///
-    /// The bound grows with the fall of the potential: what is below the bound before the batch is so after
-    /// every step.
+    /// The bound only grows, with the fall of the potential: an energy below the bound before the batch is
+    /// below it after every step.
     fn take_without_rise(&mut self, batch: &StepBatch) -> bool {
         let SymmetricMatrix::Diagonal(inverse) = &self.inverse_mass else { return false };
         // Beyond the bound, or not a number.
@@ -279,23 +283,23 @@ impl EnergyGuard {
         true
     }
 
-    /// Whether there is nothing more to look for.
+    /// Whether no further check is needed.
     fn is_done(&self) -> bool {
         self.reaction == OnEnergyGrowth::Ignore || self.warning.is_some()
     }
 
-    /// How much energy start and forces explain.
+    /// Upper bound of the energy explained by the initial state and the work.
     fn explained(&self) -> f64 {
         let fall = self.first_potential - self.lowest_potential;
         self.stored + self.first_potential.abs().max(fall) + self.work
     }
 
-    /// Whether the energies of its states are not known, and asked for where they matter.
+    /// Whether the energies of states are unknown and are requested only if needed.
     pub(crate) fn asks_for_energies(&self) -> bool {
         self.is_lumped
     }
 
-    /// As [`take`](Self::take), for a state whose energy is computed only if it matters.
+    /// As [`take`](Self::take), for a state whose energy is computed only if it is needed.
     pub(crate) fn take_asking(
         &mut self,
         input: &[f64],
@@ -312,7 +316,7 @@ impl EnergyGuard {
         self.judge(kinetic, energy(), state.time)
     }
 
-    /// Takes in the state after a step with this input; returns why the run must stop, if it must.
+    /// Examines the state after a step with this input; returns the reason to stop the run, if it must stop.
     pub fn take(&mut self, input: &[f64], state: &GridState) -> Option<String> {
         if self.is_done() {
             return None;
@@ -321,10 +325,10 @@ impl EnergyGuard {
         self.judge(kinetic, state.energy, state.time)
     }
 
-    /// Follows the motion to a state, and the work on the way; returns the kinetic energy.
+    /// Adds the work of a step to a state; returns the kinetic energy.
     fn follow(&mut self, input: &[f64], state: &GridState) -> f64 {
         let kinetic = match &self.inverse_mass {
-            // Velocities are not wanted by themselves.
+            // Velocities are not needed themselves.
             SymmetricMatrix::Diagonal(inverse) if !self.is_driven => {
                 0.5 * state.momentum.iter().zip(inverse).map(|(p, inverse)| p * (inverse * p)).sum::<f64>()
             }
@@ -342,7 +346,7 @@ impl EnergyGuard {
         kinetic
     }
 
-    /// Compares the energy with what explains it.
+    /// Compares the energy with its explained bound.
     fn judge(&mut self, kinetic: f64, energy: f64, time: f64) -> Option<String> {
         self.lowest_potential = self.lowest_potential.min(energy - kinetic);
         self.judge_loss(energy, time);
@@ -353,7 +357,7 @@ impl EnergyGuard {
         self.react(energy, time, explained)
     }
 
-    /// Notes that energy is gone that nothing has taken.
+    /// Records a loss of energy without dissipation.
     fn judge_loss(&mut self, energy: f64, time: f64) {
         let Some(share) = self.may_lose.filter(|_| self.lost.is_none()) else { return };
         let there_was = self.stored + self.first_potential - self.lowest_potential;
@@ -366,7 +370,7 @@ impl EnergyGuard {
         }
     }
 
-    /// Reaction to an energy that nothing explains.
+    /// Reaction to an energy above the explained bound.
     #[cold]
     fn react(&mut self, energy: f64, time: f64, explained: f64) -> Option<String> {
         let reason = format!(
@@ -383,12 +387,12 @@ impl EnergyGuard {
         }
     }
 
-    /// Warning.
+    /// The warning, if there is one.
     pub fn warning(&self) -> Option<&str> {
         self.warning.as_deref().or(self.lost.as_deref())
     }
 
-    /// A bound on the work over the step to `state`.
+    /// An upper bound of the work over the step to `state`.
     fn work_of_step(&mut self, input: &[f64], state: &GridState) -> f64 {
         let (from, to, step) = (&self.position, &state.position, state.time - self.time);
         let way = |index: usize| {
@@ -397,7 +401,7 @@ impl EnergyGuard {
         };
         let mut work: f64 = input.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum();
         for (push, transfer, integrals) in &self.pushes {
-            // About L⁻¹[K(s)/s^{1+j}](t).
+            // An approximation of L⁻¹[K(s)/s^{1+j}](t).
             let since = state.time - self.start;
             let rate = Complex::new(1.0 / since, 0.0);
             let fading = match transfer.table() {
@@ -408,7 +412,7 @@ impl EnergyGuard {
                 fading * push.iter().enumerate().map(|(index, push)| push.abs() * way(index)).sum::<f64>();
         }
         if let (Some((rough, moment_correction)), Some(&node)) = (&mut self.rough, self.nodes.first()) {
-            // Whatever the scheme has there: ∫F is F at its first node and the sum of these two moments.
+            // With any nodes: ∫F is F at this node plus the sum of the two moment corrections.
             let (shapes, tests) = ([node], [1.0 - node]);
             let rule = NodalRule {
                 start: self.time,
@@ -425,7 +429,8 @@ impl EnergyGuard {
             }
         }
         if let Some((terms, largest)) = &mut self.own {
-            // Those of the step's own looks at them, so that it costs no further ones.
+            // The largest values during the evaluations of the step itself, so that no further ones are
+            // needed.
             terms.with(|terms| terms.take_largest_force(largest));
             work += largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>();
         }
@@ -447,7 +452,7 @@ impl EnergyGuard {
             if let Some(Moves { velocity, moved }) = moves {
                 let ends = self.velocity.iter().zip(&self.new_velocity).zip(from.iter().zip(to));
                 for (v, ((first, last), (from, to))) in velocity.iter_mut().zip(ends) {
-                    // Those of a lumped mass are too small.
+                    // Velocities of a lumped mass are too small.
                     *v = if self.is_lumped { (to - from) / step } else { first + node * (last - first) };
                 }
                 let count = velocity.len();
@@ -460,7 +465,7 @@ impl EnergyGuard {
                     let power: f64 = added.zip(&*velocity).map(|(force, v)| force * v).sum();
                     gained = gained.max(step * power);
                 } else {
-                    // It is not defined at rest.
+                    // The force is not defined at rest.
                     value.copy_from_slice(moved);
                 }
             } else if !force.is_zero() {
@@ -475,8 +480,8 @@ impl EnergyGuard {
     }
 }
 
-/// What share of its energy a motion of the scenario may lose, if nothing takes any. Variational schemes on
-/// steps known beforehand lose none, only swing.
+/// Fraction of its energy that a motion of the scenario may lose if nothing dissipates any. Variational
+/// schemes on steps known in advance lose none, their energy only oscillates.
 fn may_lose(scenario: &Scenario) -> Option<f64> {
     if !scenario.system.damping.is_empty() {
         return None;
@@ -487,13 +492,13 @@ fn may_lose(scenario: &Scenario) -> Option<f64> {
     }
 }
 
-/// A velocity, and the force there, where it depends on it.
+/// A velocity, and a velocity-dependent force there.
 struct Moves {
     velocity: Vec<f64>,
     moved: Vec<f64>,
 }
 
-/// The external forces, and room for looking at them.
+/// The external forces, with buffers for their evaluation.
 struct Forces {
     force: CompiledForce<f64>,
     moves: Option<Moves>,
@@ -533,7 +538,7 @@ mod tests {
     use crate::simulation::{Precision, Simulation};
     use std::path::Path;
 
-    /// Runs a scenario of one coordinate; the step at which the guard trips.
+    /// Runs a scenario of one coordinate; returns the step at which the guard trips.
     fn trips(system: &str, start: [f64; 2], scheme: &str, time: &str) -> Option<usize> {
         let [q, p] = start;
         let text = format!(
@@ -554,7 +559,7 @@ mod tests {
 
     #[test]
     fn a_step_that_is_too_long_away_from_the_start_is_caught() {
-        // At q = 3 the spring pushes outwards, at the bottom h ω = 3.2.
+        // At q = 3 the potential is repulsive, at the bottom h ω = 3.2.
         let pendulum = "potential = \"1000*(1-cos(q0))\"";
         assert!(trips(pendulum, [3.0, 0.0], "kappa = 0.0", "step = 0.1\nsteps = 3000").is_some());
         assert_eq!(trips(pendulum, [3.0, 0.0], "kappa = 0.0", "step = 0.01\nsteps = 3000"), None);
@@ -584,12 +589,12 @@ mod tests {
         };
         let (rows, file) = ("[[1.0, 0.2], [0.2, 1.0]]", "\"mass.mtx\"");
         let pendulums = "potential = \"1000*(2 - cos(q0) - cos(q1))\"";
-        // The energy may rise by some more before the lower bound of its kinetic part tells.
+        // The energy may rise somewhat more before the lower bound of its kinetic part exceeds the limit.
         let (dense, sparse) =
             (steps(rows, pendulums, "[3.0, 3.0]", 0.1, 1), steps(file, pendulums, "[3.0, 3.0]", 0.1, 700));
         assert!(dense < 3000 && (dense..dense + 200).contains(&sparse), "{dense} {sparse}");
         assert_eq!(steps(file, pendulums, "[3.0, 3.0]", 0.01, 700), 3000);
-        // A fall from where U = 0, and a resonance.
+        // A fall from U = 0, and a resonance.
         let well = "potential = \"q0^4 + q1^4 - 50*(q0^2 + q1^2)\"";
         assert_eq!(steps(file, well, "[1e-9, 1e-9]", 0.01, 700), 3000);
         let driven = "stiffness = \"mass.mtx\"\nforce = [\"sin(t)\", \"sin(t)\"]";
@@ -598,8 +603,8 @@ mod tests {
 
     #[test]
     fn energy_that_is_explained_is_let_pass() {
-        // Resonance, a fall from an unstable equilibrium where U = 0, a constant in U, a kick on a system at
-        // rest.
+        // Resonance, a fall from an unstable equilibrium with U = 0, a constant in U, an impact on a system
+        // at rest.
         let half = "kappa = 0.5";
         let time = "step = 0.05\nsteps = 4000";
         let driven = "potential = \"0.5*q0^2\"\nforce = [\"sin(t)\"]";
@@ -612,9 +617,9 @@ mod tests {
         assert_eq!(trips("potential = \"10 - 10*cos(q0) + 1e6\"", [1.0, 0.0], half, time), None);
         let kicked = "potential = \"0.5*q0^2\"\nforce = [\"1e6*exp(-(100*(t-1.025))^2)\"]";
         assert_eq!(trips(kicked, [0.0, 0.0], half, time), None);
-        // A stiff spring, every step a turn by nearly π.
+        // A stiff spring, with a turn by nearly π in every step.
         assert_eq!(trips("potential = \"1e10*q0^2\"", [1.0, 0.0], half, time), None);
-        // What begins between the nodes of a step, and what is over before the next.
+        // A force that begins between the nodes of a step, and one that ends before the next node.
         for force in ["step(t - 0.17)", "max(t - 0.17, 0)", "step(t - 0.17)*step(0.19 - t)"] {
             let late = format!("potential = \"0.5*q0^2\"\nforce = [\"{force}\"]");
             for kappa in ["kappa = 0.5", "kappa = 1.0", "kappa = 0.0"] {
@@ -625,7 +630,7 @@ mod tests {
                 );
             }
         }
-        // The memory of a Riemann–Liouville derivative pushes a system without a spring.
+        // The memory of a Riemann–Liouville derivative exerts a force on a system without a spring.
         let pushed =
             "[[system.damping]]\norder = 1.5\ncoefficient = [0.5]\nderivative = \"riemann-liouville\"";
         assert_eq!(trips(pushed, [1.0, 0.0], half, "step = 0.01\nsteps = 2000"), None);

@@ -1,24 +1,24 @@
-//! Events: where functions of the motion pass zero.
+//! Events: zero crossings of functions of the motion.
 
 use super::GridState;
 use crate::language::expression::{Expression, Moment};
 use crate::scenario::{Action, Direction, Event, Scenario, SharedFunction};
 use serde::{Deserialize, Serialize};
 
-/// Parts of a step at whose ends signs are looked at: two zeros within one of them are not seen.
+/// Number of parts of a step at whose ends signs are evaluated: two zeros within one part are not detected.
 const LOOKS: usize = 8;
 
-/// Steps of the search for a zero; each at least halves the interval in two of them.
+/// Largest number of steps of the search for a zero; every third one halves the interval.
 const MOST_STEPS: usize = 200;
 
 /// An event that has happened.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Happened {
-    /// Which of the scenario's events, from 0.
+    /// Index of the event in the scenario, from 0.
     pub event: usize,
     /// Whether its function was rising.
     pub rising: bool,
-    /// When.
+    /// Its time.
     pub time: f64,
     /// Position there.
     pub position: Vec<f64>,
@@ -42,29 +42,29 @@ impl Happened {
     }
 }
 
-/// Most events that are kept.
+/// Largest number of events stored.
 const MOST_EVENTS: usize = 100_000;
 
-/// State of a watch that a later run needs to go on.
+/// State of a watch needed to continue in a later run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Seen {
-    /// The events, in their order.
+    /// The events, in the order of time.
     pub happened: Vec<Happened>,
-    /// Events beyond the most that are kept.
+    /// Number of events beyond the largest number stored.
     pub dropped: usize,
-    /// Of each function when it was first found to be not a number.
+    /// For each function the first time at which it was not a number.
     pub undefined: Vec<Option<f64>>,
-    /// Of each function whether it was negative when it was last not zero; `None`: it was not, since it began
-    /// or was no number.
+    /// For each function whether its last nonzero value was negative; `None` if there was none since the
+    /// beginning or since it was not a number.
     negative: Vec<Option<bool>>,
 }
 
-/// Watches for the events of a scenario.
+/// Detection of the events of a scenario.
 pub struct Watch {
     watched: Vec<Watched>,
     seen: Seen,
     time: f64,
-    /// Position and momentum, where functions are evaluated.
+    /// Position and momentum as variables of functions.
     variables: Vec<f64>,
     point: GridState,
 }
@@ -73,11 +73,11 @@ struct Watched {
     function: Function,
     direction: Direction,
     stops: bool,
-    /// Its value where it was looked at last.
+    /// Its value at the last evaluation.
     value: f64,
 }
 
-/// What an event watches.
+/// The function of an event.
 enum Function {
     Written(Expression),
     InCode(SharedFunction),
@@ -91,7 +91,7 @@ impl Function {
         }
     }
 
-    /// Its value at a time, position and momentum, which lie behind each other in `variables`.
+    /// Its value at a time, position and momentum; the latter two are contiguous in `variables`.
     fn value(&self, time: f64, variables: &[f64]) -> f64 {
         match self {
             Self::Written(expression) => expression.value(Moment::inside(time), variables),
@@ -126,12 +126,12 @@ impl Watch {
         watch
     }
 
-    /// Whether nothing is watched for.
+    /// Whether there are no events.
     pub fn is_idle(&self) -> bool {
         self.watched.is_empty()
     }
 
-    /// The time of the state that was looked at last.
+    /// The time of the last state examined.
     pub fn time(&self) -> f64 {
         self.time
     }
@@ -141,13 +141,13 @@ impl Watch {
         &self.seen
     }
 
-    /// Goes on from a state with what another watch had seen until then.
+    /// Continues from a state with the state of another watch.
     pub fn go_on(&mut self, state: &GridState, seen: Seen) {
         self.seen = seen;
         self.stand_at(state);
     }
 
-    /// Takes the values at a state.
+    /// Evaluates the functions at a state.
     fn stand_at(&mut self, state: &GridState) {
         self.time = state.time;
         place(&mut self.variables, state);
@@ -159,8 +159,8 @@ impl Watch {
         }
     }
 
-    /// Looks at the step that has led to `state`, by `interpolate`; keeps what has happened in it, in the
-    /// order of time, up to the first event that ends the run, and returns the state there.
+    /// Examines the step that has led to `state`, by `interpolate`; stores its events in the order of time,
+    /// up to the first one that ends the run, and returns the state there.
     pub fn take(
         &mut self,
         state: &GridState,
@@ -181,7 +181,7 @@ impl Watch {
             let events = self.watched.iter().zip(&mut self.seen.negative).zip(values);
             for (index, ((event, negative), value)) in events.enumerate() {
                 let Some(is_negative) = sign(event.value) else {
-                    // What lies behind a stretch without numbers is a beginning.
+                    // The first value after a range without numbers is a beginning.
                     if event.value.is_nan() {
                         *negative = None;
                     }
@@ -200,7 +200,8 @@ impl Watch {
                         event.function.value(time, variables)
                     };
                     let time = zero(value_at, (before, value), (now, event.value));
-                    // Times to rounding where the step begins are its beginning, whose state was shown.
+                    // A time equal to the beginning of the step up to rounding is the beginning, whose state
+                    // has been shown.
                     let at_beginning = time - from <= 4.0 * f64::EPSILON * from;
                     found.push((if at_beginning { from } else { time }, index, rising));
                 }
@@ -208,14 +209,14 @@ impl Watch {
         }
         self.point = point;
         let stops = |index: usize| self.watched.get(index).is_some_and(|event| event.stops);
-        // What happens at the same time as the end is seen.
+        // Events at the same time as the one that ends the run are included.
         found.sort_by(|a, b| a.0.total_cmp(&b.0).then(stops(a.1).cmp(&stops(b.1))));
         let stop = found.iter().position(|&(_, index, _)| stops(index));
         found.truncate(stop.map_or(found.len(), |stop| stop + 1));
         let count = found.len();
         for (number, (time, event, rising)) in (1..).zip(found) {
             let ends = stop.is_some() && number == count;
-            // The last one says how the run ended.
+            // The event that ends the run is always stored.
             if self.seen.happened.len() >= MOST_EVENTS && !ends {
                 self.seen.dropped += 1;
                 continue;
@@ -233,7 +234,7 @@ impl Watch {
     }
 }
 
-/// Puts position and momentum behind each other.
+/// Copies position and momentum to a contiguous list.
 fn place(variables: &mut Vec<f64>, state: &GridState) {
     variables.clear();
     variables.extend(state.position.iter().chain(&state.momentum));
@@ -250,11 +251,12 @@ fn sign(value: f64) -> Option<bool> {
     }
 }
 
-/// A zero of a continuous function between two times with its values there, to rounding of the time: regula
+/// A zero of a continuous function between two times with the given values, to rounding of the time: regula
 /// falsi with halved ordinates (Illinois), where every third step halves the interval. Source:
 /// \[DowellJarratt71\].
 ///
-/// The function has another sign at the second time than it last had up to the first, where it may be zero.
+/// The sign at the second time differs from the last nonzero sign up to the first time, where the function
+/// may be zero.
 pub(super) fn zero(
     mut value: impl FnMut(f64) -> f64,
     (mut low, mut at_low): (f64, f64),
@@ -304,7 +306,7 @@ mod tests {
         assert_eq!(between(|t| t, 0.0, 1.0), 0.0);
     }
 
-    /// The events of the function on the motion q = sin t, p = cos t over steps of a length.
+    /// The events of the function for the motion q = sin t, p = cos t over steps of the given length.
     fn happened(function: &str, direction: &str, action: &str, step: f64, steps: usize) -> Vec<(f64, bool)> {
         let scenario = Scenario::from_value(&serde_json::json!({
             "system": { "mass": [1.0] },
@@ -340,7 +342,7 @@ mod tests {
         // Steps of 4: more than one zero of sin in some of them.
         for step in [4.0, 0.1, PI / 2.0] {
             let found = happened("q0", "both", "record", step, (12.0 / step) as usize);
-            // The zero where the motion starts is no passage.
+            // The zero at the start of the motion is not a crossing.
             assert_eq!(found.len(), 3, "{step}: {found:?}");
             for (k, &(time, rising)) in (1..).zip(&found) {
                 assert!((time - f64::from(k) * PI).abs() < 1e-14 * 12.0, "{step}: {time}");
@@ -354,7 +356,7 @@ mod tests {
 
     #[test]
     fn nothing_happens_where_there_is_no_number() {
-        // Positive before the stretch where q < 0, negative behind it.
+        // Positive before the range with q < 0, negative after it.
         assert_eq!(happened("sqrt(q0)*cos(0.5*t)", "both", "record", 0.1, 120), []);
     }
 

@@ -1,5 +1,5 @@
-//! Forces of time alone, looked at before the run: those without an impulse are refused, and where no scheme
-//! will see one there is a warning.
+//! Checks of forces of time before the run: those without an integral are refused, and a warning is given for
+//! those that no node of the scheme resolves.
 
 use crate::language::expression::{Expression, Kind, Node};
 use crate::language::{InputError, Problem};
@@ -7,11 +7,11 @@ use crate::model::tape::{Singularity, Unbounded, terms};
 use crate::model::{first_missed, takes_moments};
 use crate::scenario::{Amplitude, Scenario};
 
-/// Refuses forces of time whose integral does not exist, and those that grow without bound where the scheme
-/// can take neither their integral nor their values.
+/// Refuses forces of time that are not integrable, and unbounded forces if the scheme can use neither their
+/// integral nor their values.
 ///
 /// # Errors
-/// With the key of the force, and the time.
+/// Names the key of the force, and the time.
 pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     let refused = |key: &str, reason: String| Err(scenario.error_at(key, Problem::Unusable { reason }));
     for (key, expression) in expressions(scenario) {
@@ -41,7 +41,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     Ok(())
 }
 
-/// Warnings.
+/// Warnings about forces of time.
 pub(super) fn warnings(scenario: &Scenario) -> Vec<String> {
     let mut warnings = Vec::new();
     let by_nodes = !takes_moments(scenario);
@@ -95,7 +95,7 @@ fn narrow(key: &str, time: f64, advice: &str) -> String {
     )
 }
 
-/// |t − c|^e, as text.
+/// t − c|^e in words.
 fn like(singularity: &Singularity) -> String {
     let of = if singularity.time == 0.0 { "t".to_owned() } else { format!("|t − {}|", singularity.time) };
     match singularity.exponent() {
@@ -122,7 +122,7 @@ fn expressions(scenario: &Scenario) -> impl Iterator<Item = (String, &Expression
     force.chain(amplitudes)
 }
 
-/// Where the terms of an expression that depend on time alone have no bound.
+/// Unbounded terms of an expression among those that depend on time alone.
 fn unbounded(scenario: &Scenario, expression: &Expression) -> impl Iterator<Item = Unbounded> {
     let end = scenario.time.end();
     let of_time = terms(expression.root()).into_iter().filter(|term| !term.varies());

@@ -1,4 +1,4 @@
-//! Forces that are given functions of time have their impulse, on every scheme and grid.
+//! Forces given as functions of time have the right impulse with every scheme and grid.
 
 use super::motion::Motion;
 use super::{GridState, Precision};
@@ -30,7 +30,7 @@ fn schemes() -> Vec<(Value, Value, bool)> {
     all
 }
 
-/// Whether it is one of Euler's methods, which look at forces at grid points alone.
+/// Whether it is one of Euler's methods, which evaluate forces at grid points only.
 fn is_euler(scheme: &Value) -> bool {
     scheme["kind"].as_str().is_some_and(|kind| kind.ends_with("euler"))
 }
@@ -87,7 +87,7 @@ fn edges_of_records_on_grid_points_act_like_jumps() {
             let name = format!("{} {} {grid}: {q} {p}", scheme.0, scheme.1);
             assert!((p - 1.0).abs() < 1e-12, "{name}");
             assert!((q - expected.position[0]).abs() < 1e-11, "{name}, not {}", expected.position[0]);
-            // Of order 1 are Euler's methods, κ ≠ ½ and one stage.
+            // Euler's methods, κ ≠ ½ and one stage are of order 1.
             let midpoint = scheme.0.get("kappa").is_none_or(|kappa| *kappa == 0.5);
             let exact = !is_euler(&scheme.0) && midpoint && scheme.1["stages"] != 1;
             assert!((q - 3.0).abs() < if exact { 1e-11 } else { 1.0 }, "{name}");
@@ -107,7 +107,7 @@ fn grids(scheme: &(Value, Value, bool), end: f64) -> Vec<Value> {
     grids
 }
 
-/// Whether a scheme takes the moments of forces.
+/// Whether a scheme supports moments of forces.
 fn takes_moments(scheme: &Value) -> bool {
     !is_euler(scheme) && scheme.get("kappa").is_none_or(|kappa| *kappa != 0.0)
 }
@@ -129,7 +129,7 @@ fn pulses_narrower_than_any_spacing_of_looks_have_their_impulse() {
                 let found = last(&json!({ "force": [force] }), scheme, &grid).unwrap();
                 let (q, p) = (found.position[0], found.momentum[0]);
                 let name = format!("{force} {} {} {grid}: {q} {p}", scheme.0, scheme.1);
-                // The tails of the last pulse reach beyond the run.
+                // The tails of the last pulse extend beyond the run.
                 let room = if grid["grid"] == "adaptive" { 5e-5 } else { 2e-6 };
                 assert!((p - 1.0).abs() < room, "{name}");
                 let centre = if force.contains("3.3") {
@@ -155,7 +155,7 @@ fn pulses_narrower_than_any_spacing_of_looks_have_their_impulse() {
 
 #[test]
 fn many_jumps_in_a_step_are_all_found() {
-    // Up for half of each period of 2π/1000; ten whole ones end at t = 2 to 2π/1000.
+    // On for half of each period of 2π/1000; full periods end at t = 2 up to 2π/1000.
     let exact = |end: f64| {
         let period = std::f64::consts::TAU / 1000.0;
         let whole = (end / period).floor();
@@ -198,9 +198,9 @@ fn forces_without_an_impulse_are_refused_with_the_time() {
 #[test]
 fn forces_with_an_impulse_are_taken_where_they_have_no_bound() {
     let mut checked = 0;
-    // Impulse and moment about t = 3, which is where q would be.
+    // Impulse, and moment about t = 3, which is the position at t = 3.
     let power = |left: f64, right: f64, e: f64| {
-        // ∫ δ^e and ∫ δ^{e+1} to 3 − c on the right, to c on the left.
+        // ∫ δ^e and ∫ δ^{e+1} up to 3 − c on the right, up to c on the left.
         let whole = |to: f64| [to.powf(e + 1.0) / (e + 1.0), to.powf(e + 2.0) / (e + 2.0)];
         let (l, r) = (whole(left), whole(right));
         [l[0] + r[0], right * (l[0] + r[0]) + l[1] - r[1]]
@@ -270,7 +270,7 @@ fn what_no_node_sees_is_warned_of_with_the_time() {
     let file = record(&[(0.0, 0.0), (3.32, 0.0), (3.33, 1.0), (3.34, 0.0), (8.0, 0.0)]);
     assert_eq!(notes(&load(&file), &euler, &time).len(), 1);
     assert!(notes(&load(&file), &midpoint, &time).is_empty());
-    // What nodes see, be it roughly, is nobody's trouble.
+    // No warning for forces that the nodes resolve, even coarsely.
     for force in [
         "sin(3*t)",
         "8*step(1.03 - t)",
@@ -391,7 +391,7 @@ impl Rough {
     }
 }
 
-/// Random pulses, dead zones and records on every scheme and grid: how many were checked.
+/// Random pulses, dead zones and records with every scheme and grid: returns the number of checks.
 fn check_random_forces(cases: usize, seed: u64) -> usize {
     let mut random = Random(seed);
     let (schemes, end) = (schemes(), 5.0);
@@ -416,8 +416,8 @@ fn check_random_forces(cases: usize, seed: u64) -> usize {
                 format!("{} {} {} {grid}: {q} {p}, not {moment} {impulse}", rough.system, scheme.0, scheme.1);
             let second_order =
                 scheme.0.get("kappa").is_none_or(|kappa| *kappa == 0.5) && scheme.1["stages"] != 1;
-            // Steps without an edge are left to the nodes, which are exact for pulses, and for straight lines
-            // to the order of the scheme. Chosen steps end at edges and add up the errors in between.
+            // In steps without an edge the nodes are used, which are exact for pulses, and for straight lines
+            // to the order of the scheme. Adaptive steps end at edges and accumulate the errors in between.
             let (room, room_of_moment) = match (case % 3, second_order) {
                 _ if grid["grid"] == "adaptive" && second_order => (1e-4, 1e-4),
                 _ if grid["grid"] == "adaptive" => (2e-3, 2e-3),
@@ -427,7 +427,7 @@ fn check_random_forces(cases: usize, seed: u64) -> usize {
                 (_, false) => (0.3, 0.3),
             };
             assert!((p - impulse).abs() < room * size, "{name}");
-            // Exact moments with straight lines have the exact position too.
+            // With exact moments and straight lines the position is exact too.
             if second_order && scheme.0["quadrature"] != "lobatto" {
                 assert!((q - moment).abs() < room_of_moment * end * size, "{name}");
             }
@@ -439,7 +439,7 @@ fn check_random_forces(cases: usize, seed: u64) -> usize {
 
 #[test]
 fn random_forces_of_time_have_their_impulse() {
-    // More of them: FORCE_CASES=500.
+    // For a longer test: FORCE_CASES=500.
     let cases = std::env::var("FORCE_CASES").ok().and_then(|cases| cases.parse().ok()).unwrap_or(60);
     assert!(check_random_forces(cases, 7) > cases);
 }

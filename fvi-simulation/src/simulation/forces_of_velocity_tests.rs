@@ -21,8 +21,8 @@ fn end(scenario: &Scenario, precision: Precision) -> GridState {
     motion.state().clone()
 }
 
-/// A pendulum with air drag and van der Pol's force that moves as q = 1 + t⁵: a load of time makes it so.
-/// With a Caputo derivative of order ½ where `rho` is not zero.
+/// A pendulum with air drag and van der Pol's force, and a load of time for which it moves as q = 1 + t⁵.
+/// With a Caputo derivative of order ½ if `rho` is not zero.
 fn manufactured(rho: f64, scheme: &str, convolution: &str, steps: usize) -> Scenario {
     // Γ(6)/Γ(5.5)
     let derivative = format!("{rho}*2.2925478883*t^4.5");
@@ -55,7 +55,7 @@ fn schemes_keep_their_orders() {
     let of = |kind: &str| format!("kind = \"{kind}\"");
     let staged = |family: &str, stages: usize| format!("family = \"{family}\"\nstages = {stages}");
     let bdf = |order: usize| format!("order = {order}\nat = \"main-nodes\"");
-    // Scheme, quadrature, order of position and momentum; with ρ = 0 and ρ = 0.7.
+    // Scheme, quadrature, order of position and momentum; for ρ = 0 and ρ = 0.7.
     let cases: [(String, String, i32, [f64; 2], f64); 16] = [
         (low(0.5), nodes(2), 32, [2.0; 2], 0.7),
         (low(0.5), bdf(2), 32, [2.0, 1.0], 0.7),
@@ -168,7 +168,7 @@ fn linear_drag_is_seen_by_the_check_of_the_step() {
     }
     let error = Simulation::new(&with(21.0), Precision::F64).err().unwrap().to_string();
     assert!(error.contains("time.step") && error.contains("9.50e-2"), "{error}");
-    // The limit that it names is one.
+    // The limit in the message is sharp.
     for (step, grows) in [(0.097, true), (0.0945, false)] {
         let mut scenario = with(21.0);
         scenario.time.allow_unstable = true;
@@ -177,7 +177,7 @@ fn linear_drag_is_seen_by_the_check_of_the_step() {
         let energy = end(&scenario, Precision::F64).energy;
         assert_eq!(energy > 1e3, grows, "{step}: {energy:e}");
     }
-    // A coupling that is not symmetric, by a scheme of several nodes.
+    // A nonsymmetric coupling, with a scheme of several nodes.
     let gauss = "[scheme]\nkind = \"galerkin\"\ndegree = 2\nquadrature = \"gauss\"\npoints = 2";
     let turning = coupled(["-0.2*v0 + 3*v1", "-2*v0 - 0.1*v1"], "", gauss);
     assert!(Simulation::is_predicted_stable(&turning).unwrap());
@@ -212,7 +212,7 @@ fn driven_motions_do_not_trip_the_guard_and_steps_too_long_do() {
         ),
         None
     );
-    // Explicitly h c = 2.5 beyond a bound; the check of the start sees none of it.
+    // Explicit with h c = 2.5 after t = 1; the check at the start does not see it.
     let late = run(
         "-50*step(t - 1)*v0",
         "position = [1.0]\nmomentum = [0.0]",
@@ -276,7 +276,7 @@ fn sensitivities_are_differences_of_runs() {
         "[scheme]\nkind = \"galerkin\"\ndegree = 2\nquadrature = \"gauss\"\npoints = 2\n[convolution]\norder = 3",
         "[scheme]\nkind = \"galerkin\"\ndegree = 1\nquadrature = \"lobatto\"\npoints = 2\n[convolution]\nat = \"main-nodes\"",
     ];
-    // A linear force keeps its matrices. The parameter v1 is no velocity.
+    // A linear force is compiled to matrices. The parameter v1 is not a velocity.
     let forces =
         [["mu*(1 - q0^2)*v0 - c*v0*q1", "-c*v0^3 + v1*q1"], ["mu*v0 - c*v0 + 0.2*q1", "-c*v0 + v1*q1"]];
     for (scheme, force) in schemes.iter().flat_map(|scheme| forces.map(|force| (scheme, force))) {

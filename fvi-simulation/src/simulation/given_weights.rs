@@ -1,10 +1,10 @@
-//! What weights of a file ask of a run.
+//! Checks of kernels given by weights against the settings of a run.
 
 use crate::language::{InputError, Problem};
 use crate::scenario::Scenario;
 
-/// Refuses damping terms by weights where the run asks for others: for another step or steps that differ, for
-/// matrices, or for more of them.
+/// Refuses damping terms by weights if the run needs others: for another step or different steps, matrix
+/// weights, or more weights.
 pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     for (index, term) in scenario.system.damping.iter().enumerate() {
         let Some(table) = term.transfer.table() else { continue };
@@ -26,7 +26,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
             let own = table.step().unwrap_or(f64::NAN);
             return incompatible(with, &format!("steps of {own}, to which these weights belong"));
         }
-        // One for each lag that occurs; a memory that forgets keeps fewer samples.
+        // One weight for each lag that occurs; a memory that forgets stores fewer samples.
         let lags = scenario.time.steps.saturating_add(1);
         let wanted = scenario.history.capacity.map_or(lags, |capacity| lags.min(capacity.saturating_add(1)));
         let rows = table.weights().len();

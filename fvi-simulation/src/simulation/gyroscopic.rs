@@ -18,7 +18,7 @@ pub(super) struct Gyroscopic<T, B> {
 }
 
 impl<T: Real, B: Block<T>> Gyroscopic<T, B> {
-    /// For nodes at these fractions of steps of the length h, none of them at the beginning.
+    /// For nodes at these fractions of steps of the length h; zero must not be among them.
     pub(super) fn new(skew: B, fractions: &[T], h: T) -> Self {
         let slope = |i: usize, j: usize| {
             // ℓ_j = τ/c_j Π_{l≠j} (τ − c_l)/(c_j − c_l), differentiated factor by factor.
@@ -52,7 +52,7 @@ impl<T: Real, B: Block<T>> Gyroscopic<T, B> {
         }
     }
 
-    /// Shows every W_ij, with G.
+    /// Calls `visit(i, j, W_ij, G)` for every W_ij.
     pub(super) fn visit(&self, mut visit: impl FnMut(usize, usize, T, &B)) {
         let nodes = self.weights.len().isqrt();
         for (index, &weight) in self.weights.iter().enumerate() {
@@ -61,8 +61,8 @@ impl<T: Real, B: Block<T>> Gyroscopic<T, B> {
     }
 }
 
-/// Refuses gyroscopic forces in a scheme of which nothing is known of its stability with them: known are
-/// those that are stable at every step, whatever the stiffness.
+/// Refuses gyroscopic forces with schemes whose stability with them is not known: known are those that are
+/// stable at every step for any stiffness.
 pub(super) fn check_step(scenario: &Scenario) -> Result<(), InputError> {
     if scenario.time.allow_unstable || stability::takes_gyroscopic(scenario) {
         return Ok(());

@@ -1,4 +1,4 @@
-//! What memories of materials have stored, and what they have turned into heat.
+//! Energy stored in the memories of materials, and energy dissipated by them.
 
 use super::stability::{DampingForm, discretisation};
 use crate::language::{InputError, Problem};
@@ -8,12 +8,12 @@ use crate::scenario::{Derivative, Scenario, SymmetricMatrix};
 use fvi_core::{Real, StateError, StateReader, StateWriter};
 use std::f64::consts::PI;
 
-/// Energy stored in the memories of a run by the midpoint rule, and dissipated by them, exactly in every
-/// step.
+/// Energy stored in the memories of a run with the midpoint rule, and dissipated by them, with an exact
+/// balance in every step.
 ///
-/// A kernel with K(s)/s = ∫ dμ(r)/(s + r), μ ≥ 0, is Maxwell elements side by side: springs of moduli g with
-/// dashpots of rates r. Discretised with the samples X_k = (q_k + q_{k+1})/2, each is a force F of the
-/// increments Δ_k = q_{k+1} − q_k by a state v, and with ε = h r
+/// A kernel with K(s)/s = ∫ dμ(r)/(s + r), μ ≥ 0, corresponds to Maxwell elements in parallel: springs of
+/// moduli g in series with dashpots, of rates r. Discretised with the samples X_k = (q_k + q_{k+1})/2, the
+/// force F of each follows from the increments Δ_k = q_{k+1} − q_k by a state v; with ε = h r
 ///
 /// ```text
 /// BDF 1        (1 + ε) v_k = Δ_k + v_{k−1}                    F_k = (g/2)(v_k + v_{k−1})
@@ -36,7 +36,7 @@ use std::f64::consts::PI;
 pub(crate) struct MemoryEnergy {
     terms: Vec<Term>,
     dissipated: f64,
-    /// What rounding took away from it.
+    /// Rounding error of the dissipated energy.
     rest: f64,
     increments: Vec<f64>,
 }
@@ -64,24 +64,24 @@ struct Element {
     rate: f64,
 }
 
-/// h r of a dashpot.
+/// h r that represents a dashpot.
 const DASHPOT: f64 = 1e18;
 
-/// Elements that are so many times slower or faster than a step have one element together, whatever the
-/// length of the run: what that leaves out is the square of the steps made times the one, and of the inverse
-/// of the other.
+/// Bounds of h r beyond which elements are merged to one, independently of the length of the run. The
+/// relative error is the square of the first times the number of steps, and of the inverse of the second.
 const STANDING: f64 = 1e-16;
 const IMMEDIATE: f64 = 1e8;
 
-/// Smallest part of a sum that counts.
+/// Ratio to a sum below which its terms are neglected.
 const NEGLIGIBLE: f64 = 1e-18;
 
 impl MemoryEnergy {
-    /// At t = 0 of a scenario that asks for it.
+    /// At t = 0 of a scenario; `None` if it does not request these energies.
     ///
     /// # Errors
-    /// If there is no exact balance: by other schemes than the midpoint rule damped at its node with BDF 1, 2
-    /// or the trapezoidal rule; between grid points; and for kernels that are no Maxwell elements.
+    /// If there is no exact balance: for schemes other than the midpoint rule damped at its node with BDF 1,
+    /// 2 or the trapezoidal rule; between grid points; and for kernels that do not correspond to Maxwell
+    /// elements.
     pub(crate) fn new(scenario: &Scenario) -> Result<Option<Self>, InputError> {
         if !scenario.output.memory_energy {
             return Ok(None);
@@ -143,7 +143,7 @@ impl MemoryEnergy {
         Ok(Some(Self { terms, dissipated: 0.0, rest: 0.0, increments: Vec::new() }))
     }
 
-    /// Takes in the step from one position to the next.
+    /// Adds the step from one position to the next.
     pub(crate) fn advance(&mut self, from: &[f64], to: &[f64]) {
         self.increments.clear();
         self.increments.extend(to.iter().zip(from).map(|(to, from)| to - from));
@@ -157,7 +157,7 @@ impl MemoryEnergy {
         }
     }
 
-    /// Writes what is stored, and what has been dissipated.
+    /// Writes the stored energy, and the dissipated energy.
     pub(crate) fn write(&self, columns: &mut [f64]) {
         let of = |term: &Term| -> f64 {
             let pairs = term.elements.iter().zip(&term.states);
@@ -180,7 +180,7 @@ impl MemoryEnergy {
         StateWriter::new(&mut bytes[begin..]).numbers(&numbers)
     }
 
-    /// Takes over a state that was saved.
+    /// Restores a saved state.
     pub(crate) fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
         let mut numbers = vec![0.0; self.numbers().count()];
         let mut reader = StateReader::new(bytes);
@@ -194,7 +194,7 @@ impl MemoryEnergy {
     }
 }
 
-/// xᵀρx of x = Σ c_i x_i.
+/// xᵀρx for x = Σ c_i x_i.
 fn square<const M: usize>(rho: &SymmetricMatrix, parts: [(f64, &[f64]); M]) -> f64 {
     let size = parts.first().map_or(0, |(_, vector)| vector.len());
     let sum = |index: usize| parts.iter().map(|(factor, vector)| factor * vector[index]).sum::<f64>();
@@ -206,7 +206,7 @@ fn square<const M: usize>(rho: &SymmetricMatrix, parts: [(f64, &[f64]); M]) -> f
 const B: f64 = 0.366_025_403_784_438_65;
 
 impl Element {
-    /// The state at t = 0 behind a jump to q₀.
+    /// The state at t = 0 after a jump to q₀.
     fn after_a_jump(&self, rule: Rule, jump: &[f64]) -> [Vec<f64>; 2] {
         let (before, earlier) = match rule {
             Rule::One => (2.0 / (2.0 + self.rate), 0.0),
@@ -216,7 +216,7 @@ impl Element {
         [before, earlier].map(|factor| jump.iter().map(|q| factor * q).collect())
     }
 
-    /// Takes in an increment; returns what is dissipated.
+    /// Adds an increment; returns the dissipated energy.
     fn advance(
         &self,
         rule: Rule,
@@ -228,7 +228,7 @@ impl Element {
         let states = before.iter().zip(earlier.iter()).zip(increments);
         let next: Vec<f64> = match rule {
             Rule::One => states.map(|((v1, _), d)| (d + v1) / (1.0 + rate)).collect(),
-            // v_k + v_{k−1}, which is small for fast elements: v alternates in sign.
+            // v_k + v_{k−1}, which is small for fast elements, whose v alternates in sign.
             Rule::Trapezoidal => states.map(|((v1, _), d)| (d + 4.0 * v1) / (2.0 + rate)).collect(),
             Rule::Two => states.map(|((v1, v2), d)| (d + 8.0 * v1 - 2.0 * v2) / (6.0 + 4.0 * rate)).collect(),
         };
@@ -264,7 +264,7 @@ impl Element {
 /// for R(s) = K(s)/s = ∫ Im K(−x + i0)/(π x) dx/(s + x), x = start of the cut + d.
 ///
 /// # Errors
-/// Why it has none.
+/// The reason why the kernel has none.
 fn elements(transfer: &TransferFunction, step: f64) -> Result<Vec<Element>, &'static str> {
     const ACTIVE: &str = "a kernel with negative elements";
     if transfer.table().is_some() {
@@ -330,7 +330,7 @@ fn elements(transfer: &TransferFunction, step: f64) -> Result<Vec<Element>, &'st
         elements.push(Element { modulus: slow, rate: slow_rates / slow * step });
     }
     if fast > 0.0 {
-        // Σ g/r and Σ g/r² are kept.
+        // Σ g/r and Σ g/r² are preserved.
         let rate = fast / fast_times;
         elements.push(Element { modulus: fast * rate, rate: rate * step });
     }
@@ -356,7 +356,7 @@ mod tests {
         [(Rule::One, of_order(1)), (Rule::Two, of_order(2)), (Rule::Trapezoidal, MultistepRule::Trapezoidal)]
     }
 
-    /// The force in a step over an increment d to the state v.
+    /// The force in a step with the increment d from the previous states to the state v.
     fn force(element: &Element, rule: Rule, [before, earlier]: &[Vec<f64>; 2], (d, v): (f64, f64)) -> f64 {
         let (v1, v2) = (before[0], earlier[0]);
         element.modulus

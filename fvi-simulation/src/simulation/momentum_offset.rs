@@ -1,15 +1,15 @@
-//! What Riemann–Liouville damping from q₀ ≠ 0 leaves in the momentum of schemes with several nodes.
+//! Momentum offset of schemes with several nodes due to Riemann–Liouville damping from q₀ ≠ 0.
 
 use crate::numerics::starting_defects::reciprocal_gamma;
 use crate::numerics::transfer::TransferFunction;
 use crate::scenario::{ConvolutionFamily, DampedAt, Derivative, ReportedMomentum, Scenario};
 use fvi_core::Real;
 
-/// By how much the momentum of a discrete Lagrangian that is damped at several quadrature nodes differs from
+/// Difference between the momentum of a discrete Lagrangian that is damped at several quadrature nodes and
 /// that of the motion.
 ///
-/// The constant q₀ is sampled alike at all nodes of a step, so that with f_m = q₀ t^{−β_m}/Γ(1−β_m), or
-/// q₀ L⁻¹[K_m(s)/s] of another kernel,
+/// The constant q₀ is sampled equally at all nodes of a step, so that with f_m = q₀ t^{−β_m}/Γ(1−β_m), or q₀
+/// L⁻¹[K_m(s)/s] for another kernel,
 ///
 /// ```text
 /// p_k = p(t_k) + Σ_m ρ_m ((h²/12) f_m′(t_k) − (h⁴/240) f_m‴(t_k)) + … ,
@@ -20,14 +20,14 @@ use fvi_core::Real;
 pub(super) struct MomentumOffset<T> {
     /// K_m, and ρ_m q₀.
     terms: Vec<(TransferFunction, Vec<T>)>,
-    /// When the motion begins that memories know.
+    /// Time at which the motion of the memories begins.
     begin: f64,
 }
 
 impl<T: Real> MomentumOffset<T> {
-    /// For the terms of a scenario whose scheme has so many nodes; `leave` writes ρ_m q₀. There are none
-    /// where the momentum that is reported is to be that of the discrete Lagrangian, or the formula is of
-    /// order 2 at most.
+    /// The offset for the terms of a scenario whose scheme has `nodes` nodes; `leave(m)` returns ρ_m q₀.
+    /// Empty if the reported momentum is that of the discrete Lagrangian, or the order of the scheme is at
+    /// most 2.
     pub(super) fn of(scenario: &Scenario, nodes: usize, mut leave: impl FnMut(usize) -> Vec<T>) -> Self {
         let ConvolutionFamily::Bdf { order: 3.. } = scenario.convolution.family else {
             return Self::default();
@@ -47,7 +47,7 @@ impl<T: Real> MomentumOffset<T> {
         self.terms.is_empty()
     }
 
-    /// Takes it off a momentum at a time after so many steps; at the beginning there is none yet.
+    /// Subtracts the offset from a momentum at a time; there is none at the beginning of the motion.
     pub(super) fn take_off(&self, time: f64, step_size: f64, momentum: &mut [T]) {
         let time = time - self.begin;
         if time <= 0.0 {
@@ -62,7 +62,7 @@ impl<T: Real> MomentumOffset<T> {
                     size * (derivative(1) / 12.0 - ratio * derivative(3) / 240.0)
                 }
                 None => {
-                    // f′ = L⁻¹[K], which formulas do not tell.
+                    // f′ = L⁻¹[K], which is unknown for formulas.
                     let derivative = |k: i32| transfer.response(time, k).unwrap_or(0.0);
                     step_size.powi(2) * (derivative(0) / 12.0 - step_size.powi(2) * derivative(2) / 240.0)
                 }
@@ -119,14 +119,14 @@ mod tests {
             assert!((found / expected - 1.0).abs() < 0.25, "{found} and {expected}");
         };
         for derivative in ["caputo", "riemann-liouville"] {
-            // What a velocity leaves at t = 1: book/src/theory/node-form.md.
+            // The error at t = 1 from an initial velocity: book/src/theory/node-form.md.
             let [q, p] = errors(derivative, [0.0, 1.0], h);
             assert_near(q, -h4 / 720.0 * once);
             assert_near(p, h4 / 240.0 * twice);
         }
-        // And a position, in Riemann and Liouville's sense.
+        // And from an initial position, with the Riemann–Liouville type.
         assert_near(errors("riemann-liouville", [1.0, 0.0], h)[0], h4 / 240.0 * twice);
-        // Above these digits the formula's own error is larger, and falls faster.
+        // Before this digit the formula's own error dominates, and decreases faster.
         let [far, near] =
             [1.0 / 32.0, 1.0 / 64.0].map(|step| errors("riemann-liouville", [1.0, 0.0], step)[0]);
         assert!((far / near).abs().log2() > 6.0, "{far} {near}");

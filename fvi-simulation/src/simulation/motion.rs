@@ -1,4 +1,4 @@
-//! A run under way: the simulation with the scenario's input, its state, and what watches it.
+//! A run: the simulation with the scenario's inputs, its state, and its monitors.
 
 use crate::language::{InputError, Problem};
 use crate::memory::Tables;
@@ -15,54 +15,54 @@ use crate::simulation::tangent::Tangent;
 use crate::simulation::{GridState, Precision, Simulation};
 use fvi_core::StateError;
 
-/// A scenario on its way from grid point to grid point.
+/// Run of a scenario from grid point to grid point.
 ///
-/// The one loop body of all that runs scenarios: a batch of steps with their sampled inputs, then a look at
-/// whether their states are finite, and one at their energies.
+/// The common loop body of all runs of scenarios: a batch of steps with their sampled inputs, followed by
+/// checks that the states are finite and of their energies.
 pub struct Motion<'s> {
     scenario: &'s Scenario,
     simulation: Simulation,
     guard: EnergyGuard,
-    /// Controller of adaptive steps.
+    /// Adaptive steps, if any.
     adaptive: Option<AdaptiveSteps<'s>>,
     steps: usize,
-    /// The state after them.
+    /// The state after these steps.
     state: GridState,
-    /// The states that were made last.
+    /// The states of the last batch.
     batch: StepBatch,
     next: GridState,
-    /// The controllers, and what they put on the step made last.
+    /// The controllers, and their input in the last step.
     control: Option<Box<dyn Control>>,
     drive: Drive,
-    /// Its columns, and their numbers before the step made last.
+    /// The run's columns, and their numbers before the last step.
     columns: Columns,
     columns_before: Vec<f64>,
-    /// Of the motions under load cases.
+    /// Energies of the motions under load cases.
     energies: Vec<f64>,
     /// Warning about forces of time.
     notes: Vec<String>,
     tangent: Option<Tangent>,
     memory_energy: Option<MemoryEnergy>,
-    /// Solution of the last step, where it is differentiated.
-    increments: Vec<f64>,
+    /// Derivatives of a state on their way to the batch.
+    slopes: Vec<f64>,
 }
 
-/// Why a motion ends before its time.
+/// Reason why a motion ends early.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Failure {
     /// The step that failed, from 0: from t_step to t_{step+1}.
     pub step: usize,
     /// The time at its beginning.
     pub time: f64,
-    /// Why.
+    /// The reason.
     pub reason: String,
 }
 
 impl<'s> Motion<'s> {
-    /// The scenario at t = 0.
+    /// The motion of the scenario at t = 0.
     ///
     /// # Errors
-    /// If the simulation cannot be made, or its state or energy is not finite in its precision.
+    /// If the simulation cannot be built, or its state or energy is not finite in its precision.
     pub fn start(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
         Self::sharing(scenario, precision, &Tables::default())
     }
@@ -97,13 +97,12 @@ impl<'s> Motion<'s> {
         let adaptive = AdaptiveSteps::new(scenario, precision, &mut simulation, &state)?;
         let mut energies = Vec::new();
         simulation.read_energies(&mut energies);
-        // Steps are made together where nothing looks into them, and nothing else waits for each of them.
+        // Steps are made in batches if nothing needs states inside them or each state separately.
         let one_by_one = adaptive.is_some()
             || control.is_some()
             || guard.asks_for_energies()
             || scenario.is_looked_into()
             || !scenario.cases.is_empty()
-            || scenario.sensitivity.is_some()
             || memory_energy.is_some()
             || scenario.system.own_terms.is_some();
         let every = if adaptive.is_some() { 1 } else { simulation.energies_every(scenario) };
@@ -129,14 +128,14 @@ impl<'s> Motion<'s> {
             notes,
             tangent: None,
             memory_energy,
-            increments: Vec::new(),
+            slopes: Vec::new(),
         })
     }
 
-    /// The motion at t = 0 with the derivatives that its scenario asks for.
+    /// The motion at t = 0 with the derivatives that its scenario requests.
     ///
     /// # Errors
-    /// If they cannot be taken: in single precision, and where their memories cannot be made.
+    /// If they are not supported: in single precision, or if their memories cannot be built.
     pub fn with_sensitivities(mut self, tables: &Tables) -> Result<Self, InputError> {
         if self.scenario.sensitivity.is_some() && self.simulation.precision() == Precision::F32 {
             let with = "single precision".to_owned();
@@ -146,12 +145,13 @@ impl<'s> Motion<'s> {
         self.tangent = Tangent::new(self.scenario, tables)?;
         if let Some(tangent) = &self.tangent {
             tangent.write(&mut self.state.sensitivities);
-            self.batch.sensitivities_mut().clone_from(&self.state.sensitivities);
+            self.batch.take_sensitivities(0, &self.state.sensitivities);
+            self.batch.keep_increments();
         }
         Ok(self)
     }
 
-    /// States of its watches.
+    /// States of its monitors.
     pub fn gathered(&self) -> Gathered {
         self.guard.gathered()
     }
@@ -183,21 +183,21 @@ impl<'s> Motion<'s> {
         Ok(bytes)
     }
 
-    /// State that adaptive steps need to go on.
+    /// State needed to continue adaptive steps.
     pub fn chosen(&self) -> Option<Progress> {
         self.adaptive.as_ref().map(|adaptive| adaptive.progress().clone())
     }
 
-    /// Counts of attempts at adaptive steps.
+    /// Counts of attempted adaptive steps.
     pub fn counts(&self) -> Option<Counts> {
         self.adaptive.as_ref().map(|adaptive| adaptive.progress().counts)
     }
 
-    /// Goes on after so many steps with the state and what was gathered that another motion of the scenario
-    /// had then.
+    /// Continues after the given number of steps from the state, and the states of monitors, of another
+    /// motion of the scenario.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are no such state; the motion is of no use then.
+    /// [`StateError`] if the bytes are no such state; the motion must not be used then.
     pub fn go_on(
         &mut self,
         steps: usize,
@@ -211,7 +211,6 @@ impl<'s> Motion<'s> {
                 let (state, of_tangent) = split_last(state)?;
                 tangent.restore(of_tangent)?;
                 tangent.write(&mut self.state.sensitivities);
-                self.batch.sensitivities_mut().clone_from(&self.state.sensitivities);
                 state
             }
         };
@@ -248,22 +247,21 @@ impl<'s> Motion<'s> {
         Ok(())
     }
 
-    /// Makes the next step; returns the iterations of Newton's method.
+    /// Makes the next step; returns the number of iterations of Newton's method.
     ///
     /// # Errors
-    /// [`Failure`]. A step that could not be made leaves the motion as it was. One at whose end the energy
-    /// has grown without a cause has been made, and [`steps`](Self::steps) counts it.
+    /// [`Failure`]. A failed step leaves the motion as it was. A step at whose end the energy guard stops the
+    /// run has been made, and [`steps`](Self::steps) counts it.
     pub fn advance(&mut self) -> Result<u32, Failure> {
         self.advance_along(1)?;
         Ok(self.batch.iterations().iter().sum())
     }
 
-    /// Makes some of the next steps, no more than `most`; [`batch`](Self::batch) has the states after
-    /// them.
+    /// Makes up to `most` of the next steps; [`batch`](Self::batch) then contains the states after them.
     ///
     /// # Errors
-    /// [`Failure`] of the step behind the last state of the batch; or of the step to that state, if the
-    /// energy has grown without a cause at its end.
+    /// [`Failure`] of the step after the last state of the batch; or of the step to that state, if the energy
+    /// guard stops the run there.
     pub fn advance_along(&mut self, most: usize) -> Result<(), Failure> {
         let (before, begin) = (self.steps, self.state.time);
         self.batch.begin(before + 1);
@@ -272,16 +270,8 @@ impl<'s> Motion<'s> {
             self.batch.truncate(index);
             failure = Some(reason(what));
         }
-        if let (Some(tangent), 1, None) = (&mut self.tangent, self.batch.len(), &failure) {
-            self.simulation.increments(&mut self.increments);
-            let begin = (&self.state.position[..], &self.state.momentum[..]);
-            match tangent.advance(before, begin, &self.increments) {
-                Ok(()) => tangent.write(self.batch.sensitivities_mut()),
-                Err(reason) => {
-                    self.batch.truncate(0);
-                    failure = Some(reason);
-                }
-            }
+        if let Err(reason) = self.differentiate(before) {
+            failure = Some(reason);
         }
         if let (Some(memory_energy), 1, None) = (&mut self.memory_energy, self.batch.len(), &failure) {
             self.batch.read(0, &mut self.next);
@@ -338,6 +328,30 @@ impl<'s> Motion<'s> {
         Err(Failure { step: before + failed, time, reason })
     }
 
+    /// Writes the derivatives of the states in the batch, the first of which is that after so many steps and
+    /// one more; those behind a state that has none are left out, and the error says why.
+    fn differentiate(&mut self, before: usize) -> Result<(), String> {
+        let Self { tangent, batch, state, next, slopes, .. } = self;
+        let Some(tangent) = tangent else { return Ok(()) };
+        for index in 0..batch.len() {
+            let begin = match index.checked_sub(1) {
+                None => &*state,
+                Some(earlier) => {
+                    batch.read(earlier, next);
+                    &*next
+                }
+            };
+            let begin = (&begin.position[..], &begin.momentum[..]);
+            if let Err(reason) = tangent.advance(before + index, begin, batch.increments(index)) {
+                batch.truncate(index);
+                return Err(reason);
+            }
+            tangent.write(slopes);
+            batch.take_sensitivities(index, slopes);
+        }
+        Ok(())
+    }
+
     /// Makes steps and puts their states into the empty batch; the error says why the one behind them could
     /// not be made.
     fn make_steps(&mut self, most: usize) -> Result<(), String> {
@@ -377,51 +391,52 @@ impl<'s> Motion<'s> {
         }
     }
 
-    /// Brings the energy up to date with the state, where it was left out.
+    /// Computes the energy of the state if it was left out.
     pub fn complete(&mut self) {
         self.simulation.read(&mut self.next);
-        // A step to what is not finite has taken the simulation further than the motion; so has the second
-        // half of a pair.
+        // After a step to a state that is not finite, or the first half of a pair, the simulation is ahead of
+        // the motion.
         if self.next.time == self.state.time {
             self.state.energy = self.next.energy;
             self.simulation.read_energies(&mut self.energies);
         }
     }
 
-    /// The states that were made last: the first at the beginning, then those after the steps made together.
+    /// The states of the last batch: at first the initial state, then those after the steps made together.
     pub fn batch(&self) -> &StepBatch {
         &self.batch
     }
 
-    /// Shows a state in place of the last one of the [`batch`](Self::batch), or none where it was shown
-    /// before; the motion stays where it is.
+    /// Replaces the last state of the [`batch`](Self::batch) by a state, or removes it if it was shown
+    /// before; the motion itself is unchanged.
     pub fn show(&mut self, state: Option<&GridState>) {
         self.batch.replace_last(state);
     }
 
-    /// Steps made.
+    /// Number of steps made.
     pub fn steps(&self) -> usize {
         self.steps
     }
 
-    /// The state after them.
+    /// The state after these steps.
     pub fn state(&self) -> &GridState {
         &self.state
     }
 
-    /// The energies of the motions under load cases, of which the state's is the sum; none without cases.
+    /// The energies of the motions under load cases, whose sum is the energy of the state; empty without
+    /// cases.
     pub fn energies(&self) -> &[f64] {
         &self.energies
     }
 
-    /// Writes the state at a time within the last step, by the scheme's own polynomial.
+    /// Writes the state at a time within the last step, by the polynomial of the scheme.
     pub fn interpolate(&mut self, time: f64, state: &mut GridState) {
         self.simulation.interpolate(time, state);
         state.columns.clear();
         state.columns.extend_from_slice(self.columns_at(time));
     }
 
-    /// The numbers of its columns at a time within the last step: inside those of its beginning.
+    /// The numbers of the run's columns at a time within the last step: inside it those of its beginning.
     pub fn columns_at(&self, time: f64) -> &[f64] {
         if time < self.state.time { &self.columns_before } else { &self.state.columns }
     }
@@ -431,7 +446,7 @@ impl<'s> Motion<'s> {
         &self.simulation
     }
 
-    /// Warning about forces of time.
+    /// Warnings about forces of time.
     pub fn notes(&self) -> Vec<String> {
         let missed = self.simulation.missed().map(|time| {
             format!(
@@ -448,7 +463,8 @@ impl<'s> Motion<'s> {
     }
 }
 
-/// A part of a state that was appended, with its place behind it, and what is before it.
+/// Splits off the last appended part of a state, whose length follows it: returns the state before it and the
+/// part.
 fn split_last(state: &[u8]) -> Result<(&[u8], &[u8]), StateError> {
     let cut_off = StateError::Truncated { needed: 8, left: state.len() };
     let (both, length) = state.split_last_chunk::<8>().ok_or(cut_off)?;
@@ -474,10 +490,10 @@ mod tests {
         Scenario::from_value(&value).unwrap()
     }
 
-    /// Steps made, the state after them, and the iterations of the last.
+    /// Number of steps made, the state after them, and the iterations of the last step.
     type Stepped = (usize, GridState, u32);
 
-    /// All states of a motion, made `most` steps at a time, and how it ended.
+    /// All states of a motion, made `most` steps at a time, with the failure and the warning at its end.
     fn states(scenario: &Scenario, most: usize) -> (Vec<Stepped>, Option<Failure>, Option<String>) {
         let mut motion = Motion::start(scenario, Precision::F64).unwrap();
         let mut states = Vec::new();
@@ -502,9 +518,9 @@ mod tests {
         let pendulum = json!({ "mass": [1.7], "potential": "9*(1 - cos(q0))", "damping": damping });
         let driven = json!({ "mass": [1.7], "potential": "q0^2", "force": ["sin(t)"], "damping": damping });
         let matrix = json!({ "mass": [[1.7]], "potential": "q0^2 + q0^4" });
-        // To where the potential is no number, 1.4 s away.
+        // Up to the edge of the potential's domain, 1.4 s away.
         let edge = json!({ "mass": [1.0], "potential": "-3*q0 + 0*sqrt(9 - q0)" });
-        // At the top the spring pushes outwards, at the bottom the step is too long.
+        // At the top the potential is repulsive, at the bottom the step is too long.
         let growing = json!({ "mass": [1.0], "potential": "1000*(1 - cos(q0))" });
         let long = |reaction: &str| {
             json!({

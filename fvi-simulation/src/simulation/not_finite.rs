@@ -1,4 +1,4 @@
-//! The start of a simulation, and the end of one whose state or energy is no number any more.
+//! The start of a simulation, and checks that states and energies are finite.
 
 use crate::language::{InputError, Problem};
 use crate::memory::Tables;
@@ -10,7 +10,7 @@ use crate::simulation::{GridState, Precision, Simulation, SolverChoice};
 /// A simulation and its state at t = 0.
 ///
 /// # Errors
-/// If the simulation cannot be made, or its state or energy is not finite in its precision.
+/// If the simulation cannot be built, or its state or energy is not finite in its precision.
 pub(crate) fn start(
     scenario: &Scenario,
     precision: Precision,
@@ -29,7 +29,8 @@ pub(crate) fn start(
             let (time, initial) = (scenario.time.start, &scenario.initial);
             let place = format!("t = {time}, q = {:?}, p = {:?}", initial.position, initial.momentum);
             let problem = Problem::NotFinite { what, place };
-            // The potential has been looked at: what is left overflows in the momentum or the kinetic energy.
+            // The potential has been checked: the remaining cause is an overflow of the momentum or the
+            // kinetic energy.
             let key = if what == "the position" { "initial.position" } else { momentum_key(scenario) };
             Err(scenario.error_at(key, problem))
         }
@@ -43,7 +44,7 @@ fn momentum_key(scenario: &Scenario) -> &'static str {
     if given { "initial.velocity" } else { "initial.momentum" }
 }
 
-/// Refuses what single precision cannot hold, by its own name.
+/// Refuses numbers out of the range of single precision, with their keys.
 fn check_range(scenario: &Scenario) -> Result<(), InputError> {
     let held = |&number: &f64| (number as f32).is_finite();
     let refused = |key, allowed: &str| {
@@ -82,7 +83,7 @@ pub(crate) fn what_is_not_finite(state: &GridState) -> Option<&'static str> {
     }
 }
 
-/// The first state that is not finite, and what of it is not.
+/// Index of the first state that is not finite, and the name of the number.
 pub(crate) fn first_not_finite(batch: &StepBatch, scratch: &mut GridState) -> Option<(usize, &'static str)> {
     let all_finite = match batch.alone() {
         Some((position, momentum)) => [position, momentum, batch.energies()].into_iter().all(is_finite),
@@ -97,7 +98,7 @@ pub(crate) fn first_not_finite(batch: &StepBatch, scratch: &mut GridState) -> Op
     })
 }
 
-/// Why a step counts as failed that was made but led to no number.
+/// Reason of the failure of a step whose result is not finite.
 pub(crate) fn reason(what: &str) -> String {
     format!("{what} is not finite at its end")
 }

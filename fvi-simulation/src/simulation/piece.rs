@@ -1,8 +1,8 @@
-//! A step that has been made, kept to be looked into.
+//! A step stored for states inside it.
 
 use fvi_core::Real;
 
-/// Where a step began, and what it found.
+/// State at the beginning of a step, and its solution.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Piece<T> {
     pub(super) from: f64,
@@ -13,11 +13,11 @@ pub(super) struct Piece<T> {
     pub(super) solution: Vec<T>,
 }
 
-/// A place in a step.
+/// Location of a time relative to a step.
 pub(super) enum WithinStep {
-    /// At this fraction of it.
+    /// Inside, at this fraction of it.
     Inside(f64),
-    /// At its end, to rounding.
+    /// At its end, up to rounding.
     End,
 }
 
@@ -33,10 +33,10 @@ impl<T: Real> Piece<T> {
         solution.clone_into(&mut self.solution);
     }
 
-    /// Where a time lies in it; the end where no step has been made.
+    /// Location of a time in the step; the end if no step has been made.
     pub(super) fn place(&self, time: f64) -> WithinStep {
         let length = self.to - self.from;
-        // Times to rounding at the end of the step are its end.
+        // A time equal to the end of the step up to rounding is its end.
         if length <= 0.0 || self.to - time <= 4.0 * f64::EPSILON * self.to {
             return WithinStep::End;
         }

@@ -1,5 +1,4 @@
-//! What a damped structure answers to a harmonic force: frequency response and poles of a scenario,
-//! linearised.
+//! Response of a damped structure to a harmonic force: frequency response and poles of a linearised scenario.
 
 mod discrete;
 mod poles;
@@ -10,7 +9,7 @@ use crate::language::{InputError, Problem};
 use crate::model::{Matrix, Model, matrix};
 use crate::numerics::dense::solve_complex;
 use crate::numerics::transfer::TransferFunction;
-use crate::scenario::Scenario;
+use crate::scenario::{Scenario, Scheme};
 use discrete::{SchemeFactors, StepEquations};
 use fvi_core::{Instant, Mechanics};
 use fvi_sparse::{ComplexSolver, Pattern};
@@ -18,35 +17,35 @@ use nalgebra::{Complex, DMatrix};
 pub use poles::SystemPole;
 use std::sync::Arc;
 
-/// Coordinates up to which equations are solved in full matrices.
+/// Largest number of coordinates for which equations are solved in full matrices.
 const DENSE: usize = 64;
 
-/// Unknowns of a step up to which that is done for schemes with several nodes.
+/// Largest number of unknowns of a step for which they are, with schemes of several nodes.
 const DENSE_UNKNOWNS: usize = 600;
 
-/// M q̈ + K q + Σ_m ρ_m K_m(D) q = f about a point of a scenario, the springs of kernels among K:
-/// K = ∂²U/∂q² − ∂F/∂q there, at t = 0.
+/// M q̈ + K q + Σ_m ρ_m K_m(D) q = f, linearised at a point of a scenario: K = ∂²U/∂q² − ∂F/∂q there, at t =
+/// 0, including the springs of kernels.
 pub struct Linearised {
     size: usize,
     transfers: Vec<TransferFunction>,
     equations: Equations,
     scheme: Result<StepEquations, String>,
     step: f64,
-    /// Whether K is another one at later times.
+    /// Whether K changes with time.
     changes: bool,
 }
 
-/// How A x = b is solved for A = a M + k K + Σ r_m ρ_m.
+/// Solver of A x = b for A = a M + k K + Σ r_m ρ_m.
 enum Equations {
     Dense { mass: DMatrix<f64>, stiffness: DMatrix<f64>, damping: Vec<DMatrix<f64>> },
     Sparse { pattern: Arc<Pattern>, solver: ComplexSolver, slots: Vec<Vec<(usize, f64)>> },
 }
 
 impl Linearised {
-    /// The scenario about a position.
+    /// The scenario linearised at a position.
     ///
     /// # Errors
-    /// If the mass cannot be used, or the stiffness there is not finite.
+    /// If the mass is not usable, or the stiffness there is not finite.
     pub fn new(scenario: &Scenario, position: &[f64]) -> Result<Self, InputError> {
         if scenario.system.gyroscopic.is_some() {
             let (with, allowed) =
@@ -106,6 +105,12 @@ impl Linearised {
             sparse(size, [&mass, &stiffness].into_iter().chain(&damping))
         };
         let scheme = StepEquations::of(scenario, &transfers).and_then(|scheme| {
+            let massless = scenario.system.massless();
+            if let (Some(row), true) = (massless.first(), scenario.scheme != Scheme::Collocation) {
+                return Err(format!(
+                    "coordinate {row} has no mass, and its positions at grid points do not follow from the polynomials of the scheme"
+                ));
+            }
             let unknowns = scheme.nodes() * size;
             if scheme.nodes() > 1 && (unknowns > DENSE_UNKNOWNS || matches!(equations, Equations::Sparse { .. })) {
                 return Err(format!(
@@ -118,16 +123,15 @@ impl Linearised {
         Ok(Self { size, transfers, equations, scheme, step: scenario.time.step, changes })
     }
 
-    /// Whether ∂²U/∂q² − ∂F/∂q is another one at later times; then the response is that of t = 0.
+    /// Whether ∂²U/∂q² − ∂F/∂q changes with time; the response is then that of t = 0.
     pub fn changes_with_time(&self) -> bool {
         self.changes
     }
 
-    /// H(ω) = (−ω²M + K + Σ_m ρ_m K_m(iω))⁻¹, the column of one input: displacements under a force e^{iωt} on
-    /// the coordinate `input`. Of weights that are given there is K_m up to ω = π/h.
+    /// the coordinate `input`. For kernels given by weights K_m is known up to ω = π/h.
     ///
     /// # Errors
-    /// In words, where the equations have no solution to rounding: at a resonance without damping.
+    /// A message, if the equations have no accurate solution: at a resonance without damping.
     pub fn response(&self, omega: f64, input: usize) -> Result<Vec<Complex<f64>>, String> {
         if let Some(highest) = self.highest().filter(|highest| omega > highest * (1.0 + 1e-12)) {
             return Err(format!(
@@ -146,22 +150,22 @@ impl Linearised {
         self.solve(&factors, input).ok_or_else(|| unsolved(omega))
     }
 
-    /// The same of the discrete scheme at its step h, for 0 < ω ≤ π/h: q_k = H_h(ω) e^{iωt_k} under the force
-    /// e^{iωt}, as the scheme takes it at its nodes.
+    /// The same for the discrete scheme at its step h, for 0 < ω ≤ π/h: q_k = H_h(ω) e^{iωt_k} under the
+    /// force e^{iωt}, which the scheme evaluates at its nodes.
     ///
     /// # Errors
-    /// In words: where the equations have no solution to rounding, and if the scheme has no such response, as
-    /// on steps that differ.
+    /// A message, if the equations have no accurate solution, or the scheme has no such response, as on
+    /// different steps.
     pub fn discrete_response(&self, omega: f64, input: usize) -> Result<Vec<Complex<f64>>, String> {
         let scheme = self.scheme.as_ref().map_err(Clone::clone)?;
         self.solve(&scheme.factors(self.step, omega), input).ok_or_else(|| unsolved(omega))
     }
 
     /// A(s)⁻¹ f for A(s) = s²M + K + Σ_m ρ_m K_m(s), Re s ≥ 0, and ln det A(s) on any branch: A is analytic
-    /// to the right of the imaginary axis, and the zeros of its determinant there are motions that grow.
+    /// in the right half-plane, and the zeros of its determinant there are growing motions.
     ///
     /// # Errors
-    /// In words: where the equations have no solution, and of systems that are solved as sparse ones.
+    /// A message, if the equations have no solution, or the system is solved by sparse factors.
     pub fn transfer(
         &self,
         s: Complex<f64>,
@@ -196,18 +200,17 @@ impl Linearised {
         Some((0..self.size).map(row).collect())
     }
 
-    /// Why the scheme has no response of its own; `None` if it has.
+    /// The reason why the scheme has no discrete response; `None` if it has.
     pub fn without_discrete_response(&self) -> Option<&str> {
         self.scheme.as_ref().err().map(String::as_str)
     }
 
-    /// The zeros s of det(s²M + K + Σ_m ρ_m K_m(s)) on the principal sheet with Im s ≥ 0, by their
-    /// frequencies; with each of Im s > 0 its conjugate is one too. Zeros at s = 0, of motions that nothing
-    /// holds, are left out.
+    /// The zeros s of det(s²M + K + Σ_m ρ_m K_m(s)) on the principal sheet with Im s ≥ 0, ordered by their
+    /// frequencies; for Im s > 0 the conjugate is a zero too. Zeros at s = 0, of unconstrained motions, are
+    /// left out.
     ///
     /// # Errors
-    /// In words: if there are too many coupled coordinates, or zeros too close to each other to be told
-    /// apart.
+    /// A message, if there are too many coupled coordinates, or zeros are too close to be separated.
     pub fn poles(&self) -> Result<Vec<SystemPole>, String> {
         if self.transfers.iter().any(|transfer| transfer.table().is_some()) {
             return Err("weights of a file do not tell K(s) to the left of the imaginary axis".to_owned());
@@ -217,6 +220,11 @@ impl Linearised {
                 "poles are sought in systems of up to {DENSE} coordinates, or given by full matrices"
             ));
         };
+        if let Some(row) = (0..self.size).find(|&row| mass.row(row).amax() == 0.0) {
+            return Err(format!(
+                "coordinate {row} has no mass; poles are sought where every coordinate has one"
+            ));
+        }
         let damping = damping
             .iter()
             .zip(&self.transfers)
@@ -235,7 +243,7 @@ impl Linearised {
         Ok(found)
     }
 
-    /// The answer of all coordinates to a force on one of them.
+    /// The response of all coordinates to a force on one of them.
     fn solve(&self, factors: &SchemeFactors, input: usize) -> Option<Vec<Complex<f64>>> {
         let nodes = factors.load.len();
         let mut vector = vec![Complex::ZERO; nodes * self.size];
@@ -261,7 +269,7 @@ impl Linearised {
         Some(vector[factors.answer * self.size..][..self.size].to_vec())
     }
 
-    /// The highest frequency up to which kernels are known that are given by weights; `None` without one.
+    /// The highest frequency for which kernels given by weights are known; `None` without such kernels.
     pub fn highest(&self) -> Option<f64> {
         let is_given = self.transfers.iter().any(|transfer| transfer.table().is_some());
         is_given.then_some(std::f64::consts::PI / self.step)

@@ -1,4 +1,4 @@
-//! Whether a step is short enough: the growing motions of a linearised scheme, counted.
+//! Stability of a step: the number of growing motions of a linearised scheme.
 
 pub(super) mod characteristic;
 #[cfg(test)]
@@ -24,7 +24,7 @@ pub(crate) use parts::{LARGEST_PART, Part};
 use parts::{all_parts, parts};
 use winding::Count;
 
-/// Where the fractional force acts, and the convolution quadrature behind it.
+/// Nodes at which the fractional force acts, and its convolution quadrature.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DampingForm {
     /// Explicitly at the main nodes q_k.
@@ -32,20 +32,20 @@ pub enum DampingForm {
         /// The rule of the convolution quadrature.
         rule: MultistepRule,
     },
-    /// At the quadrature nodes, each with its own sequence of values, implicitly.
+    /// Implicitly at the quadrature nodes, with a separate sequence of values for each.
     Nodes {
         /// The rule of the convolution quadrature.
         rule: MultistepRule,
     },
-    /// At the stages of a stiffly accurate Runge–Kutta method, whose nodes and weights are those of the
-    /// quadrature, implicitly.
+    /// Implicitly at the stages of a stiffly accurate Runge–Kutta method, whose nodes and weights are those
+    /// of the quadrature.
     Stages {
         /// A of the method.
         matrix: DMatrix<f64>,
     },
 }
 
-/// A scheme as far as stability goes.
+/// The properties of a scheme that determine its stability.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Discretisation {
     /// Degree S of the polynomials; 1 with one node at 1 − κ is the low-order scheme.
@@ -54,7 +54,7 @@ pub struct Discretisation {
     pub nodes: Vec<f64>,
     /// Quadrature weights b_i.
     pub weights: Vec<f64>,
-    /// Where the fractional force acts.
+    /// Nodes at which the fractional force acts.
     pub form: DampingForm,
 }
 
@@ -67,9 +67,12 @@ pub struct LinearDamping {
     pub transfer: TransferFunction,
 }
 
-/// M q̈ + C q̇ + K q + Σ_m ρ_m K_m(D) q = 0, in coordinates where M is the identity.
+/// M q̈ + C q̇ + K q + Σ_m ρ_m K_m(D) q = 0, in coordinates where M is the identity, with zeros instead of
+/// some of its ones if there are coordinates without mass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinearSystem {
+    /// M, if it is not the identity.
+    mass: Option<DMatrix<f64>>,
     stiffness: DMatrix<f64>,
     /// C = −∂F/∂v.
     resistance: Option<DMatrix<f64>>,
@@ -80,7 +83,8 @@ impl LinearSystem {
     /// The system of a mass matrix M, a stiffness K = ∂²U/∂q² − ∂F/∂q, symmetric or not, and damping terms.
     ///
     /// # Errors
-    /// If M is not positive definite, or so small that K or ρ divided by it is not finite.
+    /// If M is not positive definite but for rows and columns of zeros, or so small that K or ρ divided by it
+    /// is not finite; or if neither stiffness alone nor damping holds a coordinate without mass.
     pub fn new(
         mass: &DMatrix<f64>,
         stiffness: &DMatrix<f64>,
@@ -89,8 +93,8 @@ impl LinearSystem {
         Self::resisted(mass, (stiffness, None), damping)
     }
 
-    /// As [`new`](Self::new), with C = −∂F/∂v of forces of the velocity behind the stiffness, if there are
-    /// any: a matrix of any kind.
+    /// As [`new`](Self::new), with C = −∂F/∂v of velocity-dependent forces, if there are any: an arbitrary
+    /// matrix.
     ///
     /// # Errors
     /// As [`new`](Self::new).
@@ -104,6 +108,17 @@ impl LinearSystem {
             value: mass.diagonal().min(),
             allowed: "that of a positive definite matrix by which stiffness and damping can be divided",
         };
+        let massless: Vec<usize> =
+            (0..mass.nrows()).filter(|&row| mass.row(row).iter().all(|&entry| entry == 0.0)).collect();
+        if !massless.is_empty() {
+            let all = Self {
+                mass: Some(mass.clone()),
+                stiffness: stiffness.clone(),
+                resistance: resistance.cloned(),
+                damping,
+            };
+            return all.scaled(&massless).ok_or(refused);
+        }
         let factor = Cholesky::new(mass.clone()).ok_or(refused)?.l();
         let inverse = dense::inverse(factor).ok_or(refused)?;
         let in_new_coordinates = |matrix: &DMatrix<f64>| &inverse * matrix * inverse.transpose();
@@ -119,11 +134,61 @@ impl LinearSystem {
         {
             return Err(refused);
         }
-        Ok(Self { stiffness, resistance, damping })
+        Ok(Self { mass: None, stiffness, resistance, damping })
     }
 
-    /// The parts of it that do not act on each other; `None` if one has more than [`LARGEST_PART`]
-    /// coordinates.
+    /// The system whose mass has these rows of zeros, in coordinates where all other entries of M are those
+    /// of the identity. Coordinates held by stiffness alone are where K q = 0, at every node of a scheme too,
+    /// and are eliminated; those that are damped have the identity for the sum of what damps them.
+    fn scaled(self, massless: &[usize]) -> Option<Self> {
+        let mass = self.mass?;
+        let size = mass.nrows();
+        let acts = |matrix: &DMatrix<f64>, row: usize| matrix.row(row).amax() > 0.0;
+        let damped = |row: usize| {
+            self.resistance.iter().any(|resistance| acts(resistance, row))
+                || self.damping.iter().any(|term| acts(&term.coefficients, row))
+        };
+        let held: Vec<usize> = massless.iter().copied().filter(|&row| !damped(row)).collect();
+        let heavy = (0..size).filter(|row| !massless.contains(row));
+        let kept: Vec<usize> =
+            heavy.chain(massless.iter().copied().filter(|row| !held.contains(row))).collect();
+        let block = |matrix: &DMatrix<f64>, rows: &[usize], columns: &[usize]| {
+            DMatrix::from_fn(rows.len(), columns.len(), |i, j| matrix[(rows[i], columns[j])])
+        };
+        let mut stiffness = block(&self.stiffness, &kept, &kept);
+        if !held.is_empty() {
+            let inverse = dense::inverse(block(&self.stiffness, &held, &held))?;
+            let [to, from] =
+                [(&kept, &held), (&held, &kept)].map(|(rows, columns)| block(&self.stiffness, rows, columns));
+            stiffness -= to * inverse * from;
+        }
+        let of_kept = |matrix: &DMatrix<f64>| block(matrix, &kept, &kept);
+        let (mass, resistance) = (of_kept(&mass), self.resistance.as_ref().map(of_kept));
+        let mut damping = self.damping;
+        damping.iter_mut().for_each(|term| term.coefficients = of_kept(&term.coefficients));
+        let count = size - massless.len();
+        let mut metric = mass.clone();
+        for matrix in damping.iter().map(|term| &term.coefficients).chain(&resistance) {
+            let mut own = metric.view_range_mut(count.., count..);
+            own +=
+                0.5 * (matrix.view_range(count.., count..) + matrix.view_range(count.., count..).transpose());
+        }
+        let inverse = dense::inverse(Cholesky::new(metric)?.l())?;
+        let in_new_coordinates = |matrix: &DMatrix<f64>| &inverse * matrix * inverse.transpose();
+        damping.iter_mut().for_each(|term| term.coefficients = in_new_coordinates(&term.coefficients));
+        let (stiffness, resistance) =
+            (in_new_coordinates(&stiffness), resistance.as_ref().map(in_new_coordinates));
+        let finite = |matrix: &DMatrix<f64>| matrix.iter().all(|entry| entry.is_finite());
+        let terms = damping.iter().map(|term| &term.coefficients);
+        if !terms.chain([&stiffness]).chain(&resistance).all(finite) {
+            return None;
+        }
+        let one = |i, j| f64::from(u8::from(i == j && i < count));
+        let mass = (count < kept.len()).then(|| DMatrix::from_fn(kept.len(), kept.len(), one));
+        Some(Self { mass, stiffness, resistance, damping })
+    }
+
+    /// Its uncoupled parts; `None` if one has more than [`LARGEST_PART`] coordinates.
     pub(crate) fn parts(&self) -> Option<Vec<Part>> {
         all_parts(self).ok()
     }
@@ -134,18 +199,19 @@ impl LinearSystem {
 pub enum Verdict {
     /// No motion grows.
     Stable,
-    /// Some motion grows, or whether one does is lost in rounding.
+    /// A motion grows, or rounding makes it impossible to decide.
     Unstable {
-        /// The largest shorter step at which none does, to four digits; `None` if there is none above 10⁻¹²
-        /// of the step.
+        /// The largest shorter step without growing motions, to four digits; `None` if there is none above
+        /// 10⁻¹² of the step.
         largest_stable_step: Option<f64>,
     },
 }
 
-/// Growth of a motion over the whole run that is let pass.
+/// Growth of a motion over the whole run that is accepted.
 const GROWTH: f64 = 2.0;
 
-/// The least and the largest growth in a step that is told from none: by rounding, and in short runs.
+/// Bounds of the accepted growth per step: the lower one allows for rounding, the upper one limits it in
+/// short runs.
 const MARGINS: (f64, f64) = (1e-7, 1e-3);
 
 /// Checks whether a step is short enough for runs of this length.
@@ -156,11 +222,11 @@ const MARGINS: (f64, f64) = (1e-7, 1e-3);
 /// So what neither grows nor decays is accepted, as are undamped systems. Where the system itself makes
 /// motions grow (K not positive semidefinite, forces that do not come from a potential, forces of the
 /// velocity that drive) none may grow more
-/// than twice as fast as the system's fastest can.
+/// than twice as fast as the system's fastest can; where coordinates have no mass nothing bounds that, and
+/// such parts are not looked at.
 ///
-/// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are taken
-/// apart along the modes of K, and along those of ρ, without what couples these: then the check is no more
-/// than a good sign.
+/// Matrices that commute are split into their modes. Parts of more than 40 coupled coordinates are split into
+/// the modes of K, and into those of ρ, neglecting the coupling: the check is then only heuristic.
 ///
 /// K is that of the initial point, so for nonlinear problems the check is local.
 pub fn check_stability(
@@ -172,31 +238,34 @@ pub fn check_stability(
     let transfers = system.damping.iter().map(|term| term.transfer.clone()).collect();
     let check = Check {
         characteristic: Characteristic::new(discretisation, transfers),
-        parts: parts(system).into_iter().filter(|part| !is_always_stable(discretisation, part)).collect(),
+        parts: parts(system)
+            .into_iter()
+            .filter(|part| !is_always_stable(discretisation, part) && !may_grow_at_any_rate(part))
+            .collect(),
         end: step * steps.max(1) as f64,
     };
     if check.is_stable(step) {
         return Verdict::Stable;
     }
-    // Weights that are given are those of one step.
+    // Given weights are for a single step size.
     let others = !system.damping.iter().any(|term| term.transfer.table().is_some());
     Verdict::Unstable { largest_stable_step: if others { check.largest_stable_step(step) } else { None } }
 }
 
 /// Whether a part is stable at every step.
 ///
-/// A free motion is. So is the midpoint rule, undamped or with BDF 1 or 2 at its node: with
-/// w = (2/h)(1 − z)/(1 + z) the equation divided by w, along v, is
+/// A free motion is. So is the midpoint rule, undamped or with BDF 1 or 2 at its node: with w = (2/h)(1 −
+/// z)/(1 + z) the equation divided by w, multiplied by v*, is
 ///
 /// ```text
 /// w + k/w + Σ ρ (γ_p(z)/h)^β / w = 0 ,
 /// ```
 ///
-/// and in |z| < 1 the first term has a positive real part, the others have none that is negative: on the
-/// upper half of |z| = 1, arg 1/w = π/2 and −π/2 ≤ arg γ_p ≤ 0, so arg γ_p^β/w stays within ±π/2 for
-/// 0 ≤ β ≤ 2; it is harmonic, so it does inside too. Every other passive kernel is a positive combination of
-/// resonators, for which the same holds (book/src/theory/kernels.md). A force of the velocity adds v*C v,
-/// whose real part is not negative where C drives nothing.
+/// and in |z| < 1 the first term has a positive real part, the others a nonnegative one: on the upper half of
+/// |z| = 1, arg 1/w = π/2 and −π/2 ≤ arg γ_p ≤ 0, so arg γ_p^β/w stays within ±π/2 for 0 ≤ β ≤ 2; it is
+/// harmonic, so this holds inside too. Every other passive kernel is a positive combination of resonators,
+/// for which the same holds (book/src/theory/kernels.md). A velocity-dependent force adds v*C v, whose real
+/// part is nonnegative if C adds no energy.
 fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
     if !part.is_damped() && !part.is_resisted() && part.stiffness.amax() == 0.0 {
         return true;
@@ -211,6 +280,12 @@ fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
     midpoint && (passive || !part.is_damped()) && part.growth_rate() == 0.0
 }
 
+/// Whether the motions of a part with coordinates without mass may grow at any rate, as with repulsive
+/// forces.
+fn may_grow_at_any_rate(part: &Part) -> bool {
+    part.mass.is_some() && part.growth_rate() > 0.0
+}
+
 struct Check {
     characteristic: Characteristic,
     parts: Vec<Part>,
@@ -222,7 +297,7 @@ impl Check {
         self.finds_none(step) == Some(true)
     }
 
-    /// Whether no motion grows; `None` where that takes more work than any step is worth.
+    /// Whether no motion grows; `None` if that would take too much work.
     fn finds_none(&self, step: f64) -> Option<bool> {
         let margin = (libm::log(GROWTH) * step / self.end).clamp(MARGINS.0, MARGINS.1);
         for part in &self.parts {
@@ -236,8 +311,8 @@ impl Check {
         Some(true)
     }
 
-    /// The first stable step below, by steps of a tenth and later by halves; then the limit above it to four
-    /// digits.
+    /// The first smaller stable step, by reductions of a tenth and later by halves; then the limit above it
+    /// to four digits.
     fn largest_stable_step(&self, step: f64) -> Option<f64> {
         let (mut low, mut high) = (step, step);
         while !self.finds_none(low)? {

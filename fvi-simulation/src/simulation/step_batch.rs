@@ -1,42 +1,46 @@
-//! States after consecutive steps, kept so that looks go along them.
+//! States after consecutive steps, stored in columns for checks and output.
 
 use super::GridState;
 
-/// Most steps that are made before anyone looks at their states.
+/// Largest number of steps in a batch.
 const STEPS: usize = 64;
 
-/// Numbers of positions that a batch holds at most: what is looked at is still in the fastest cache.
+/// Largest number of position values in a batch, so that it stays in the fastest cache.
 const NUMBERS: usize = 1024;
 
-/// States after consecutive steps: times, energies and every coordinate by themselves, step after step.
+/// States after consecutive steps: times, energies and every coordinate in separate columns, step after step.
 ///
-/// A run makes the steps of a batch and then looks at all of its states, which costs less than to look
-/// after every step: each look goes along one column.
+/// A run makes the steps of a batch and then processes all of its states, which costs less than after every
+/// step: each operation reads one column.
 #[derive(Clone, Debug)]
 pub struct StepBatch {
-    /// Steps that there is room for.
+    /// Capacity in states.
     room: usize,
-    /// States that there are.
+    /// Number of states.
     len: usize,
-    /// Steps made until the first of them.
+    /// Number of steps made up to the first state.
     first: usize,
     times: Vec<f64>,
     energies: Vec<f64>,
-    /// One column of `room` numbers behind the other.
+    /// Columns of `room` numbers, one after another.
     positions: Vec<f64>,
     momenta: Vec<f64>,
     iterations: Vec<u32>,
-    /// The run's columns at the last state; where there are some, it is the only one.
+    /// The run's columns at the last state; a run with columns has batches of one state.
     columns: Vec<f64>,
-    /// Of a state that is looked at by itself.
+    /// ∂q/∂θ and ∂p/∂θ, state after state, none where nothing is differentiated; and how many of a state.
     sensitivities: Vec<f64>,
+    slopes: usize,
+    /// What the steps were solved by, step after step, where it is kept; and how many numbers solve a step.
+    increments: Option<Vec<f64>>,
+    unknowns: usize,
     /// Energies are those of the states after multiples of so many steps.
     energies_every: usize,
 }
 
 impl StepBatch {
-    /// Room for states of so many coordinates: for one where every step is looked at by itself, else for
-    /// many. The energies of those after multiples of `energies_every` steps will be known.
+    /// An empty batch for states with `coordinates` coordinates: with capacity for one state if `one_by_one`,
+    /// otherwise for many. Energies are known after multiples of `energies_every` steps.
     pub fn new(coordinates: usize, one_by_one: bool, energies_every: usize) -> Self {
         let room = if one_by_one { 1 } else { (NUMBERS / coordinates.max(1)).clamp(1, STEPS) };
         let column = || vec![0.0; room];
@@ -52,26 +56,32 @@ impl StepBatch {
             iterations: vec![0; room],
             columns: Vec::new(),
             sensitivities: Vec::new(),
+            slopes: 0,
+            increments: None,
+            unknowns: 0,
             energies_every,
         }
     }
 
-    /// Steps that there is room for.
+    /// Capacity in states.
     pub(crate) fn room(&self) -> usize {
         self.room
     }
 
-    /// Empties it for states of which the first is that after so many steps.
+    /// Clears the batch; its next state is the one after `first` steps.
     pub fn begin(&mut self, first: usize) {
         (self.first, self.len) = (first, 0);
+        if let Some(increments) = &mut self.increments {
+            increments.clear();
+        }
     }
 
-    /// Leaves the first so many states.
+    /// Keeps the first `len` states.
     pub(crate) fn truncate(&mut self, len: usize) {
         self.len = self.len.min(len);
     }
 
-    /// Takes a state; one beyond the room is left out.
+    /// Appends a state; beyond the capacity it is dropped.
     #[inline(always)]
     pub(crate) fn push(
         &mut self,
@@ -93,25 +103,51 @@ impl StepBatch {
         self.len += 1;
     }
 
-    /// Takes a state.
+    /// Appends a state.
     pub fn push_state(&mut self, state: &GridState, iterations: u32) {
         let (position, momentum) = (state.position.iter().copied(), state.momentum.iter().copied());
+        let index = self.len;
         self.push((state.time, state.energy), position, momentum, iterations);
         self.columns.clone_from(&state.columns);
-        self.sensitivities.clone_from(&state.sensitivities);
+        self.take_sensitivities(index, &state.sensitivities);
     }
 
-    /// ∂q/∂θ and ∂p/∂θ of the state; none where nothing is differentiated.
-    pub fn sensitivities(&self) -> &[f64] {
-        &self.sensitivities
+    /// ∂q/∂θ and ∂p/∂θ of a state; none where nothing is differentiated.
+    pub fn sensitivities(&self, index: usize) -> &[f64] {
+        self.sensitivities.get(index * self.slopes..(index + 1) * self.slopes).unwrap_or_default()
     }
 
-    /// [`sensitivities`](Self::sensitivities), to be written.
-    pub(crate) fn sensitivities_mut(&mut self) -> &mut Vec<f64> {
-        &mut self.sensitivities
+    /// Takes those of a state.
+    pub(crate) fn take_sensitivities(&mut self, index: usize, slopes: &[f64]) {
+        self.slopes = slopes.len();
+        self.sensitivities.resize(self.room * self.slopes, 0.0);
+        if let Some(places) = self.sensitivities.get_mut(index * self.slopes..(index + 1) * self.slopes) {
+            places.copy_from_slice(slopes);
+        }
     }
 
-    /// Shows a state in place of the last one, or none.
+    /// From now on steps leave behind what they were solved by.
+    pub(crate) fn keep_increments(&mut self) {
+        self.increments = Some(Vec::new());
+    }
+
+    /// Takes what the step to the last state was solved by, where that is kept.
+    #[inline(always)]
+    pub(crate) fn push_increments(&mut self, numbers: impl Iterator<Item = f64>) {
+        if let Some(increments) = &mut self.increments {
+            let before = increments.len();
+            increments.extend(numbers);
+            self.unknowns = increments.len() - before;
+        }
+    }
+
+    /// What the step to a state was solved by: q_d(c h) − q_k at each control point, or accelerations.
+    pub(crate) fn increments(&self, index: usize) -> &[f64] {
+        let all = self.increments.as_deref().unwrap_or_default();
+        all.get(index * self.unknowns..(index + 1) * self.unknowns).unwrap_or_default()
+    }
+
+    /// Replaces the last state, or removes it.
     pub(crate) fn replace_last(&mut self, state: Option<&GridState>) {
         let Some(last) = self.len.checked_sub(1) else { return };
         self.len = last;
@@ -125,27 +161,27 @@ impl StepBatch {
         &self.columns
     }
 
-    /// [`columns`](Self::columns), to be written.
+    /// [`columns`](Self::columns), mutable.
     pub(crate) fn columns_mut(&mut self) -> &mut [f64] {
         &mut self.columns
     }
 
-    /// How many states there are.
+    /// Number of states.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether there are none.
+    /// Whether there are no states.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Steps made until the first state.
+    /// Number of steps made up to the first state.
     pub fn first(&self) -> usize {
         self.first
     }
 
-    /// The states after a multiple of so many steps, by their indices.
+    /// The indices of the states after a multiple of `every` steps.
     pub fn multiples(&self, every: usize) -> impl Iterator<Item = usize> + use<> {
         let every = every.max(1);
         let next = match self.first % every {
@@ -160,19 +196,19 @@ impl StepBatch {
         &self.times[..self.len]
     }
 
-    /// E; where it was left out, an earlier one.
+    /// E of each state; if it was not computed, an earlier one.
     pub fn energies(&self) -> &[f64] {
         &self.energies[..self.len]
     }
 
-    /// The states whose energy is known, and takes part in pictures and largest values; `None`: all of them.
-    /// The last state of a run may have one and not be among these: a run that is carried further has none
-    /// there.
+    /// The indices of the states whose energy is known, and used for pictures and extremes; `None`: all of
+    /// them. The last state of a run may have an energy and not be among these: a run that is continued has
+    /// none there.
     pub fn with_energy(&self) -> Option<impl Iterator<Item = usize> + use<>> {
         (self.energies_every > 1).then(|| self.multiples(self.energies_every))
     }
 
-    /// Whether the last state is none of those [`with_energy`](Self::with_energy).
+    /// Whether the last state is not among those [`with_energy`](Self::with_energy).
     pub fn lacks_last_energy(&self) -> bool {
         self.with_energy().is_some_and(|known| known.last() != self.len.checked_sub(1))
     }
@@ -187,7 +223,7 @@ impl StepBatch {
         self.momenta.chunks_exact(self.room).map(|column| &column[..self.len])
     }
 
-    /// q and p of a state that is looked at by itself, as those of large systems are.
+    /// q and p if the batch has a single state, as for large systems.
     pub fn alone(&self) -> Option<(&[f64], &[f64])> {
         (self.room == 1 && self.len == 1).then_some((&self.positions, &self.momenta))
     }
@@ -202,35 +238,36 @@ impl StepBatch {
         &self.momenta[coordinate * self.room..][..self.len]
     }
 
-    /// Iterations of Newton's method in the step to each state.
+    /// Number of iterations of Newton's method in the step to each state.
     pub fn iterations(&self) -> &[u32] {
         &self.iterations[..self.len]
     }
 
-    /// All columns, the energies to be written: (q, p, E), the coordinates each [`room`](Self::room) numbers
-    /// apart.
+    /// All columns, with the energies mutable: (q, p, E), the coordinates at a distance of
+    /// [`room`](Self::room) numbers.
     pub(crate) fn with_energies_mut(&mut self) -> (&[f64], &[f64], &mut [f64]) {
         (&self.positions, &self.momenta, &mut self.energies[..self.len])
     }
 
-    /// Writes a state, whose vectors have one place for each coordinate.
+    /// Writes a state, whose vectors must have one place for each coordinate.
     pub fn read(&self, index: usize, state: &mut GridState) {
         state.time = self.times[index];
         state.energy = self.energies[index];
         state.columns.clone_from(&self.columns);
         state.position.iter_mut().zip(self.positions()).for_each(|(place, column)| *place = column[index]);
         state.momentum.iter_mut().zip(self.momenta()).for_each(|(place, column)| *place = column[index]);
-        if !self.sensitivities.is_empty() {
-            state.sensitivities.clone_from(&self.sensitivities);
+        if self.slopes > 0 {
+            state.sensitivities.clear();
+            state.sensitivities.extend_from_slice(self.sensitivities(index));
         }
     }
 }
 
-/// Puts numbers to places that lie `stride` apart.
+/// Writes numbers to places at the distance `stride`.
 #[inline(always)]
 fn put(places: &mut [f64], (first, stride): (usize, usize), numbers: impl Iterator<Item = f64>) {
     if stride == STEPS && first < STEPS {
-        // Of columns whose length is known one place is known to be like the other.
+        // With columns of known length one bounds check serves all.
         for (column, number) in places.as_chunks_mut::<STEPS>().0.iter_mut().zip(numbers) {
             column[first] = number;
         }

@@ -1,30 +1,31 @@
-//! How long the next steps are, from the errors of those before.
+//! Step size control from the errors of previous steps.
 
 use serde::{Deserialize, Serialize};
 
-/// Aimed at is an error this far below the tolerance, as the step is shortened by this factor.
+/// Factor of the step size by which the error is kept below the tolerance.
 const SAFETY: f64 = 0.9;
 
-/// Steps grow by this factor at most, in smooth motion and after a break.
+/// Largest growth factor of steps, in smooth motion and after a break.
 const MOST_GROWTH: f64 = 4.0;
 const MOST_GROWTH_AFTER_BREAK: f64 = 10.0;
 
-/// They shrink by this factor at most, and by this when no error is known.
+/// Smallest factor of a step size, in smooth motion and after a break; and the factor after a failure without
+/// a known error.
 const MOST_SHRINKING: f64 = 0.1;
 const MOST_SHRINKING_AFTER_BREAK: f64 = 1e-3;
 const SHRINKING_AFTER_FAILURE: f64 = 0.25;
 
-/// What is left of the bound by a rejection after each step, and after two in a row whose e/h^k is a small
-/// share of it.
+/// Factor by which the bound of a rejection decays after each step, and after two consecutive steps whose
+/// e/h^k is a small fraction of it.
 const FADING: f64 = 0.97;
 const FADING_WHEN_LOW: f64 = 1e-3;
 const LOW: f64 = 0.05;
 
-/// How the error of a step that begins with a jump or at t = 0 grows with its length: as of a motion like
-/// t^{5/2}. With smoother ones the step comes out too short, and grows.
+/// Order of the error, in its length, of a step that begins with a jump or at t = 0: that for a motion like
+/// t^{5/2}. For smoother motions the step is too short at first, and grows.
 const SINGULAR_ORDER: f64 = 2.5;
 
-/// The controller of steps that are chosen on the way.
+/// The controller of adaptive steps.
 ///
 /// After a step of length h with the error e, in units of the tolerance, comes one of
 ///
@@ -32,31 +33,31 @@ const SINGULAR_ORDER: f64 = 2.5;
 /// 0.9 h e^{−1/k} min(1, (h/h′) (e′/e)^{1/k})
 /// ```
 ///
-/// with length h′ and error e′ of the step before, and e ~ h^k. Source: \[Gus94\], as in \[HW\] IV.8. After a
-/// rejection its e/h^k bounds the steps that follow, less and less: an error that swings with the motion
-/// would else be taken by surprise in every period.
+/// with length h′ and error e′ of the previous step, and e ~ h^k. Source: \[Gus94\], as in \[HW\] IV.8. After
+/// a rejection its e/h^k bounds the following steps, with a decaying weight: otherwise an error that
+/// oscillates with the motion would cause a rejection in every period.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct StepControl {
     /// k
     order: f64,
     /// The length to try next.
     proposed: f64,
-    /// Length and error of the last that was accepted.
+    /// Length and error of the last accepted step.
     before: Option<(f64, f64)>,
-    /// Whether the next begins at a break, where what was before tells nothing.
+    /// Whether the next step begins at a break, after which earlier errors are irrelevant.
     at_break: bool,
     /// The length that would have been right after the last break.
     after_break: Option<f64>,
     /// Whether the last attempt was rejected.
     rejected: bool,
-    /// e/h^k of the last rejection, which fades.
+    /// e/h^k of the last rejection, with decay.
     hardest: f64,
-    /// Whether e/h^k of the last step was low beside it.
+    /// Whether e/h^k of the last step was small relative to it.
     low: bool,
 }
 
 impl StepControl {
-    /// A controller of steps whose error is of the given order in their length, the first of this length.
+    /// A controller for steps whose error has the given order in their length, with the first length.
     pub(super) fn new(order: f64, first: f64) -> Self {
         Self {
             order,
@@ -70,12 +71,12 @@ impl StepControl {
         }
     }
 
-    /// The length to try.
+    /// The length of the next attempt.
     pub(super) fn proposed(&self) -> f64 {
         self.proposed
     }
 
-    /// A step was made with an error ≤ 1; `at_break` says whether it ends at a break.
+    /// Records a step with an error ≤ 1; `at_break`: it ends at a break.
     pub(super) fn accept(&mut self, length: f64, error: f64, at_break: bool) {
         let error = error.max(1e-12);
         let factor = SAFETY * libm::pow(error, -1.0 / self.order);
@@ -96,7 +97,7 @@ impl StepControl {
             let singular = 0.5 * libm::pow(error, -1.0 / SINGULAR_ORDER);
             self.after_break = Some(length * singular.clamp(0.5, MOST_GROWTH_AFTER_BREAK));
         }
-        // A step that was cut short to end at a break tells nothing against longer ones.
+        // A step shortened to end at a break is no reason against longer ones.
         let cut = length < 0.9 * self.proposed;
         self.proposed = if cut { next.max(self.proposed.min(bound)) } else { next };
         if at_break {
@@ -109,7 +110,7 @@ impl StepControl {
         (self.at_break, self.rejected) = (at_break, false);
     }
 
-    /// An attempt had this error > 1, or failed.
+    /// Records an attempt with this error > 1, or without a result.
     pub(super) fn reject(&mut self, length: f64, error: Option<f64>) {
         let factor = match error {
             Some(error) if self.at_break => {
@@ -132,7 +133,8 @@ impl StepControl {
 mod tests {
     use super::*;
 
-    /// Lengths and rejections over [0, end] where a step from t of length h has the error `error(t, h)`.
+    /// Lengths and number of rejections over [0, end] if a step from t of length h has the error `error(t,
+    /// h)`.
     fn run(order: f64, first: f64, end: f64, error: impl Fn(f64, f64) -> f64) -> (Vec<f64>, usize) {
         let mut control = StepControl::new(order, first);
         let (mut time, mut lengths, mut rejected) = (0.0, Vec::new(), 0);
@@ -158,7 +160,7 @@ mod tests {
         let (lengths, rejected) = run(6.0, 1e-6, 10.0, error);
         assert!(lengths.len() < 130 && rejected <= 2, "{} {rejected}", lengths.len());
         assert!(lengths[20..].iter().all(|&h| (0.08..=0.1).contains(&h)), "{lengths:?}");
-        // A first step that is far too long costs a few attempts.
+        // A first step that is far too long costs a few attempts only.
         assert!(run(6.0, 10.0, 10.0, error).1 <= 6);
     }
 

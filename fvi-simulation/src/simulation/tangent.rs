@@ -1,4 +1,4 @@
-//! The derivative of a discrete motion with respect to numbers of its scenario.
+//! Derivatives of a discrete motion with respect to parameters of its scenario.
 
 mod explicit;
 
@@ -10,8 +10,12 @@ use crate::numerics::dense::Factored;
 use crate::numerics::multistep_weights::derivative_weights;
 use crate::numerics::runge_kutta_derivative::runge_kutta_derivative;
 use crate::numerics::transfer_derivative::TransferDerivative;
-use crate::scenario::{self, Parameter, Quantity, ReportedMomentum, Scenario, Sensitivity, SharedTerms};
+use crate::scenario::{
+    self, Parameter, Past, Quantity, ReportedMomentum, Scenario, Sensitivity, SharedTerms,
+};
 use crate::simulation::choice::{SolverChoice, sparse_space};
+use crate::simulation::gyroscopic::Gyroscopic;
+use crate::simulation::massless;
 use explicit::Direct;
 use fvi_core::{
     Block, DampedMotion, Derivative, Equations, Instant, Kernel, Mechanics, Memory, MemoryError,
@@ -20,10 +24,10 @@ use fvi_core::{
 use fvi_scenario::with_staged_method;
 use nalgebra::DMatrix;
 
-/// A motion on a memory, of any number of coordinates.
+/// A motion with its memory, for any number of coordinates.
 type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 
-/// ∂q_k/∂θ and ∂p_k/∂θ of the numbers that a scheme on equal steps makes, for p parameters.
+/// ∂q_k/∂θ and ∂p_k/∂θ of the discrete motion of a scheme on equal steps, for p parameters.
 ///
 /// The equations of a step (`discrete_lagrangian.rs`), differentiated, are linear in the derivatives and have
 /// the matrix of Newton's method; with δ for ∂/∂θ and G_i the forces at the nodes
@@ -31,13 +35,14 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 /// ```text
 /// 0 = δ_{ν0} δp_k + (1/h) Σ_μ K_νμ (M δe^μ + δM e^μ) − h Σ_i b_i ℓ_ν(c_i) δG_i ,      ν = 0…S−1
 /// δp_{k+1} = δp_k − h Σ_i b_i δG_i ,
-/// δG_i = (∂²U − ∂F) δX_i − ∂F/∂v δV_i + ∂G_i/∂θ + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
+/// δG_i = (∂²U − ∂F) δX_i − ∂F/∂v δV_i + G δV_i + δG V_i + ∂G_i/∂θ
+///        + Σ_m [ρ_m D_m δX + δρ_m D_m X + ρ_m (∂D_m/∂θ) X]_i .
 /// ```
 ///
-/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h where forces depend on the velocity of the polynomial. D_m acts on δX
-/// with the weights that it has, on a memory of its own with p times the channels, and
-/// ∂D_m/∂θ on X with their derivatives. Where the force acts at the main nodes its three parts are in the
-/// last equation only. Collocation has, with v = M⁻¹p,
+/// with δV_i = Σ_ν ℓ̇_ν(c_i) δe^ν/h if forces, including the gyroscopic ones of the matrix G, depend on the
+/// velocity of the polynomial. D_m acts on δX with its weights, on a separate memory with p times the
+/// channels, and ∂D_m/∂θ on X with the derivatives of the weights. If the force acts at the main nodes its
+/// three parts are in the last equation only. For collocation, with v = M⁻¹p,
 ///
 /// ```text
 /// 0 = M δa_i + δM a_i + δG_i ,      δX_i − δq_k = h c_i δv_k + h² Σ_j (A²)_ij δa_j ,
@@ -45,47 +50,52 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 /// δp_{k+1} = δp_k + h Σ_j b_j (M δa_j + δM a_j) ,      M δv_k = δp_k − δM v_k .
 /// ```
 ///
-/// So the derivatives are those of the program's own numbers, not of the motion that
-/// they stand for, but for rounding.
+/// So the derivatives are those of the computed numbers, up to rounding, not of the exact motion.
 pub(crate) struct Tangent {
     size: usize,
     count: usize,
+    /// Time at which the run begins.
+    start: f64,
     step: f64,
     scheme: AnyScheme<f64>,
-    /// Whether damping acts in the new momentum only, and whether memories take main nodes.
+    /// Whether damping acts in the new momentum only, and whether memories store main nodes.
     kicks: bool,
     at_main_nodes: bool,
-    /// Whether half of the last kick belongs to the momentum that is reported.
+    /// Whether half of the last kick is part of the reported momentum.
     mean: bool,
     model: Model<f64>,
-    /// ∂²U − ∂F; of a linear system once for all.
+    /// ∂²U − ∂F; constant for a linear system.
     stiffness: Matrix<f64>,
-    /// −∂F/∂v likewise, where forces depend on the velocity.
+    /// −∂F/∂v likewise, if forces depend on the velocity.
     resistance: Option<Matrix<f64>>,
-    direct: Vec<Direct>,
-    /// ∂M: entries of each parameter.
+    /// ∂G/∂θ of each parameter, as a sum of parts.
+    direct: Vec<Vec<Direct>>,
+    /// ∂M: for each parameter the places whose entry it is.
     mass_changes: Vec<Vec<(usize, usize)>>,
     terms: Vec<Term>,
+    /// G V, and δG V for the parameters in G.
+    gyroscopic: Option<Gyroscopic<f64, Matrix<f64>>>,
+    gyroscopic_changes: Vec<(usize, Gyroscopic<f64, Matrix<f64>>)>,
     solver: Solver,
     /// ∂q, ∂p and the derivative of the last kick: p times N numbers.
     position: Vec<f64>,
     momentum: Vec<f64>,
     kick: Vec<f64>,
-    /// Difference between the position at the end of the last step and at each of its nodes: its derivatives
-    /// by the parameters, and its value.
+    /// Offset of the position at the end of the last step from each of its nodes: its derivatives by the
+    /// parameters, and its value.
     behind: Vec<f64>,
     motion_behind: Vec<f64>,
     scratch: Vec<f64>,
     room: Room,
 }
 
-/// Numbers on the way through a step, kept for the next one: of n coordinates, R points and p parameters.
+/// Buffers for a step: for n coordinates, R points and p parameters.
 struct Room {
     /// X_i − q_k, R n numbers.
     stages: Vec<f64>,
-    /// What damping exerts at the nodes: p n numbers each.
+    /// Derivatives of the damping force at the nodes: p n numbers each.
     damped: Vec<f64>,
-    /// ∂G_i at the points, likewise.
+    /// ∂G_i at the points: p n numbers each.
     forces: Vec<f64>,
     /// n numbers each.
     restoring: Vec<f64>,
@@ -98,9 +108,9 @@ struct Room {
     /// ∂X_i − ∂q_k, and ∂q_{k+1} − ∂q_k.
     own_stages: Vec<f64>,
     own_rise: Vec<f64>,
-    /// The equations of each parameter, and what solves them.
+    /// The right-hand sides for each parameter, replaced by the solutions.
     columns: DMatrix<f64>,
-    /// What memories tell.
+    /// Results of memories.
     derivative: Vec<f64>,
     terms: Vec<f64>,
 }
@@ -126,9 +136,9 @@ impl Room {
     }
 }
 
-/// How the equations of the derivatives are solved, and what is kept of their matrix.
+/// Solver of the equations of the derivatives, with the factors of their matrix.
 enum Solver {
-    /// In a full matrix.
+    /// With a full matrix.
     Dense(Option<Factored>),
     /// By a sparse factor, in the space of the motion.
     Sparse { equations: Box<AnyEquations<f64>>, kept: Option<Box<AnyFactors<f64>>> },
@@ -149,8 +159,8 @@ impl Solver {
         }
     }
 
-    /// Takes the matrix of so many unknowns whose parts `parts` hands over: row and column of the block, its
-    /// factor and itself.
+    /// Factors the matrix of the given number of unknowns, assembled from `parts`: row and column of a block,
+    /// its factor and the block.
     fn factor(
         &mut self,
         (degree, n): (usize, usize),
@@ -181,7 +191,7 @@ impl Solver {
         Ok(())
     }
 
-    /// Puts the solutions in place of the columns.
+    /// Replaces the columns by the solutions.
     fn solve(&mut self, columns: &mut DMatrix<f64>) -> Result<(), &'static str> {
         match self {
             Self::Dense(factors) => factors.as_ref().ok_or(SINGULAR)?.solve(columns),
@@ -201,23 +211,24 @@ struct Term {
     rho: Matrix<f64>,
     /// D δX.
     tangent: Remembered,
-    /// D X, where a parameter is in ρ, and ∂ρ of each.
+    /// D X, if a parameter is in ρ, and ∂ρ for each such parameter.
     value: Option<Remembered>,
     changes: Vec<(usize, Change)>,
-    /// (∂D/∂θ) X of the parameters in the kernel.
+    /// (∂D/∂θ) X for the parameters in the kernel.
     kernels: Vec<(usize, Remembered)>,
 }
 
-/// Why derivatives cannot go on.
+/// Reason why derivatives cannot be continued.
 pub(crate) const SINGULAR: &str = "the equations of the derivatives have no solution";
 
 impl Tangent {
     /// The derivatives at t = 0; `None` without `[sensitivity]`.
     ///
     /// # Errors
-    /// If a memory cannot be made, or a parameter is in forces that are not differentiated by it.
+    /// If a memory cannot be built, or derivatives of forces by a parameter are not supported.
     pub(crate) fn new(scenario: &Scenario, tables: &Tables) -> Result<Option<Self>, InputError> {
         let Some(Sensitivity { parameters }) = &scenario.sensitivity else { return Ok(None) };
+        massless::refuse(scenario, "sensitivity", "sensitivities")?;
         refuse_rough(scenario, parameters)?;
         if scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position) {
             let with = "a potential or force in code that depends on the position".to_owned();
@@ -244,13 +255,17 @@ impl Tangent {
         let v0 = velocity_of(&initial.momentum);
         let gives_velocity = scenario.document().has("initial.velocity");
         let (mut position, mut momentum, mut velocity) = (Vec::new(), Vec::new(), Vec::new());
+        let mut pasts = Vec::new();
         let mass = matrix::<f64>(&scenario.system.mass);
         let mut mass_changes = Vec::new();
         for parameter in parameters {
             let (mut dq, mut dp, mut inertia) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
-            let mut changes = Vec::new();
+            let (mut changes, mut past) = (Vec::new(), None);
             match parameter.what {
                 Quantity::Position(index) => dq[index] = 1.0,
+                Quantity::Past(row, column) => {
+                    past = initial.past.as_ref().map(|past| past.slope(row, column));
+                }
                 Quantity::Momentum(index) => dp[index] = 1.0,
                 Quantity::Velocity(index) => {
                     let mut one = vec![0.0; size];
@@ -271,23 +286,53 @@ impl Tangent {
             position.extend(dq);
             momentum.extend(dp);
             mass_changes.push(changes);
+            pasts.push(past);
         }
+        // With a past the motion begins at rest at its first position.
+        let (base, mut base_slopes) = (initial.base(), position.clone());
+        let mut base_velocity = v0;
+        if initial.past.is_some() {
+            [&mut base_velocity, &mut velocity].into_iter().for_each(|velocity| velocity.fill(0.0));
+            for (past, slope) in pasts.iter().zip(base_slopes.chunks_mut(size)) {
+                match past {
+                    Some(past) => slope.copy_from_slice(past.first()),
+                    None => slope.fill(0.0),
+                }
+            }
+        }
+        let begin = scenario.time.start - initial.past_steps() as f64 * scenario.time.step;
         let mut terms = Vec::new();
         for index in 0..scenario.system.damping.len() {
             let mut term = Term::new(scenario, (index, nodes), parameters, tables)?;
-            term.tangent.begin(&position, &velocity);
-            let of_motion = term.value.iter_mut().chain(term.kernels.iter_mut().map(|(_, motion)| motion));
-            of_motion.for_each(|motion| motion.begin(&initial.position, &v0));
+            term.tangent.begin(&base_slopes, &velocity);
+            term.motions_mut().for_each(|motion| motion.begin(base, &base_velocity));
+            if begin != 0.0 {
+                term.motions_mut().for_each(|motion| motion.begin_at(begin));
+                term.tangent.begin_at(begin);
+            }
             terms.push(term);
+        }
+        let (mut gyroscopic, mut gyroscopic_changes) = (None, Vec::new());
+        if let Sampling::Nodes(fractions) = Scheme::<f64, AnySpace>::sampling(&scheme) {
+            let at_nodes = |skew| Gyroscopic::new(skew, fractions, scenario.time.step);
+            gyroscopic = super::gyroscopic(scenario, &AnySpace::dense(size)).map(at_nodes);
+            for (index, Parameter { what, .. }) in parameters.iter().enumerate() {
+                if let &Quantity::Gyroscopic(row, column) = what {
+                    let entries = [(row, column, 1.0), (column, row, -1.0)];
+                    let change = Matrix::of_entries(size, entries.into_iter());
+                    gyroscopic_changes.push((index, at_nodes(change)));
+                }
+            }
         }
         let stiffness = model.stiffness();
         let resistance = Mechanics::depends_on_velocity(&model).then(|| model.stiffness());
-        let direct = parameters.iter().map(|parameter| Direct::new(scenario, &parameter.what)).collect();
+        let direct = parameters.iter().map(|parameter| Direct::all(scenario, &parameter.what)).collect();
         let (degree, points) = (scheme.view().control_points.len(), scheme.view().nodes.len());
         let mut made = Self {
             room: Room::new(size, (degree, points, nodes), count),
             size,
             count,
+            start: scenario.time.start,
             step: scenario.time.step,
             kicks,
             at_main_nodes,
@@ -298,6 +343,8 @@ impl Tangent {
             direct,
             mass_changes,
             terms,
+            gyroscopic,
+            gyroscopic_changes,
             solver,
             kick: vec![0.0; count * size],
             behind: vec![0.0; if at_main_nodes { 0 } else { nodes * count * size }],
@@ -307,33 +354,97 @@ impl Tangent {
             momentum,
             scheme,
         };
-        if at_main_nodes {
-            made.push_start(&initial.position)
-                .map_err(|error| scenario.error_at("sensitivity", Problem::Engine(Cause::new(error))))?;
-        }
+        let told = match &initial.past {
+            Some(past) => made.follow(past, (&initial.position, &pasts), base_slopes),
+            None if at_main_nodes => made.push_start(base),
+            None => Ok(()),
+        };
+        told.map_err(|error| scenario.error_at("sensitivity", Problem::Engine(Cause::new(error))))?;
         Ok(Some(made))
     }
 
-    /// Tells the memories of main nodes where the motion begins.
+    /// Pushes the initial position to the memories of main nodes.
     fn push_start(&mut self, start: &[f64]) -> Result<(), MemoryError> {
         let Self { terms, position, scratch, .. } = self;
         let first = |from| Sample { from, behind: &[], time: 0.0, length: 0.0, fractions: &[0.0] };
         let (rest, of_motion) = (vec![0.0; position.len()], vec![0.0; start.len()]);
-        for term in terms {
-            term.tangent.push(&first(position), &rest, scratch)?;
-            let motions = term.value.iter_mut().chain(term.kernels.iter_mut().map(|(_, motion)| motion));
-            for motion in motions {
-                motion.push(&first(start), &of_motion, scratch)?;
+        push(terms, (&first(start), &of_motion), (&first(position), &rest), scratch)
+    }
+
+    /// Pushes the motion before the start to the memories: a past that ends at this position, and its
+    /// derivatives by the parameters, which begin with the given ones.
+    fn follow(
+        &mut self,
+        past: &Past,
+        (end, slopes): (&[f64], &[Option<Past>]),
+        begin: Vec<f64>,
+    ) -> Result<(), MemoryError> {
+        let (n, h) = (self.size, self.step);
+        let mut from = past.first().to_vec();
+        let last = std::mem::replace(&mut self.position, begin);
+        if self.at_main_nodes {
+            self.push_start(&from)?;
+        }
+        let view = self.scheme.view();
+        let at_end = [1.0];
+        let fractions = if self.at_main_nodes { &at_end[..] } else { view.nodes };
+        // The nodes, if there are several; a single one lies on a straight line.
+        let stages = |from: &[f64], rise: &[f64], nodes: &[f64]| -> Vec<f64> {
+            match nodes {
+                [] => rise.iter().map(|rise| fractions[0] * rise).collect(),
+                _ => nodes.chunks(n).flat_map(|node| node.iter().zip(from).map(|(x, q)| x - q)).collect(),
             }
+        };
+        let difference = |end: &[f64], from: &[f64]| -> Vec<f64> {
+            end.iter().zip(from).map(|(end, from)| end - from).collect()
+        };
+        for step in 0..past.steps() {
+            let time = self.start - (past.steps() - step) as f64 * h;
+            let rise = difference(past.end(step).unwrap_or(end), &from);
+            let told = stages(&from, &rise, past.nodes(step));
+            let slope_end: Vec<f64> = (slopes.iter().zip(last.chunks(n)))
+                .flat_map(|(slope, last)| match slope.as_ref().map(|slope| slope.end(step)) {
+                    Some(Some(end)) => end.to_vec(),
+                    None if past.end(step).is_none() => last.to_vec(),
+                    _ => vec![0.0; n],
+                })
+                .collect();
+            let own_rise = difference(&slope_end, &self.position);
+            // Node after node, for every parameter.
+            let each: Vec<Vec<f64>> = (slopes.iter().zip(self.position.chunks(n).zip(own_rise.chunks(n))))
+                .map(|(slope, (from, rise))| match slope {
+                    Some(slope) => stages(from, rise, slope.nodes(step)),
+                    None => stages(from, rise, &vec![0.0; past.nodes(step).len()]),
+                })
+                .collect();
+            let own_told: Vec<f64> = (0..fractions.len())
+                .flat_map(|i| each.iter().flat_map(move |stages| &stages[i * n..][..n]))
+                .copied()
+                .collect();
+            let sample = |from, behind| Sample { from, behind, time, length: h, fractions };
+            let (motion, slopes) = (sample(&from, &self.motion_behind), sample(&self.position, &self.behind));
+            let Room { terms: room, derivative, .. } = &mut self.room;
+            let (nodes, c) = (fractions.len(), self.position.len());
+            for term in &mut self.terms {
+                known(&mut term.tangent, &slopes, (nodes, c), room, derivative)?;
+                for motion_of_term in term.motions_mut() {
+                    known(motion_of_term, &motion, (nodes, n), room, derivative)?;
+                }
+            }
+            push(&mut self.terms, (&motion, &told), (&slopes, &own_told), &mut self.scratch)?;
+            leave_behind(&mut self.motion_behind, &rise, &told);
+            leave_behind(&mut self.behind, &own_rise, &own_told);
+            add(&mut from, 1.0, &rise);
+            self.position.copy_from_slice(&slope_end);
         }
         Ok(())
     }
 
-    /// The derivatives after the step that began at this position and momentum and was solved by these
-    /// increments, those of collocation by these accelerations.
+    /// Computes the derivatives after the step that began at this position and momentum and was solved with
+    /// these increments, for collocation with these accelerations.
     ///
     /// # Errors
-    /// In words.
+    /// A message.
     pub(crate) fn advance(
         &mut self,
         step: usize,
@@ -341,7 +452,7 @@ impl Tangent {
         increments: &[f64],
     ) -> Result<(), String> {
         let (n, c, h) = (self.size, self.size * self.count, self.step);
-        let time = step as f64 * h;
+        let time = self.start + h * step as f64;
         let view = self.scheme.view();
         let (degree, points) = (view.control_points.len(), view.nodes.len());
         let at_end = [1.0];
@@ -353,7 +464,8 @@ impl Tangent {
             Some(square) => h * h * square[i * degree + mu],
             None => view.shapes[i * degree + mu],
         };
-        // Row ν: Σ_μ κ(ν, μ) (M δe^μ + δM e^μ) + Σ_i φ(i, ν) δG_i, and δ_ν0 δp_k where increments are sought.
+        // Row ν: Σ_μ κ(ν, μ) (M δe^μ + δM e^μ) + Σ_i φ(i, ν) δG_i, and δ_ν0 δp_k if the unknowns are
+        // increments.
         let inertia = |nu: usize, mu: usize| match square {
             Some(_) => f64::from(u8::from(nu == mu)),
             None => view.kinetic[nu * degree + mu] / h,
@@ -378,7 +490,7 @@ impl Tangent {
             derivative,
             terms,
         } = &mut self.room;
-        // X_i − q_k at the quadrature points, and what the memory is told.
+        // X_i − q_k at the quadrature points, and the samples of the memories.
         stages.fill(0.0);
         if square.is_some() {
             self.model.velocity(momentum, place);
@@ -404,17 +516,17 @@ impl Tangent {
         };
         let told = if self.at_main_nodes { rise } else { &stages[..] };
         let sample = Sample { from: start, behind: &self.motion_behind, time, length: h, fractions };
-        // ρ D δX as far as it is known, δρ D X, and ρ (∂D) X, at every node.
+        // The known part of ρ D δX, δρ D X, and ρ (∂D) X, at every node.
         damped.fill(0.0);
         let tangent_sample =
             Sample { from: &self.position, behind: &self.behind, time, length: h, fractions };
         for term in &mut self.terms {
-            known(&mut term.tangent, &tangent_sample, (nodes, c), terms, derivative)?;
+            known(&mut term.tangent, &tangent_sample, (nodes, c), terms, derivative).map_err(said)?;
             for (damped, known) in damped.chunks_mut(n).zip(derivative.chunks(n)) {
                 term.rho.multiply_add(1.0, known, damped);
             }
             if let Some(value) = &mut term.value {
-                whole(value, &sample, told, (nodes, n), terms, derivative)?;
+                whole(value, &sample, told, (nodes, n), terms, derivative).map_err(said)?;
                 for (parameter, change) in &term.changes {
                     for node in 0..nodes {
                         let place = &mut damped[node * c + parameter * n..][..n];
@@ -425,12 +537,18 @@ impl Tangent {
                 }
             }
             for (parameter, kernel) in &mut term.kernels {
-                whole(kernel, &sample, told, (nodes, n), terms, derivative)?;
+                whole(kernel, &sample, told, (nodes, n), terms, derivative).map_err(said)?;
                 for node in 0..nodes {
                     let place = &mut damped[node * c + *parameter * n..][..n];
                     term.rho.multiply_add(1.0, &derivative[node * n..][..n], place);
                 }
             }
+        }
+        for (parameter, change) in &self.gyroscopic_changes {
+            change.visit(|i, j, weight, skew| {
+                let place = &mut damped[i * c + parameter * n..][..n];
+                skew.multiply_add(weight, &stages[j * n..][..n], place);
+            });
         }
         // (∂²U − ∂F) and ∂G/∂θ at the quadrature points.
         let linear = Mechanics::is_linear(&self.model);
@@ -461,7 +579,8 @@ impl Tangent {
                 self.model.linearise(instant, place, restoring, &mut self.stiffness);
             }
             for (parameter, direct) in self.direct.iter_mut().enumerate() {
-                direct.add(instant, (place, velocity), &mut forces[i * c + parameter * n..][..n]);
+                let force = &mut forces[i * c + parameter * n..][..n];
+                direct.iter_mut().for_each(|part| part.add(instant, (place, velocity), force));
             }
             for parameter in 0..self.count {
                 let at = &mut forces[i * c + parameter * n..][..n];
@@ -489,7 +608,7 @@ impl Tangent {
             |i: usize| if linear || points == 1 { self.resistance.as_ref() } else { resistances.get(i) };
         let stays = linear && self.terms.iter().all(|term| term.tangent.memory().leading_is_constant());
         if !self.solver.is_ready() || !stays {
-            let Self { solver, model, terms, kicks, .. } = self;
+            let Self { solver, model, terms, gyroscopic, kicks, .. } = self;
             solver.factor((degree, n), model.mass(), |insert| {
                 for nu in 0..degree {
                     for mu in 0..degree {
@@ -506,6 +625,13 @@ impl Tangent {
                             for term in &*terms {
                                 let weight = |j: usize| term.tangent.leading(0, nodes, i, j) * shape(j, mu);
                                 insert(nu, mu, factor * (0..nodes).map(weight).sum::<f64>(), &term.rho);
+                            }
+                            if let Some(gyroscopic) = gyroscopic {
+                                gyroscopic.visit(|row, j, weight, skew| {
+                                    if row == i {
+                                        insert(nu, mu, factor * weight * shape(j, mu), skew);
+                                    }
+                                });
                             }
                         }
                     }
@@ -573,7 +699,16 @@ impl Tangent {
                     }
                 }
                 if !self.kicks {
-                    add_leading(&self.terms, (i, nodes), own_stages, n, &mut forces[i * c..][..c]);
+                    let force = &mut forces[i * c..][..c];
+                    add_leading(&self.terms, (i, nodes), own_stages, n, force);
+                    if let Some(gyroscopic) = &self.gyroscopic {
+                        gyroscopic.visit(|row, j, weight, skew| {
+                            if row == i {
+                                let pairs = force.chunks_mut(n).zip(own_stages[j * c..][..c].chunks(n));
+                                pairs.for_each(|(force, own)| skew.multiply_add(weight, own, force));
+                            }
+                        });
+                    }
                 }
                 add(&mut self.momentum, -h * view.weights[i], &forces[i * c..][..c]);
             }
@@ -584,20 +719,15 @@ impl Tangent {
             self.kick.copy_from_slice(damped);
         }
         let own_told = if self.at_main_nodes { &own_rise[..] } else { &own_stages[..] };
-        for term in &mut self.terms {
-            term.tangent.push(&tangent_sample, own_told, &mut self.scratch).map_err(said)?;
-            let motions = term.value.iter_mut().chain(term.kernels.iter_mut().map(|(_, motion)| motion));
-            for motion in motions {
-                motion.push(&sample, told, &mut self.scratch).map_err(said)?;
-            }
-        }
+        push(&mut self.terms, (&sample, told), (&tangent_sample, own_told), &mut self.scratch)
+            .map_err(said)?;
         leave_behind(&mut self.motion_behind, rise, stages);
         leave_behind(&mut self.behind, own_rise, own_stages);
         add(&mut self.position, 1.0, own_rise);
         Ok(())
     }
 
-    /// The motions that memories are told, in a fixed order.
+    /// The motions of all memories, in a fixed order.
     fn motions(&self) -> impl Iterator<Item = &Remembered> {
         self.terms.iter().flat_map(|Term { tangent, value, kernels, .. }| {
             std::iter::once(tangent).chain(value).chain(kernels.iter().map(|(_, motion)| motion))
@@ -625,21 +755,20 @@ impl Tangent {
         Ok(())
     }
 
-    /// Takes over a state that the derivatives of the same scenario saved; those that follow have the bits of
-    /// these.
+    /// Restores a state that the derivatives of the same scenario saved; the following ones have identical
+    /// bits.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are no such state; the derivatives are of no use then.
+    /// [`StateError`] if the bytes are no such state; the derivatives must not be used then.
     pub(crate) fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
         let mut reader = StateReader::new(bytes);
         let Self { position, momentum, kick, behind, motion_behind, terms, .. } = self;
         for numbers in [position, momentum, kick, behind, motion_behind] {
             reader.numbers(numbers)?;
         }
-        for Term { tangent, value, kernels, .. } in terms {
-            let motions =
-                std::iter::once(tangent).chain(value).chain(kernels.iter_mut().map(|(_, motion)| motion));
-            for motion in motions {
+        for term in terms {
+            term.tangent.restore(&mut reader)?;
+            for motion in term.motions_mut() {
                 motion.restore(&mut reader)?;
             }
         }
@@ -647,7 +776,7 @@ impl Tangent {
         reader.finish()
     }
 
-    /// Writes ∂q and ∂p of every parameter, one after the other.
+    /// Writes ∂q and ∂p of every parameter, one after another.
     pub(crate) fn write(&self, values: &mut Vec<f64>) {
         values.clear();
         let half = if self.mean { 0.5 * self.step } else { 0.0 };
@@ -661,6 +790,11 @@ impl Tangent {
 }
 
 impl Term {
+    /// The memories of the motion itself.
+    fn motions_mut(&mut self) -> impl Iterator<Item = &mut Remembered> {
+        self.value.iter_mut().chain(self.kernels.iter_mut().map(|(_, motion)| motion))
+    }
+
     fn new(
         scenario: &Scenario,
         (index, nodes): (usize, usize),
@@ -700,11 +834,9 @@ impl Term {
             .collect();
         let mut kernels = Vec::new();
         for (parameter, Parameter { what, .. }) in parameters.iter().enumerate() {
-            let Quantity::Kernel(own, by) = what else { continue };
-            if *own == index {
-                let (kernel, memory) = derivative_memory(scenario, &request(1), by).map_err(refused)?;
-                kernels.push((parameter, on_memory(1, kernel, memory)?));
-            }
+            let Some(by) = what.kernel(index) else { continue };
+            let (kernel, memory) = derivative_memory(scenario, &request(1), by).map_err(refused)?;
+            kernels.push((parameter, on_memory(1, kernel, memory)?));
         }
         let value = if changes.is_empty() { None } else { Some(of_kernel(1)?) };
         let tangent = of_kernel(parameters.len())?;
@@ -712,7 +844,7 @@ impl Term {
     }
 }
 
-/// The memory of ∂D/∂θ, with its kernel, which leaves out of the motion what that of D does.
+/// The memory of ∂D/∂θ, with its kernel, for which the same part of the motion is subtracted as for D.
 fn derivative_memory(
     scenario: &Scenario,
     request: &MemoryRequest<'_>,
@@ -721,8 +853,8 @@ fn derivative_memory(
     let step = scenario.time.step;
     if let Some(staged) = scenario.convolution.family.staged() {
         let weights = |on_rises, count| with_staged_method!(staged, method => runge_kutta_derivative(&method, by, step, on_rises, count))?;
-        // The memory's own weights are not compared with others; an exponent of 0 would leave nothing out of
-        // the motion.
+        // The memory's weights are not checked; with an exponent of 0 nothing would be subtracted from the
+        // motion.
         let kernel = Kernel::given(request.transfer.growth().max(f64::MIN_POSITIVE))?;
         return Ok((kernel, request.build_of_weights(staged.stages(), &weights)?));
     }
@@ -738,10 +870,10 @@ fn derivative_memory(
     Ok((kernel, request.build_of_weights(1, &weights)?))
 }
 
-/// Most unknowns of a step that full matrices are solved for.
+/// Largest number of unknowns of a step for which full matrices are solved.
 const MOST_UNKNOWNS: usize = 600;
 
-/// As the motion itself is solved for: by a sparse factor where it has one.
+/// The solver of the motion itself: a sparse factor if it has one.
 fn solver(scenario: &Scenario) -> Result<Solver, InputError> {
     if let Some(space) = sparse_space(scenario, SolverChoice::default())? {
         return Ok(Solver::Sparse { equations: Box::new(space.equations(1)), kept: None });
@@ -758,7 +890,7 @@ fn solver(scenario: &Scenario) -> Result<Solver, InputError> {
     Ok(Solver::Dense(None))
 }
 
-/// Refuses constants of forces whose moments are taken exactly: these are not differentiated.
+/// Refuses constants of forces with exact moments, whose derivatives are not supported.
 fn refuse_rough(scenario: &Scenario, parameters: &[Parameter]) -> Result<(), InputError> {
     let is_rough = RoughForces::of(scenario).is_some();
     for (index, Parameter { what, .. }) in parameters.iter().enumerate() {
@@ -773,11 +905,28 @@ fn refuse_rough(scenario: &Scenario, parameters: &[Parameter]) -> Result<(), Inp
     Ok(())
 }
 
+/// Pushes a sample of the motion and one of its derivatives, with their increments, to the memories of all
+/// terms.
+fn push(
+    terms: &mut [Term],
+    (motion, told): (&Sample<'_, f64>, &[f64]),
+    (derivatives, own_told): (&Sample<'_, f64>, &[f64]),
+    scratch: &mut [f64],
+) -> Result<(), MemoryError> {
+    for term in terms {
+        term.tangent.push(derivatives, own_told, scratch)?;
+        for of_motion in term.motions_mut() {
+            of_motion.push(motion, told, scratch)?;
+        }
+    }
+    Ok(())
+}
+
 fn said(error: MemoryError) -> String {
     error.to_string()
 }
 
-/// Writes what is known of the derivatives of a motion before its sample is, of so many nodes and
+/// Writes the known part of the derivatives of a motion before its sample, for the given numbers of nodes and
 /// coordinates, node after node.
 fn known(
     motion: &mut Remembered,
@@ -785,24 +934,24 @@ fn known(
     (nodes, coordinates): (usize, usize),
     terms: &mut Vec<f64>,
     known: &mut Vec<f64>,
-) -> Result<(), String> {
+) -> Result<(), MemoryError> {
     known.clear();
     known.resize(nodes * coordinates, 0.0);
     if nodes == 1 {
-        motion.memory_terms(sample, known).map_err(said)?;
+        motion.memory_terms(sample, known)?;
         motion.complete(0, sample, known);
         return Ok(());
     }
     terms.clear();
     terms.resize(nodes * coordinates, 0.0);
-    motion.memory_terms(sample, terms).map_err(said)?;
+    motion.memory_terms(sample, terms)?;
     for (node, known) in known.chunks_mut(coordinates).enumerate() {
         motion.complete_node((0, node), sample, terms, known);
     }
     Ok(())
 }
 
-/// Writes the derivatives themselves, of a motion whose sample is known.
+/// Writes the complete derivatives of a motion with a known sample.
 fn whole(
     motion: &mut Remembered,
     sample: &Sample<'_, f64>,
@@ -810,7 +959,7 @@ fn whole(
     (nodes, coordinates): (usize, usize),
     terms: &mut Vec<f64>,
     derivative: &mut Vec<f64>,
-) -> Result<(), String> {
+) -> Result<(), MemoryError> {
     known(motion, sample, (nodes, coordinates), terms, derivative)?;
     for (i, place) in derivative.chunks_mut(coordinates).enumerate() {
         for (j, increment) in increments.chunks(coordinates).enumerate() {
@@ -820,7 +969,7 @@ fn whole(
     Ok(())
 }
 
-/// Adds Σ_m ρ_m Σ_j W_ij e_j of node i, of as many derivatives as there are.
+/// Adds Σ_m ρ_m Σ_j W_ij e_j of node i, for all parameters.
 fn add_leading(terms: &[Term], (i, nodes): (usize, usize), increments: &[f64], n: usize, out: &mut [f64]) {
     let c = out.len();
     for term in terms {

@@ -16,19 +16,19 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `weights`               weights of convolution quadrature
 `Kernel`                transfer functions in place of s^β
 `Memory`, `Operator`    the engines and the operator D^β, sample by sample
-`FractionalPid`         a fractional PID controller, tick by tick
+`FractionalPid`         a fractional PID controller, sample by sample
 `load`                  a result that was saved
 `sweep`                 one scenario with many values of its keys, here or on a cluster
 `converge`              errors and orders of a scenario over step sizes
-`compare_engines`       the memory engines side by side
+`compare_engines`       the memory engines compared
 `response`              frequency response, poles, moduli, creep and relaxation
 `fit`                   numbers of a scenario from data, with their errors
 `tune`                  gains and orders of a fractional controller for a plant
 `extremal`              two-point fractional Euler–Lagrange problems
-`fvi.petsc`             one large run on the ranks of MPI, with PETSc; imported by itself
+`fvi.petsc`             one large run on MPI ranks, with PETSc; imported separately
 ======================  ==============================================================
 
-The compiled half releases the interpreter while it computes; results are the bits of the program `fvi`.
+The compiled part releases the interpreter lock while it computes; results are bit-identical to those of the program `fvi`.
 """
 
 from fvi._controller import FractionalPid

@@ -1,4 +1,4 @@
-"""Arguments that are arrays: what is accepted, and what is said about what is not."""
+"""Conversion and checks of array arguments."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGEST = 2**63 - 1
 
 
 def numbers(name: str, given: Any) -> FloatArray:
-    """An argument as an array of finite numbers in double precision, converted where it is something else."""
+    """An argument converted to an array of finite numbers in double precision."""
     refuse_masked(name, given)
     array = np.asarray(given)
     if array.dtype.kind not in "fiub":
@@ -33,13 +33,14 @@ def numbers(name: str, given: Any) -> FloatArray:
 
 
 def refuse_masked(name: str, given: Any) -> None:
-    """Raises InputError for an array with numbers that are missing."""
+    """Raises InputError for a masked array with masked entries."""
     if isinstance(given, np.ma.MaskedArray) and np.ma.is_masked(given):
         raise InputError(f"{name}: a masked array, in which numbers are missing; all are needed", name, "masked")
 
 
 def returned(name: str, given: Any) -> FloatArray:
-    """What a user's function has returned, in double precision; numbers of other libraries are converted, NaN may be among them."""
+    """The value returned by a user's function, as an array in double precision, which may contain NaN; arrays of other libraries
+    are converted."""
     refuse_masked(name, given)
     array = np.asarray(given.toarray() if is_sparse(given) else given)
     if array.dtype.kind not in "fiubO":
@@ -48,7 +49,7 @@ def returned(name: str, given: Any) -> FloatArray:
 
 
 def several(name: str, given: Any, kinds: type | tuple[type, ...], wanted: str) -> Iterable[Any]:
-    """One argument of some kinds, or several of them."""
+    """An argument that is one object of the given types or several of them, as a list."""
     if isinstance(given, kinds):
         return [given]
     if isinstance(given, (str, bytes)) or not isinstance(given, Iterable):
@@ -69,7 +70,7 @@ def vector(name: str, given: Any, size: int) -> FloatArray:
 
 
 def is_sparse(given: Any) -> bool:
-    """Whether it is a sparse matrix of SciPy's."""
+    """Whether it is a sparse SciPy matrix."""
     return hasattr(given, "tocsr") and hasattr(given, "toarray")
 
 
@@ -98,7 +99,7 @@ def diagonal_npz(name: str, given: Any) -> bytes:
 
 
 def entries_npz(name: str, given: Any) -> bytes:
-    """A full matrix by its entries that are not zero, as the file that `scipy.sparse.save_npz` writes."""
+    """A full matrix by its nonzero entries, as the file that `scipy.sparse.save_npz` writes."""
     rows, columns = np.nonzero(given)
     content, size = io.BytesIO(), given.shape[0]
     starts = np.searchsorted(rows, np.arange(size + 1)).astype(np.int32)
@@ -116,9 +117,9 @@ def npy(name: str, given: Any) -> bytes:
 
 
 def matrix(name: str, given: Any, size: int | None = None) -> Any:
-    """A diagonal (one dimension) or a square matrix (two), as an array, or as a sparse matrix of SciPy's if it was one.
+    """A diagonal (one dimension) or a square matrix (two), as an array, or as a sparse SciPy matrix if it was one.
 
-    Without a `size` this argument says how many coordinates there are.
+    Without `size` this argument determines the number of coordinates.
     """
     if hasattr(given, "suffix") and hasattr(given, "content"):
         array = given

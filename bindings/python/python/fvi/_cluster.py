@@ -1,4 +1,4 @@
-"""Sweeps on a cluster of Dask's: each task makes some runs and sends their records back, to be entered here."""
+"""Sweeps on a Dask cluster: each task makes some runs and returns their records, which this process stores."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def make_on(
     precision: str,
     progress: Progress | None,
 ) -> None:
-    """Has a cluster make the runs of a sweep that are not done, and writes the table."""
+    """Makes the missing runs of a sweep on a cluster, and writes the table."""
     try:
         import distributed
     except ModuleNotFoundError:
@@ -49,11 +49,11 @@ def make_on(
 
 
 class _Work:
-    """Runs on their way to the cluster and back.
+    """The runs submitted to the cluster, and their results.
 
-    Everything that may get lost is made again: a run has the same record wherever and however often it is made. Workers that die
-    are the scheduler's care. A connection to the scheduler that breaks cancels all futures of the client, which then connects
-    anew by itself; their runs are handed out once more.
+    Lost runs are repeated: a run has the same record wherever and however often it is made. The scheduler replaces workers that
+    die. A broken connection to the scheduler cancels all futures of the client, which then reconnects by itself; their runs are
+    submitted again.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class _Work:
                 self.client.cancel(list(self.under_way), force=True)
 
     def _hand_out(self) -> None:
-        """Keeps every thread of the cluster busy, and one task more waiting for each."""
+        """Keeps every thread of the cluster busy, with one further task waiting for each."""
         if time.monotonic() - self.looked > LOOK:
             try:
                 self.threads = max(1, sum(self.client.nthreads().values()))
@@ -115,7 +115,7 @@ class _Work:
             else:
                 runs, attempt = [self.waiting.popleft() for _ in range(self._size_of_a_task())], 1
             if self.parts is None or self.parts.status in ("cancelled", "lost", "error"):
-                # A task of its own, so that the scheduler can make it again when the worker that holds it dies.
+                # A separate task, so that the scheduler can repeat it when the worker with its result dies.
                 self.parts = self.client.submit(_parts, self.plan.parts(), pure=False)
             future = self.client.submit(
                 make_runs, self.parts, self.precision, self.plan.fingerprint, runs, pure=False
@@ -135,7 +135,7 @@ class _Work:
         try:
             made, vector_units, seconds = future.result(timeout=600)
         except CancelledError:
-            # The connection was lost, not the worker's patience.
+            # The connection was lost; the runs themselves have not failed.
             self.again.append((runs, attempt))
             return
         except Exception as error:
@@ -156,7 +156,8 @@ class _Work:
             self._failed(RuntimeError(f"runs {missing} came back damaged"), missing, attempt)
 
     def _failed(self, error: Exception, runs: list[int], attempt: int) -> None:
-        """Tries again where the cluster may be to blame, one by one: a run that ends its worker should not take others along."""
+        """Repeats failed runs if the cluster may be the cause, one run per task, so that a run that kills its worker does not
+        affect others."""
         import distributed
 
         cluster = (distributed.KilledWorker, OSError, TimeoutError)
@@ -171,7 +172,7 @@ class _Work:
 
 
 def _parts(parts: Any) -> Any:
-    """What is sent, as a task that has it."""
+    """A task whose result is the data sent to the workers."""
     return parts
 
 
@@ -182,7 +183,7 @@ _lock = threading.Lock()
 def make_runs(
     parts: Any, precision: str, fingerprint: int, runs: list[int]
 ) -> tuple[list[tuple[int, bytes, bytes | None]], str, float]:
-    """Makes runs on a worker: their records, the vector units, and the seconds that this took."""
+    """Makes runs on a worker; returns their records, the vector units, and the time taken in seconds."""
     with _lock:
         plan = _plans.get((fingerprint, precision))
     if plan is None:

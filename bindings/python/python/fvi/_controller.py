@@ -1,4 +1,4 @@
-"""A fractional PID controller, tick by tick."""
+"""A fractional PID controller, sample by sample."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ class FractionalPid(_fvi.FractionalPid):
 
         u = kp (b r − y) + ki I^lam (r − y) + kd D^mu (c r − y)_f + u_ff     within limits
 
-    Its memory is all that was, as exponential sums that are exact to rounding.
+    It remembers the whole past, by exponential sums that are exact to rounding.
 
     Parameters
     ----------
     sample : float
-        Time between ticks.
+        Sampling time h > 0.
     kp, ki, kd : float
         Gains.
     lam, mu : float
         Orders of integral and derivative, above 0 and below 2.
     length : int
-        Most ticks that are made.
+        Largest number of samples.
     **keys
-        Those of ``[controller]`` by their names: setpoint_weights, derivative, derivative_filter, limits, rate_limit,
+        Further keys of ``[controller]`` by their names: setpoint_weights, derivative, derivative_filter, limits, rate_limit,
         anti_windup; form="series" with integral_time, derivative_time, filter_ratio in place of ki and kd.
 
     Attributes
     ----------
     output : float
-        The output of the last tick.
+        The last output.
     integral : float
         The integral term.
     is_manual : bool
@@ -41,7 +41,7 @@ class FractionalPid(_fvi.FractionalPid):
     Raises
     ------
     InputError
-        By the name of the argument.
+        If an argument cannot be used; its `key` is the name of the argument.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class FractionalPid(_fvi.FractionalPid):
             for name, number in given.items()
             if number is not None
         }
-        # What a loop has beside its controller is none of this object's.
+        # Keys of the loop outside of the controller do not apply to this object.
         table = {**json.loads(json.dumps(keys, default=list)), **numbers}
         table |= {"sample": step, "measures": "q0", "setpoint": "0", "drives": [1.0]}
         document = {
@@ -93,7 +93,7 @@ class FractionalPid(_fvi.FractionalPid):
         applied: float | None = None,
         limited: bool = False,
     ) -> float:
-        """Takes setpoint and measured value and returns the output; a tick that is refused changes nothing.
+        """Takes setpoint and measured value and returns the output; a sample that is refused changes nothing.
 
         Parameters
         ----------
@@ -102,9 +102,9 @@ class FractionalPid(_fvi.FractionalPid):
         feed_forward : float
             Added to the output inside its limits.
         applied : float, optional
-            What the actuator did with the output of the tick before.
+            Value that the actuator applied for the previous output.
         limited : bool
-            Whether something behind the controller is at a limit: its integral only shrinks then.
+            Whether something behind the controller is at a limit; the integral term can then only decrease in magnitude.
 
         Returns
         -------
@@ -113,7 +113,7 @@ class FractionalPid(_fvi.FractionalPid):
         return super().tick(setpoint, measured, feed_forward, applied, limited)
 
     def response(self, omega: float) -> tuple[complex, complex]:  # type: ignore[override]
-        """How the discrete law answers without limits at ω, 0 < ω ≤ π/sample: C_r and C_y of u = C_r r − C_y y."""
+        """Frequency response of the discrete law without limits at ω, 0 < ω ≤ π/sample: C_r and C_y of u = C_r r − C_y y."""
         parts = super().response(_arrays.positive("omega", omega))
         if parts is None:
             raise InputError(f"omega = {omega}: not allowed; allowed: at most pi / sample", "omega", str(omega))

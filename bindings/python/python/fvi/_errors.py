@@ -1,4 +1,4 @@
-"""The errors that calls of the package end with."""
+"""The exceptions of the package."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class InputError(ValueError):
     key : str
         The argument, or the key as a path such as ``system.damping[0].order``; empty for a file as a whole.
     value : str
-        What was given, as text.
+        The value given, as text.
 
     Examples
     --------
@@ -38,12 +38,12 @@ class InputError(ValueError):
 
 
 class StepError(RuntimeError):
-    """A step that failed, or a run that ended before its time for another reason.
+    """A step failed, or a run ended early for another reason.
 
     Attributes
     ----------
     result : Result, dict of Result or None
-        What was computed until then; of load cases by their names.
+        What was computed until then; for load cases a dictionary by their names.
     """
 
     result: Any

@@ -23,24 +23,24 @@ from fvi._types import FloatArray
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number that was sought.
+    """An estimated parameter.
 
     Attributes
     ----------
     start, estimate : float
-        Where the search began, and the value with the smallest sum of squares.
+        Start value of the search, and the value with the smallest sum of squares.
     standard_error : float or None
         None where the data do not determine it, and at a bound.
     interval : (float, float) or None
-        The 95 % interval, likewise.
+        The 95 % interval; None in the same cases.
     at_bound : {"lower", "upper"} or None
-        The bound that holds it.
+        The bound at which the estimate lies.
     derivative : {"exact", "differences"}
-        Whether the program differentiates its own numbers, or differences of runs were taken.
+        Whether exact derivatives of the discrete motion or differences of runs were used.
     profile_interval : (float or None, float or None) or None
-        The 95 % interval of the likelihood, where it was asked for; None for an end that was not reached.
+        The 95 % interval of the profile likelihood, where requested; None for an end that was not reached.
     profile : ndarray, shape (L, 2), or None
-        Values of the parameter and χ² with the others at their best.
+        Values of the parameter, and for each the smallest χ² over the other parameters.
     """
 
     start: float
@@ -55,16 +55,16 @@ class Estimate:
 
 @dataclass(frozen=True)
 class FitTable:
-    """A table of data beside what the fitted model says.
+    """A table of data with the predictions of the fitted model.
 
     Attributes
     ----------
     over : {"t", "omega"}
-        What the rows are told over.
+        Independent variable of the rows.
     places : ndarray, shape (K,)
-        Times or frequencies.
+        Times, or angular frequencies.
     data, model, deviation : dict of ndarray
-        By the names of the columns.
+        Data, predictions and standard deviations, by the names of the columns.
     """
 
     over: str
@@ -76,36 +76,36 @@ class FitTable:
 
 @dataclass(frozen=True, repr=False)
 class Fit:
-    """Estimates with their errors, and the scenario that has them.
+    """Estimates with their errors, and the scenario with the estimates.
 
     Attributes
     ----------
     parameters : dict of Estimate
         By their paths.
     correlation : ndarray, shape (P, P)
-        Of the estimates, in their order; NaN where one has no standard error.
+        Correlations of the estimates, in the order of `parameters`; NaN where one has no standard error.
     chi2 : float
         Σ ((model − datum)/deviation)², with deviations of 1 where none are known.
     degrees_of_freedom : int
-        Data less parameters that are determined.
+        Number of data minus number of parameters that are determined.
     reduced_chi2 : float or None
-        χ² over these.
+        χ² over the degrees of freedom.
     aic, bic : float
         Criteria of Akaike and of Schwarz, with the whole likelihood of normal deviations.
     converged : bool
-        Whether the search ended where nothing is left to gain.
+        Whether the search ended at a minimum.
     undetermined, notes : tuple of str
-        What the data do not determine, and what else is to be known, in words.
+        Sentences about what the data do not determine, and further remarks.
     name : str or None
         The model, where several were compared.
     models : dict
         The records of all models, where several were compared, by their names.
     scenario : dict
-        The scenario with the estimates in their places: `fvi.run` takes it.
+        The scenario with the estimates as values, for `fvi.run`.
     scenarios : tuple of dict
-        The same for each table of data, with what is its own.
+        The scenario for each table of data, with the values of that table.
     tables : tuple of FitTable
-        The data, and what the model says of them.
+        The data, and the predictions of the model.
     record : dict
         Everything else, as `fvi fit` writes it to ``fit.json``.
     """
@@ -166,9 +166,9 @@ class Fit:
         return f"<table><tr>{head}</tr>{''.join(rows)}</table>{end}<ul>{said}</ul>"
 
     def plot(self) -> Picture:
-        """Data and model, and the residuals over their deviations below, a column for each table of data.
+        """Plots data and model, and below them the residuals over their deviations, a column for each table of data.
 
-        Needs matplotlib. Returns the axes, those of the data first; `Picture.figure` and `Picture.savefig` are at hand.
+        Needs matplotlib. Returns the axes, those of the data first; the returned object also has `figure` and `savefig`.
         """
         plots = _module("matplotlib.pyplot", "plot")
         count = len(self.tables)
@@ -211,37 +211,37 @@ def fit(
     overrides: Mapping[str, Any] | None = None,
     **keys: Any,
 ) -> Fit:
-    """The numbers of a scenario with which it says what was measured, as the program `fvi fit` finds them.
+    """Estimates numbers of a scenario from measured data, as the program `fvi fit` does.
 
-    Weighted least squares within bounds, by the method of Levenberg and Marquardt, with the exact derivatives of the
-    program's own numbers where it has them.
+    Weighted least squares within bounds, by the method of Levenberg and Marquardt, with exact derivatives of the discrete motion
+    where they are available.
 
     Parameters
     ----------
     scenario : path or dict
         As in `run`.
     free : dict or list
-        Paths of the numbers that are sought, such as ``"system.damping[0].order"``; as a dictionary with what is known of
-        each: None, a start, or a dictionary of `start` (unless said the scenario's value), `bounds`, `scale` ("linear" or
-        "log") and `data`, the index of the one table whose own it is.
+        Paths of the free parameters, such as ``"system.damping[0].order"``; as a dictionary with a value for each: None, a start
+        value, or a dictionary of `start` (default: the scenario's value), `bounds`, `scale` ("linear" or "log") and `data`, the
+        index of the only table that the parameter applies to.
     data : dict or list of dict
         Tables of data: `t` and any of `q0`, `p0`, `v0`, `a0`, …, `energy`; or `omega` with `re` and `im`, or `storage` and
         `loss`, or a complex `value`: a receptance (`input`, `output`), with ``quantity="modulus"`` the entry of
         K + Σ ρ K(iω), or K(iω) of the damping `term`. `deviation`, a number, an array or a dictionary by columns;
-        `relative_deviation`; or `weight`, an array. `set`: values that the scenario has for this table, by their paths.
+        `relative_deviation`; or `weight`, an array. `set`: values of the scenario for this table, by their paths.
         `file` names a CSV file in place of the columns.
     models : dict, optional
-        Models to compare by their names: dictionaries of `set`, values by their paths, `scenario`, a path, and `free`, more
-        numbers that are sought, as above. The one with the smallest AIC is returned.
+        Models to compare by their names: dictionaries of `set`, values by their paths, `scenario`, a path, and `free`, further
+        free parameters, as above. The one with the smallest AIC is returned.
     starts, seed : int
-        Searches from so many points between the bounds.
+        Number of searches, from points between the bounds, and the seed for choosing them.
     deviations : {"known", "relative"}, optional
-        Whether deviations are those of the data, so that errors follow from them, or known but for a factor, which is then
-        estimated. "known" unless said where there are any.
+        Whether the given deviations are the standard deviations of the data, or known only up to a common factor, which is then
+        estimated from the residuals. Default: "known" if deviations are given.
     profile : bool or list of str
-        Whether, or of which paths, intervals are sought by the likelihood, too.
+        Whether, or for which paths, intervals by the profile likelihood are computed, too.
     most_iterations : int, optional
-        Steps of a search.
+        Largest number of steps of a search.
     progress : callable, optional
         Called about ten times a second with the number of runs made, and None.
     overrides, **keys
@@ -250,7 +250,7 @@ def fit(
     Returns
     -------
     Fit
-        What the data do not determine has no interval, and is in `undetermined`.
+        Parameters that the data do not determine have no interval; `undetermined` lists them.
 
     Raises
     ------
@@ -304,7 +304,7 @@ def fit(
             warnings.warn(f"the search{of} has not converged: {model['end']}", stacklevel=2)
     fitted = [json.loads(entry) for entry in scenarios]
     if isinstance(scenario, Mapping) and isinstance(given, tuple) and given[3]:
-        # Names of files stand for arrays there: the dictionary that has these takes the estimates.
+        # There arrays are replaced by names of files: the original dictionary receives the estimates.
         fitted = [_with_estimates(scenario, by_path(overrides, keys), plan, record, index) for index in range(len(fitted))]
     return Fit(
         parameters={path: _estimate(entry) for path, entry in record["parameters"].items()},
@@ -328,7 +328,7 @@ def fit(
 
 
 def _number(value: float | None) -> float:
-    # Numbers that are not finite have no form in JSON; only a perfect fit has an AIC that is none.
+    # JSON has no infinite numbers; only a perfect fit has an infinite AIC.
     return -np.inf if value is None else value
 
 
@@ -361,16 +361,12 @@ def _model(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     return model
 
 
-KEYS = ("quantity", "input", "output", "term", "position", "relative_deviation", "set", "file", "deviation")
-"""Keys of a table of data that are no columns."""
-
-
 def _table(index: int, given: Mapping[str, Any], files: dict[str, bytes]) -> dict[str, Any]:
     place = f"data[{index}]"
     if not isinstance(given, Mapping):
         raise InputError(f"{place}: a dictionary is needed", place, repr(given))
-    keys = {key: given[key] for key in KEYS if given.get(key) is not None}
-    columns: dict[str, Any] = {key: value for key, value in given.items() if key not in KEYS}
+    keys = {key: given[key] for key in _fvi.DATA_KEYS if given.get(key) is not None}
+    columns: dict[str, Any] = {key: value for key, value in given.items() if key not in _fvi.DATA_KEYS}
     if "file" in keys:
         if columns:
             message = f"{place}.file: cannot stand beside columns; here there are {', '.join(columns)}"
@@ -430,7 +426,7 @@ def _told(table: tuple[FloatArray, str, list[tuple[FloatArray, FloatArray, Float
 def _with_estimates(
     scenario: Mapping[str, Any], changes: Mapping[str, Any], plan: dict[str, Any], record: dict[str, Any], index: int
 ) -> dict[str, Any]:
-    """The dictionary that was given with the estimates in their places; of a table of data for an index from 1."""
+    """The given dictionary with the estimates as values; for an index from 1 on, that for a table of data."""
     values = copy.deepcopy(dict(scenario))
     for path, value in changes.items():
         if value is not None:

@@ -1,4 +1,4 @@
-"""The compiled half of the package. Arguments have been checked when they arrive here."""
+"""The compiled part of the package. Its callers have checked the arguments."""
 
 from typing import Any, Self, final
 
@@ -9,7 +9,9 @@ from typing_extensions import disjoint_base
 _Array = NDArray[np.float64]
 
 __all__ = [
+    "DATA_KEYS",
     "FractionalPid",
+    "KEYS",
     "Ledger",
     "Loads",
     "Memory",
@@ -34,6 +36,12 @@ __all__ = [
 ]
 
 __version__: str
+
+KEYS: list[tuple[str, list[str]]]
+"""Tables of a scenario that control the integration, with their keys."""
+
+DATA_KEYS: list[str]
+"""Keys of a table of data of a fit."""
 
 @final
 class Prepared:

@@ -68,53 +68,59 @@ def integrate(
     Parameters
     ----------
     mass : array_like or sparse matrix
-        M: the diagonal, or a symmetric positive definite matrix. It says how many coordinates N there are.
+        M: the diagonal, or a symmetric positive definite matrix. It determines the number of coordinates N. Zeros in the
+        diagonal, or rows of zeros in a matrix, are coordinates without mass, on which stiffness or damping must act. Their
+        momentum is 0. Where only stiffness acts on them, an initial position of 0 is replaced by the one at which their forces
+        balance.
     position : array_like
         q(t₀), N numbers, or one for all coordinates. With samples as `past` it may be left out.
     step, steps, end : number
-        Step size h, and either the number of steps or the end of the time; with a `grid`, what that needs.
+        Step size h, and either the number of steps or the last time; with a `grid`, the arguments that it needs.
     momentum, velocity : array_like, optional
-        p(t₀) = M v(t₀) or v(t₀); at rest without them.
+        p(t₀) = M v(t₀) or v(t₀); default: at rest.
     start : float, optional
-        t₀ ≥ 0, the time at which the motion begins; 0 without.
+        t₀ ≥ 0, the time at which the motion begins; default: 0.
     past : (float, callable) or (array_like, array_like), optional
-        What memories know of the time before: where that begins and q(t) as a function, or times and positions, one for each step
-        of the time before t₀, t₀ − m h, …, t₀ − h, and perhaps t₀. Before that the system had been at rest where it begins, and
-        without it at q(t₀); Riemann–Liouville damping knows it at zero.
+        The motion before t₀, which the memories contain: either the time at which the past begins and q(t) as a function, or
+        times t₀ − m h, …, t₀ − h, optionally t₀, and the positions at them. Before its first time the system is at rest at its
+        first position, without a past at q(t₀); for Riemann–Liouville damping it is at zero.
     continue_from : Result, optional
-        A result of this function to go on from, with its memory: only `steps`, how many more, or a later `end`, `every`, `times`,
-        `coordinates`, `check`, `progress` and `keep_memory` may stand beside it. The rows begin with the last one there.
+        A result of this function from which to continue, with its memory. Allowed beside it are only `steps` (number of further
+        steps) or a later `end`, `every`, `times`, `coordinates`, `check`, `progress` and `keep_memory`. The first row is the last
+        one of that result.
     stiffness : array_like or sparse matrix, optional
         K, symmetric: adds ½ qᵀKq to the potential.
     gyroscopic : array_like or sparse matrix, optional
-        G, skew-symmetric: forces −G q̇, which do no work. The matrix of a step is full then.
+        G, skew-symmetric: forces −G q̇, which do no work. The matrix of a step is then a full one.
     potential : str or Potential, optional
         U(q): an expression in q0, q1, … and the parameters, or functions.
     force : str, list of str, callable or Force, optional
-        F(t, q, v): an expression for each coordinate in t, q0, …, v0, … and the parameters, or a function of (t, q, v), of (t, q),
-        or of t alone, which leaves large systems sparse.
+        F(t, q, v): an expression for each coordinate in t, q0, …, v0, … and the parameters, or a function of (t, q, v), (t, q) or
+        t. With a function of t alone large systems stay sparse.
     damping : Damping or list of Damping, optional
         The damping terms; dictionaries with the same keys serve as well.
     loads : Load or list of Load, optional
-        Forces of time alone, f a(t).
+        Forces that depend on time only, f a(t).
     elements : Element or list of Element, optional
         Potentials U_e of a few coordinates each.
     events : Event or list of Event, optional
-        What to watch for; `Result.events` has what happened. Dictionaries with the same keys serve as well.
+        Events to be detected; `Result.events` lists those that occurred. Dictionaries with the same keys serve as well.
     parameters : mapping of str to float, optional
         Named constants of the expressions.
     precision, check, progress, overrides
         As in `run`.
     keep_memory : bool, optional
-        Whether the result can be continued from. Without it, if the memory takes no more bytes than the rows or 16 million.
+        Whether a later run can continue from the result. Default: if the memory takes at most as many bytes as the rows, or 16
+        million.
     **keys
         How to integrate, by the names in a scenario: scheme="low-order" (kappa=0.5), "galerkin" (degree, quadrature, points),
         "collocation", "explicit-euler" or "implicit-euler"; convolution="bdf" (order from 1 to 6), "radau-iia" or "lobatto-iiic" (stages), or
-        "trapezoidal", likewise symbol="trapezoidal"; at; starting; engine, tolerance, capacity, overflow; every, times, coordinates; allow_unstable; energy_guard; title;
-        sensitivities, paths such as "system.damping[0].order" by which the motion is differentiated, `Result.dq` and `Result.dp`;
-        memory_energy=True for `Result.memory_stored` and `Result.memory_dissipated`; and
-        for steps that differ grid="graded" (with end, steps, exponent), grid="geometric" (end, first, ratio, longest),
-        grid="adaptive" (end, tolerance, and first, shortest, longest, scale if wanted) or grid=array of times, together with
+        "trapezoidal", likewise symbol="trapezoidal"; at; starting; engine, tolerance, horizon, capacity, overflow, states, threads;
+        every, times, coordinates; allow_unstable; energy_guard; title;
+        sensitivities, paths such as "system.damping[0].order" of the numbers with respect to which the motion is differentiated
+        (`Result.dq` and `Result.dp`); memory_energy=True for `Result.memory_stored` and `Result.memory_dissipated`; and for steps
+        of different lengths grid="graded" (with end, steps, exponent), grid="geometric" (end, first, ratio, longest),
+        grid="adaptive" (end, tolerance; optional: first, shortest, longest, scale) or grid=array of times, together with
         must_hit.
 
     Returns
@@ -128,17 +134,17 @@ def integrate(
     StepError
         If a step failed; what was computed is in its `result`.
     Exception
-        What a function raises ends the step and reaches the caller with its traceback; what was computed until then is in
-        the attribute `result` of the exception.
+        An exception raised by a function ends the run and is passed to the caller with its traceback; its attribute `result`
+        contains what was computed until then.
 
     Notes
     -----
     Sparse matrices of more than 32 rows stay sparse, and so do arrays of more than 128 rows: schemes of degree 1, and of
     degree 2 on two Gauss points (`scheme="galerkin", degree=2, order=3` or `4`), then solve with a sparse factor.
-    `coordinates` chooses what the result holds of a large system, `every` and `times` when.
+    `coordinates` selects the coordinates of a large system that the result contains, `every` and `times` the rows.
 
-    Functions are called with new arrays, several times a step, from the thread that calls this; with expressions the
-    interpreter is released. A function's value may be anything that `numpy.asarray` makes numbers of.
+    Functions are called with new arrays, several times a step, from the calling thread; with expressions only, the interpreter
+    lock is released. A function may return anything that `numpy.asarray` converts to numbers.
 
     Examples
     --------
@@ -160,7 +166,7 @@ def integrate(
     >>> r.q.shape
     (201, 1)
 
-    Steps chosen on the way, until the pendulum is upright:
+    Adaptive steps, until the pendulum is upright:
 
     >>> r = fvi.integrate(mass=[1.0], potential="-9.81*cos(q0)", position=[-3.0], grid="adaptive", end=10.0, tolerance=1e-8,
     ...                   scheme="collocation", events=fvi.Event("q0", "rising", action="stop"))
@@ -220,7 +226,7 @@ def _continued(
     progress: Progress | None,
     keep_memory: bool | None,
 ) -> Result:
-    """`integrate` from where a result ends."""
+    """`integrate`, continuing from a result."""
     if not isinstance(before, Result):
         raise InputError(f"continue_from = {before!r}: a result of fvi.integrate is needed", "continue_from", repr(before))
     for name, value in others.items():
@@ -284,7 +290,7 @@ def _integrated(
 
 
 def _as_it_is(mass: Any) -> Any:
-    """The mass for velocities, unless its numbers are in the record of the run."""
+    """The mass for computing velocities, unless the summary of the run contains it."""
     if _arrays.is_sparse(mass):
         return mass.copy()
     if isinstance(mass, Ready):
@@ -300,7 +306,8 @@ def integrate_cases(
     progress: Progress | None = None,
     **arguments: Any,
 ) -> dict[str, Result]:
-    """Integrates a linear system under several load cases together: one factor of its matrices, one pass over it for all.
+    """Integrates a linear system under several load cases together: with one factorisation of its matrices and one pass over the
+    factor for all of them.
 
     Parameters
     ----------
@@ -309,7 +316,7 @@ def integrate_cases(
     precision, check, progress
         As in `run`.
     **arguments
-        Those of `integrate`; springs in `stiffness`, no potential and no force of functions.
+        Those of `integrate`; springs must be in `stiffness`; no potential, and no force by functions.
 
     Returns
     -------
@@ -373,7 +380,7 @@ def _scenario(
     keys: dict[str, Any],
     cases: Mapping[str, Any] | None = None,
 ) -> tuple[Any, Functions]:
-    """The scenario of the arguments of `integrate`, for the compiled half, and the functions beside it."""
+    """The scenario for the arguments of `integrate`, for the compiled part, and the functions among them."""
     if mass is None:
         raise InputError("mass: needed, unless there is a result to continue_from", "mass", "None")
     matrix = symmetric("mass", _arrays.matrix("mass", mass))
@@ -431,7 +438,7 @@ def _scenario(
         changes["output.coordinates"] = list(range(size))[chosen]
     scenario["initial"] = initial
     scenario["time"] = time
-    # A file has to choose its columns; arrays hold all coordinates.
+    # Only a file must select its columns; arrays contain all coordinates by default.
     if size > MOST_COLUMNS and changes.get("output.coordinates") is None:
         changes["output.coordinates"] = range(size)
     functions = Functions(terms if any((terms.gradient, terms.force)) else None, watched)
@@ -446,7 +453,7 @@ def _scenario(
 
 
 class _Past:
-    """The motion before the start, as the compiled half wants it."""
+    """The motion before the start, in the form that the compiled part requires."""
 
     def __init__(self, given: Any, time: Mapping[str, Any]) -> None:
         message = "past: (where it begins, function of t) or (times, positions) is needed"
@@ -489,7 +496,7 @@ class _Past:
         return steps
 
     def rows(self, nodes: Sequence[float], position: Any, size: int) -> Any:
-        """Positions at the beginning of each step, and at these nodes of it."""
+        """Positions at the beginning and at the given nodes of each step."""
         if self.end is not None and not np.array_equal(self.end, position):
             raise InputError("position: not the last one of past", "position", repr(position))
         if self.function is None:
@@ -531,7 +538,7 @@ def _time(start: Any, step: Any, steps: Any, end: Any, grid: Any) -> dict[str, A
 
 @contextmanager
 def _arguments() -> Iterator[None]:
-    """Errors about keys of the scenario become those about the arguments."""
+    """Context in which errors about keys of the scenario become errors about the arguments."""
     try:
         yield
     except InputError as error:
@@ -550,7 +557,7 @@ def _named_after_argument(error: InputError) -> InputError:
             key = name + error.key[len(path) :]
             text = str(error).replace(error.key, key, 1)
             for suffix in (".npz", ".npy"):
-                # The file that an array went over as is nobody's.
+                # The user does not know the name of the file that stands for an array.
                 file = error.key + suffix
                 text = text.replace(f'{key} = "{file}": {file}: ', f"{key}: ", 1)
             renamed = InputError(text, key, error.value)

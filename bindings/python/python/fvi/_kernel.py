@@ -17,9 +17,9 @@ from fvi._errors import InputError
 class Kernel:
     """A kernel K(s) in place of s^β: the damping force is −ρ K(D) q.
 
-    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol`, `relaxation`, `relaxation_matrix` or `weights`; taken by `Damping`, `Memory`, `weights` and
-    `derivative`. A kernel that is not passive, one that could drive a motion, is refused by `integrate` with the band of frequencies, unless
-    the damping says ``allow_active=True``.
+    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol`, `relaxation`, `relaxation_matrix` or `weights`;
+    accepted by `Damping`, `Memory`, `weights` and `derivative`. A kernel that is not passive, which could feed energy into the
+    motion, is refused by `integrate`; the error gives the frequency band. It is allowed if the damping has ``allow_active=True``.
 
     Examples
     --------
@@ -50,7 +50,8 @@ class Kernel:
 
     @staticmethod
     def maxwell(order: float, time: float, inner: float = 0.0) -> Kernel:
-        """(τs)^β/(1 + (τs)^(β−α)), 0 ≤ α = `inner` < β ≤ 1: the fractional Maxwell model, with a spring beside it Zener's."""
+        """(τs)^β/(1 + (τs)^(β−α)), 0 ≤ α = `inner` < β ≤ 1: the fractional Maxwell model; with a spring in parallel, the Zener
+        model."""
         numbers = {"order": order, "inner": inner, "time": time}
         return Kernel(form="maxwell", **{name: _arrays.real(name, number) for name, number in numbers.items()})
 
@@ -78,8 +79,8 @@ class Kernel:
     def relaxation(t: ArrayLike, G: ArrayLike, decay: float | None = None) -> Kernel:
         """K(s) = s Ĝ(s), the force ∫ G(t − τ) q̇(τ) dτ of a measured relaxation function.
 
-        G is linear between the times t, which begin at 0, and falls like e^{−t/decay} behind the last one, where it must be zero
-        without `decay`.
+        G is linear between the times t, which begin at 0, and decays like e^{−t/decay} after the last one; without `decay` it
+        must be zero there.
         """
         times, moduli = np.atleast_1d(_arrays.numbers("t", t)), np.atleast_1d(_arrays.numbers("G", G))
         if times.ndim != 1 or times.shape != moduli.shape:
@@ -95,8 +96,8 @@ class Kernel:
     ) -> Kernel:
         """A relaxation function for each pair of coordinates, the force −Σ_j ∫ G_ij(t − τ) q̇_j(τ) dτ: Cummins' equation.
 
-        `files` has N rows of N files with the columns t, G, each as :meth:`relaxation` says, with ``""`` where nothing
-        couples; G is symmetric. The term, ``fvi.Damping(kernel=…)``, has no `coefficient`.
+        `files` has N rows of N files with the columns t, G, each as for :meth:`relaxation`, with ``""`` for pairs without
+        coupling; G is symmetric. The term, ``fvi.Damping(kernel=…)``, has no `coefficient`.
         """
         if isinstance(files, str) or not all(isinstance(row, Sequence) and not isinstance(row, str) for row in files):
             raise InputError(f"files = {files!r}: rows of files are needed", "files", repr(files))
@@ -114,10 +115,10 @@ class Kernel:
 
     @staticmethod
     def weights(weights: ArrayLike | str | os.PathLike[str], step: float | None = None) -> Kernel:
-        """The memory Σ w_n q_{k−n} of weights w_0, w_1, … that are known, or of a file with the columns n, weight.
+        """The memory Σ w_n q_{k−n} with given weights w_0, w_1, …, or those of a file with the columns n, weight.
 
-        They belong to the time step of the run, or to `step`, which must be that one; a run needs one more of them than it has
-        steps. K(s) itself is not known: there are no exponentials, no steps of any length and no Runge–Kutta families.
+        They apply to the time step of the run; `step`, if given, must be equal to it. A run of K steps needs K + 1 weights. Since
+        K(s) itself is not known, exponential sums, variable steps and Runge–Kutta families are not available.
         """
         keys: dict[str, Any] = {}
         if isinstance(weights, str | os.PathLike):

@@ -25,7 +25,7 @@ class Memory(_fvi.Memory):
 
         (W ∗ x)_k = W₀ x_k + r_k ,      r_k = Σ_{n=1}^{k} W_n x_{k−n} ,
 
-    `next_term` gives r_k, which is known before x_k is, and `push` takes x_k.
+    `next_term` returns r_k, which does not depend on x_k, and `push` takes x_k.
 
     Parameters
     ----------
@@ -38,26 +38,26 @@ class Memory(_fvi.Memory):
     order : int
         Order of the backward differentiation formula.
     family, stages
-        As in `weights`; a sample of a Runge–Kutta method is one row of stages for each channel.
+        As in `weights`; a sample of a Runge–Kutta method consists of one row of stages for each channel.
     channels : int
-        Sequences side by side.
+        Number of sequences.
     length : int
-        Most samples that it takes; the engines except "direct" plan for it.
+        Largest number of samples; all engines except "direct" plan for it.
     engine : {"direct", "block-fft", "real-time", "exponential-sum", "exponential-sum-core"}, optional
-        Without it, the fastest that is exact to rounding.
+        Default: the fastest that is exact to rounding.
     samples : {"values", "differences"}
-        What is pushed: the values x_k; or differences of them where the kernel has something to gain, which the attribute
-        `samples` tells. Terms are then those of weights that belong to differences, and W₀ stays:
+        What `push` takes: the values x_k, or, where the kernel benefits from it, their differences; the attribute `samples` shows
+        which. Terms are then sums over differences, with the same W₀:
 
             (W ∗ x)_k = W₀ d_k + r_k ,      d_k = x_k − x_{k−1} ,    d_0 = x_0      ("increments", BDF) .
 
-        Who knows the differences better than as such loses none of their digits.
+        If the differences are known more accurately than by subtraction, no digits are lost.
     tolerance : float, optional
-        Relative error of each weight of an exponential sum, 4e-15 to 1e-6; without it rounding.
+        Relative error of each weight of an exponential sum, 4e-15 to 1e-6; default: rounding.
     states : {"f64", "f32"}, optional
-        In what an exponential sum keeps its state; "f32" takes a `tolerance` of 5e-7 or more.
+        Precision of the state of an exponential sum; "f32" requires a `tolerance` of 5e-7 or more.
     threads : int, optional
-        Threads that share the work where there are many channels; without it as many as the machine has, up to eight.
+        Threads that share the work for many channels; default: as many as the machine has, up to eight.
 
     Attributes
     ----------
@@ -65,8 +65,8 @@ class Memory(_fvi.Memory):
         W₀.
     engine : str
     samples : {"values", "increments", "rises"}
-        What `push` takes: values; increments; or with the stages of a Runge–Kutta method what each is beyond the end of the
-        step before.
+        What `push` takes: values; increments; or, with a Runge–Kutta method, the differences of the stages from the value at the
+        end of the previous step.
     channels, stages, nbytes : int
 
     Examples
@@ -125,7 +125,7 @@ class Memory(_fvi.Memory):
     def next_term(self) -> FloatArray:
         """r_k, one number for each channel, or a row of stages for each channel.
 
-        It may be asked for any number of times before a sample is pushed.
+        It may be called any number of times before a sample is pushed.
 
         Raises
         ------
@@ -142,7 +142,7 @@ class Memory(_fvi.Memory):
         InputError
             If it has another shape or is not finite.
         RuntimeError
-            If the memory is full; it is as before.
+            If the memory is full, which is then unchanged.
         """
         array = _arrays.numbers("sample", sample)
         shape = (self.channels,) if self.stages == 1 else (self.channels, self.stages)
@@ -151,11 +151,11 @@ class Memory(_fvi.Memory):
         super().push(array)
 
     def clear(self) -> None:
-        """Forgets all samples."""
+        """Removes all samples."""
         super().clear()
 
     def save(self) -> bytes:
-        """The state, for `restore` of a memory made alike: it goes on with the same bits."""
+        """The state, for `restore` of a memory with the same arguments, which continues bit-identically."""
         return super().save()
 
     def restore(self, state: bytes) -> None:
@@ -164,22 +164,22 @@ class Memory(_fvi.Memory):
         Raises
         ------
         InputError
-            If it is not that of such a memory, which then is as before.
+            If it is not the state of such a memory, which is then unchanged.
         """
         super().restore(state)
 
     def restore_channels(self, state: bytes, of: int, first: int, count: int, to: int) -> None:
-        """Takes over some channels of a saved state, that of a memory which differs in the number of its channels only.
+        """Takes over some channels of the saved state of a memory that differs in the number of channels only.
 
-        So channels are divided among memories anew: those from `first` on, `count` of them, of the `of` that the state has, go
-        to the channels from `to` on. A memory without samples begins with as many as the state has seen. Exponential sums with
-        channels side by side (96 and more, or states in "f32") offer it.
+        This redistributes channels among memories: `count` channels from `first` on, of the `of` channels in the state, are
+        written to the channels from `to` on. A memory without samples takes the number of samples of the state. Available for
+        exponential sums that store channels side by side (96 channels and more, or states in "f32").
 
         Raises
         ------
         InputError
-            If it is not the state of such a memory, if the channels are not there in either, or if it has seen another number
-            of samples than this memory has; the memory is as before.
+            If it is not the state of such a memory, if either does not have these channels, or if its number of samples differs
+            from that of this memory, which is then unchanged.
         """
         counts = {"of": of, "first": first, "count": count, "to": to}
         super().restore_channels(state, **{name: _arrays.whole(name, number) for name, number in counts.items()})
@@ -189,7 +189,7 @@ class Memory(_fvi.Memory):
 
 
 class Operator(_fvi.Operator):
-    """The fractional operator D^exponent on a stream: takes a sample, gives back (D x)_k.
+    """The fractional operator D^exponent on a stream: takes a sample x_k and returns (D x)_k.
 
     Parameters
     ----------
@@ -200,11 +200,11 @@ class Operator(_fvi.Operator):
     order : int
         Order of the backward differentiation formula, 1 to 6.
     start : {"riemann-liouville", "caputo"}
-        What it acts on; as in `derivative`.
+        The function that the derivative acts on, as in `derivative`.
     slope : float, optional
         x'(0), needed for "caputo" and an exponent above 1.
     length : int
-        Most samples that it takes.
+        Largest number of samples.
     engine : str, optional
         As in `Memory`.
 
@@ -258,28 +258,28 @@ class Operator(_fvi.Operator):
         return _made_again, (type(self), self._arguments, self.save())
 
     def push(self, sample: float) -> float:
-        """Takes x_k, gives back (D x)_k.
+        """Takes x_k and returns (D x)_k.
 
         Raises
         ------
         InputError
-            If the sample or the result is not finite; the operator is as before.
+            If the sample or the result is not finite; the operator is then unchanged.
         RuntimeError
             If it has taken `length` samples.
         """
         return super().push(sample)
 
     def push_many(self, samples: ArrayLike) -> FloatArray:
-        """Takes several samples, gives back as many values."""
+        """Takes several samples and returns as many values."""
         array = _arrays.numbers("samples", samples)
         if array.ndim != 1:
             raise InputError(f"samples: shape {array.shape} instead of one dimension", "samples", str(array.shape))
         return super().push_many(array)
 
     def save(self) -> bytes:
-        """The state, for `restore` of an operator made alike: it goes on with the same bits."""
+        """The state, for `restore` of an operator with the same arguments, which continues bit-identically."""
         return super().save()
 
     def restore(self, state: bytes) -> None:
-        """Takes over a saved state; raises `InputError` if it is not that of such an operator."""
+        """Takes over a saved state; raises `InputError` if it is not the state of such an operator."""
         super().restore(state)

@@ -23,21 +23,21 @@ OPTIONS = ("precision", "check", "progress", "keep_memory")
 class Model:
     """A system that is integrated several times, with other loads, initial states or damping coefficients.
 
-    What runs have in common is done once: reading and checking matrices, the order of elimination and the places of the factor,
-    and the factor itself where the matrix of the step is the same, as it is for other loads and initial states. A damping
-    coefficient that is a multiple of one before needs no check either. Results have the bits of `integrate`.
+    Work common to the runs is done once: reading and checking matrices, symbolic factorisation, and the numerical factorisation
+    where the matrix of the step is the same, as for other loads and initial states. A damping coefficient that is a multiple of
+    an earlier one needs no check either. Results are bit-identical to those of `integrate`.
 
     Parameters
     ----------
     mass : array_like or sparse matrix
         As in `integrate`.
     **arguments
-        Others of `integrate`, as defaults of its calls.
+        Other arguments of `integrate`, as defaults for its calls.
 
     Notes
     -----
-    Large matrices are taken as they are now: changes to the arrays afterwards change nothing. A model keeps its last matrices and
-    factors, two for each pattern, in memory until it is gone.
+    Large matrices are copied: later changes of the arrays have no effect. A model keeps its last matrices and factors, two for
+    each sparsity pattern, until it is deleted.
 
     Examples
     --------
@@ -64,7 +64,7 @@ class Model:
         Parameters
         ----------
         **changes
-            Arguments of `integrate`, beside the model's own or in place of them.
+            Arguments of `integrate`, in addition to the model's own or in place of them.
 
         Returns
         -------
@@ -76,7 +76,7 @@ class Model:
             As `integrate`.
         """
         if changes.get("continue_from") is not None:
-            # The result knows its system, and what was prepared for it.
+            # The result itself refers to its system and to the data prepared for it.
             return integrate(**changes)
         arguments = self._merged(self._taken(changes))
         arguments.pop("continue_from")
@@ -84,7 +84,7 @@ class Model:
         return _integrated(arguments, prepared=self._prepared, **options)
 
     def _taken(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Arguments with large matrices made ready."""
+        """Arguments with large matrices converted once."""
         taken = dict(given)
         if taken.get("stiffness") is not None:
             taken["stiffness"] = ready("stiffness", taken["stiffness"], self._size)
@@ -101,7 +101,7 @@ class Model:
         return term
 
     def _merged(self, changes: Mapping[str, Any]) -> dict[str, Any]:
-        """The arguments of a call as `integrate` hands them on."""
+        """The arguments of a call, merged with those of the model."""
         own = {name: value for name, value in self._arguments.items() if RIVALS.get(name) not in changes}
         try:
             bound = inspect.signature(integrate).bind(**{**own, **changes})

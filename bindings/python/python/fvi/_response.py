@@ -1,4 +1,4 @@
-"""What a damped structure answers to a harmonic force."""
+"""Frequency response of a damped structure."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class KernelCurves:
-    """What a kernel does to vibrations and unit steps.
+    """Moduli, creep and relaxation of a kernel.
 
     Attributes
     ----------
     name : str
-        The kernel in words.
+        Description of the kernel.
     moduli : ndarray, shape (W,)
         K(iω), complex: the storage modulus is its real part, the loss modulus its imaginary part.
     t : ndarray, shape (W,)
         The times 1/ω, ascending.
     creep, relaxation : ndarray or None
-        J(t) = L⁻¹[1/(s K(s))] and G(t) = L⁻¹[K(s)/s] at these times; None for active kernels.
+        J(t) = L⁻¹[1/(s K(s))] and G(t) = L⁻¹[K(s)/s] at these times; None for kernels that are not passive.
     """
 
     name: str
@@ -51,13 +51,13 @@ class Response:
     response : ndarray, shape (W,)
         H(ω), complex: the displacement of the output under a force e^{iωt} on the input.
     discrete : ndarray or None
-        The same of the discrete scheme at its step, for the frequencies up to π/h; None where there is none.
+        H(ω) of the discrete scheme with its step h, for the frequencies up to π/h; None where it is left out.
     poles : ndarray or None
-        Poles s with Im s ≥ 0, by their frequency |s|; None where they are not sought.
+        Poles s with Im s ≥ 0, in ascending order of |s|; None where they are not computed.
     kernels : tuple of KernelCurves
-        One for each damping term.
+        Curves of the kernel of each damping term.
     left_out : tuple of str
-        What there is not, and why.
+        Results that were left out, with the reasons.
     """
 
     omega: FloatArray
@@ -100,12 +100,12 @@ def response(
     omega : array, optional
         Angular frequencies, ascending.
     from_omega, to_omega, points
-        In place of `omega`: the first and the last, and how many, evenly spread by their logarithms; those that the
-        run can see unless said, 2π over its time to π over its step.
+        In place of `omega`: the first and the last angular frequency, and their number, equidistant on a logarithmic scale;
+        defaults: 2π over the time of the run, and π over its step.
     input, output : int
-        The coordinate on which the force acts, and the one whose displacement is told.
+        The coordinate on which the force acts, and the one whose displacement is computed.
     about : array, optional
-        The point about which the system is linearised; its initial position unless said.
+        The point about which the system is linearised; default: the initial position.
     overrides, **keys
         As in `run`.
 

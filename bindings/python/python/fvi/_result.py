@@ -1,4 +1,4 @@
-"""What runs and studies hand back."""
+"""Results of runs and studies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fvi._types import FloatArray
 
 
 def _module(name: str, what: str) -> Any:
-    """A library that only this call needs."""
+    """Imports a library that only this call needs."""
     import importlib
 
     try:
@@ -31,7 +31,7 @@ def _module(name: str, what: str) -> Any:
 
 
 class Picture(tuple[Any, ...]):
-    """The axes of a picture, one above the other, with their figure at hand."""
+    """The axes of a picture, from top to bottom, with their figure as an attribute."""
 
     __slots__ = ()
 
@@ -47,7 +47,7 @@ class Picture(tuple[Any, ...]):
 
 @dataclass(frozen=True)
 class Continuation:
-    """What a run needs that goes on from a result."""
+    """State that a run needs to continue from a result."""
 
     given: Any
     engine: str | None
@@ -57,7 +57,7 @@ class Continuation:
     standing: Any
 
 
-#: Arrays that every file of rows has.
+#: Arrays that every file of rows contains.
 _STATE = ("t", "q", "p", "energy")
 
 
@@ -70,9 +70,9 @@ class Result:
     t : ndarray, shape (K,)
         Times: every `every`-th grid point, and the last; or those of `times`.
     q : ndarray, shape (K, N)
-        Positions; of the coordinates that were chosen, if some were.
+        Positions, of the chosen `coordinates` if any were chosen.
     p : ndarray, shape (K, N)
-        Momenta p = M v, likewise.
+        Momenta p = M v, of the same coordinates.
     energy : ndarray, shape (K,)
         ½ pᵀM⁻¹p + U(q).
     success : bool
@@ -82,9 +82,9 @@ class Result:
     message : str
         How it ended, in words.
     columns : dict of ndarray, shape (K,), or (K, C) of C controllers
-        What a run has beside these, by the names of its columns in ``trajectory.csv``; those below are of it.
+        Further columns of a run, by their names in ``trajectory.csv``; they include the following ones.
     u, setpoint, measure : ndarray, or None without controllers
-        What the controllers put out, wanted and saw at their last sample up to the time of the row.
+        Outputs, setpoints and measured values of the controllers at their last sample up to the time of the row.
     memory_stored, memory_dissipated : ndarray, or None unless ``output.memory_energy`` is set
         Energy stored in the memories of damping, and dissipated by them since t = 0.
     """
@@ -104,7 +104,7 @@ class Result:
     _continuation: Continuation | None = field(default=None, compare=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Functions and memories stay in the process.
+        # Functions and memories are not pickled.
         return {**self.__dict__, "_continuation": None}
 
     @property
@@ -126,17 +126,17 @@ class Result:
 
     @property
     def u(self) -> FloatArray | None:
-        """What the controllers put out, held at the time of the row."""
+        """Outputs of the controllers, held at the time of the row."""
         return self.columns.get("u")
 
     @property
     def setpoint(self) -> FloatArray | None:
-        """What the controllers wanted at their last sample."""
+        """Setpoints of the controllers at their last sample."""
         return self.columns.get("setpoint")
 
     @property
     def measure(self) -> FloatArray | None:
-        """What the controllers saw at their last sample."""
+        """Values measured by the controllers at their last sample."""
         return self.columns.get("measure")
 
     @property
@@ -156,7 +156,7 @@ class Result:
 
     @property
     def dp(self) -> FloatArray:
-        """∂p/∂θ, shape (K, P, N), likewise of the momenta."""
+        """∂p/∂θ, shape (K, P, N): the same of the momenta."""
         return self._derived()[:, :, 1, :]
 
     def _derived(self) -> FloatArray:
@@ -167,8 +167,8 @@ class Result:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The record, as `fvi run` writes it to ``summary.json``: inputs as used, version, engine, steps, largest values,
-        errors against the reference, warnings."""
+        """The record of the run, as `fvi run` writes it to ``summary.json``: inputs as used, version, engine, steps, largest
+        values, errors against the reference, warnings."""
         return dict(json.loads(self._record))
 
     def _repr_html_(self) -> str:
@@ -183,7 +183,7 @@ class Result:
 
     @property
     def v(self) -> FloatArray:
-        """Velocities M⁻¹p, shape (K, N).
+        """Velocities M⁻¹p, shape (K, N); NaN at coordinates without mass, whose velocity does not follow from the momentum.
 
         Raises
         ------
@@ -207,20 +207,28 @@ class Result:
         if not hasattr(mass, "tocsc"):
             mass = np.asarray(mass, dtype=np.float64)
         if mass.ndim == 1:
-            return np.asarray(self.p / mass[self.coordinates])
+            chosen = mass[self.coordinates]
+            return np.asarray(np.where(chosen > 0.0, self.p / np.where(chosen > 0.0, chosen, 1.0), np.nan))
         if self.p.shape[1] != mass.shape[0]:
             message = "v: the mass couples coordinates, and some were left out of the result: choose all `coordinates`"
             raise InputError(message, "v", str(self.p.shape))
+        massless = np.asarray(abs(mass).sum(axis=1)).ravel() == 0.0
         if hasattr(mass, "tocsc"):
-            factor = _module("scipy.sparse.linalg", "v").splu(mass.tocsc())
-            return np.asarray(factor.solve(np.ascontiguousarray(self.p.T)).T)
-        return np.asarray(np.linalg.solve(mass, self.p.T).T)
+            sparse = _module("scipy.sparse", "v")
+            regular = mass + sparse.diags(massless.astype(np.float64)) if massless.any() else mass
+            factor = _module("scipy.sparse.linalg", "v").splu(regular.tocsc())
+            velocities = np.asarray(factor.solve(np.ascontiguousarray(self.p.T)).T)
+        else:
+            velocities = np.asarray(np.linalg.solve(mass + np.diag(massless.astype(np.float64)), self.p.T).T)
+        velocities[:, massless] = np.nan
+        return velocities
 
     def __call__(self, t: Any) -> FloatArray:
-        """Positions between the rows, by the cubic polynomials that have their positions and velocities.
+        """Positions between the rows, by cubic Hermite interpolation of positions and velocities.
 
-        Beside the error of the run these have one of (length between rows)⁴; near t = 0, where the motion is not smooth, a larger
-        one. `times` asks the scheme itself.
+        In addition to the error of the run they have an interpolation error of order (distance of rows)⁴, of order 3 at
+        coordinates without mass, whose slopes are differences, and larger near t = 0 where the motion is not smooth. The argument
+        `times` of a run evaluates the scheme's own polynomial instead.
 
         Parameters
         ----------
@@ -244,6 +252,9 @@ class Result:
         if len(self.t) == 1:
             return np.broadcast_to(self.q[0], (*times.shape, self.q.shape[1])).copy()
         v = self.v
+        if np.isnan(v).any():
+            # Coordinates without mass: slopes of the rows.
+            v = np.where(np.isnan(v), np.gradient(self.q, self.t, axis=0, edge_order=min(2, len(self.t) - 1)), v)
         row = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
         length = (self.t[row + 1] - self.t[row])[..., None]
         s = (times - self.t[row])[..., None] / length
@@ -282,8 +293,8 @@ class Result:
 
     @property
     def events(self) -> list[dict[str, Any]]:
-        """What happened, in the order of time: `event`, which of the scenario's events from 0; `rising`; `time`; `position`, `momentum`
-        and `energy` there."""
+        """The events that occurred, in order of time: `event`, index of the event in the scenario, from 0; `rising`; `time`;
+        `position`, `momentum` and `energy` there."""
         return list(self.summary.get("events", []))
 
     @property
@@ -297,7 +308,7 @@ class Result:
         Parameters
         ----------
         axes : sequence of two matplotlib axes, optional
-            Where to draw; without it a new figure is made.
+            Axes to draw in; default: a new figure.
 
         Returns
         -------
@@ -327,7 +338,7 @@ class Result:
         for letter, values in (("q", self.q), ("p", self.p)):
             columns.update({f"{letter}{coordinate}": values[:, column] for column, coordinate in enumerate(self.coordinates)})
         columns["energy"] = self.energy
-        # As in the file: those of one controller behind those of the other.
+        # As in the file: controller by controller.
         several = max((column.shape[1] for column in self.columns.values() if column.ndim == 2), default=0)
         for member in range(several):
             columns.update({f"{name}{member}": column[:, member] for name, column in self.columns.items() if column.ndim == 2})
@@ -361,7 +372,7 @@ def of_arrays(arrays: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArr
 
 
 def ending(known: Mapping[str, Any]) -> tuple[int, str]:
-    """How a run ended by its record: status and message of a result."""
+    """Status and message of a result, from the record of how its run ended."""
     if known["status"] == "completed":
         return 0, f"all {known['steps']} steps were made"
     if known["status"] == "event":
@@ -409,7 +420,8 @@ def _of_directory(path: str) -> Result:
 
 
 def load(path: str | os.PathLike[str]) -> Result:
-    """Reads a result that `Result.save` wrote, or the directory of a run of `fvi run` or with `out`; every number has the same bits.
+    """Reads a result that `Result.save` wrote, or the directory of a run of `fvi run` or with `out`; the numbers are restored bit
+    by bit.
 
     Parameters
     ----------
@@ -423,7 +435,7 @@ def load(path: str | os.PathLike[str]) -> Result:
     Raises
     ------
     InputError
-        If file or directory hold none.
+        If file or directory contains no result.
     OSError
         If it cannot be read.
 
@@ -467,7 +479,7 @@ class Extremal:
     success : bool
         Whether the iteration converged; if not, x is its best iterate.
     message : str
-        The same in words.
+        Description of how it ended.
     summary : dict
         Value of the functional, iterations, residuals.
     """
@@ -501,7 +513,7 @@ class Table(Mapping[str, Any]):
 
     @classmethod
     def of_columns(cls, columns: Mapping[str, Any]) -> Table:
-        """The table of columns that are at hand."""
+        """A table from given columns."""
         table = cls([])
         table._columns = {name: np.asarray(column) for name, column in columns.items()}
         return table

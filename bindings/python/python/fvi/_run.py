@@ -37,37 +37,38 @@ def run(
     accept_other_machine: bool = False,
     **keys: Any,
 ) -> Result:
-    """Runs a scenario, as the program `fvi run` does, and keeps the trajectory in memory.
+    """Runs a scenario, as the program `fvi run` does, and returns the trajectory.
 
     Parameters
     ----------
     scenario : path or dict
-        A scenario file (TOML), or a dictionary with the same keys; NumPy arrays may stand for lists, and what `integrate` takes for
-        what a file can hold: a `Potential`, a force and amplitudes that are functions, `Damping`, `Load`, `Element`, `Event`.
+        A scenario file (TOML), or a dictionary with the same keys; lists may be NumPy arrays, and the objects that `integrate`
+        takes are allowed as well: a `Potential`, functions as force and amplitudes, `Damping`, `Load`, `Element`, `Event`.
     precision : {"f64", "f32"}
-        What to compute in. The arrays are in double precision either way.
+        Precision of the computation. The arrays are in double precision in either case.
     check : bool
-        Whether a step that fails raises `StepError`. If not, the result says so in `success`, `status` and `message`.
+        Whether a step that fails raises `StepError`. If not, `success`, `status` and `message` of the result record it.
     progress : callable, optional
-        Called about ten times a second with the number of steps made and of all steps; a bar of tqdm's serves as well. An exception that it raises stops
-        the run and reaches the caller.
+        Called about ten times a second with the number of steps made and the total number of steps; a tqdm bar is accepted, too.
+        An exception that it raises stops the run and is passed to the caller.
     overrides : mapping, optional
         Values in place of the scenario's, by paths such as ``"system.damping[0].order"``.
     out : path, optional
-        A directory for the files of `fvi run`, the trajectory as NumPy arrays, with checkpoints on the way: a long run that
-        was killed or interrupted can be gone on with.
+        A directory for the files of `fvi run`, the trajectory as NumPy arrays, with checkpoints: a long run that was killed or
+        interrupted can be resumed.
     checkpoint_every : int or str, optional
-        How often a checkpoint is written: a number of steps, a duration such as "30s", or "never". Without it, every minute.
+        How often a checkpoint is written: a number of steps, a duration such as "30s", or "never". Default: every minute.
     resume : bool
-        Whether to go on from the checkpoint in `out`, where there is one. The result is that of an uninterrupted run; with
-        another `end` or number of `steps` the run is carried further.
+        Whether to continue from the checkpoint in `out`, if there is one. The result is that of an uninterrupted run; with
+        another `end` or number of `steps` the run is extended.
     accept_other_machine : bool
-        Whether to go on from a checkpoint of another machine or version, although the last bits may differ.
+        Whether to continue from a checkpoint of another machine or version, although the last bits may differ.
     **keys
-        The same for the keys that one name tells: step, steps, end, engine, kappa, degree, order (of the backward
-        differentiation formula), stages, at, starting, position, momentum, velocity, parameters, every, sensitivities (paths of
-        numbers by which the motion is differentiated, `Result.dq` and `Result.dp`), … `None` leaves the
-        scenario as it is. `tolerance` is that of the engine, but with grid="adaptive" beside it that of the steps. Another `engine` comes with its own settings, those of the scenario's no longer count.
+        Values in place of the scenario's for keys that are identified by a short name: step, steps, end, engine, kappa, degree,
+        order (of the backward differentiation formula), stages, at, starting, position, momentum, velocity, parameters, every,
+        sensitivities (paths of numbers with respect to which the motion is differentiated, `Result.dq` and `Result.dp`), … `None`
+        leaves the scenario as it is. `tolerance` is that of the engine, or together with grid="adaptive" that of the steps. With
+        another `engine` the scenario's settings of its engine are ignored.
 
     Returns
     -------
@@ -84,8 +85,8 @@ def run(
 
     Notes
     -----
-    The arrays hold the numbers of ``trajectory.csv``, bit by bit. The interpreter is released during the run: threads run
-    side by side.
+    The arrays are bit-identical to ``trajectory.csv``. The interpreter lock is released during the run, so that threads run in
+    parallel.
 
     Examples
     --------
@@ -150,7 +151,7 @@ def run_cases(
     overrides: Mapping[str, Any] | None = None,
     **keys: Any,
 ) -> dict[str, Result]:
-    """Runs the load cases of a scenario together, with one factor of the matrices, and keeps their trajectories in memory.
+    """Runs the load cases of a scenario together, with one factorisation of the matrices, and returns their trajectories.
 
     Parameters
     ----------
@@ -192,7 +193,7 @@ def run_cases(
 
 
 def _history_settings(changes: Mapping[str, Any]) -> bool:
-    """Whether the engine comes together with settings of its own."""
+    """Whether settings of the engine are given together with it."""
     return any(path.startswith("history.") and path != "history.engine" and value is not None for path, value in changes.items())
 
 
@@ -211,7 +212,7 @@ def compute(
     standing: _fvi.Standing | None = None,
     junction: Result | None = None,
 ) -> Result:
-    """Runs what `fvi._scenario.source` has made; with a `standing` on from there, where the result `junction` ends."""
+    """Runs the output of `fvi._scenario.source`; with a `standing` it continues from there, where the result `junction` ends."""
     progress = check_progress(progress)
     motions, raised, reached = _fvi.run(
         scenario, engine=engine, precision=precision, progress=progress, terms=functions.terms, prepared=prepared, spent=spent,
@@ -228,7 +229,7 @@ def compute(
 
 
 def _behind(before: Result, result: Result) -> Result:
-    """A result that goes on from another, with the last row there as its first; not where `times` choose the rows."""
+    """A result that continues another one, with the last row of that as its first; not with `times`."""
     scenario = result.summary["scenario"]
     last = before.summary["last"]
     if scenario["output"].get("times"):
@@ -259,13 +260,13 @@ def compute_cases(
     }
     if raised is not None:
         _raise(raised, results)
-    # Steps are common to all cases, and so is what there is to say of them.
+    # The steps are common to all cases, and so are the warnings about them.
     _judge(next(iter(results.values())), check, results)
     return results
 
 
 def check_progress(progress: Any) -> Progress | None:
-    """What hears how far a run is, a bar of tqdm's as a function; refuses anything else."""
+    """The progress function; a tqdm bar is converted to one, anything else is refused."""
     if progress is None or callable(progress):
         return cast(Progress | None, progress)
     if not (callable(getattr(progress, "update", None)) and hasattr(progress, "n")):
@@ -280,7 +281,7 @@ def check_progress(progress: Any) -> Progress | None:
 
 
 def _finish(result: Result, raised: BaseException | None, check: bool) -> Result:
-    """The result, or the error that the run ends with."""
+    """Returns the result, or raises the error with which the run ended."""
     if raised is not None:
         _raise(raised, result)
     _judge(result, check, result)
@@ -298,7 +299,7 @@ def _result(
     mass: Any = None,
     derivatives: FloatArray | None = None,
 ) -> Result:
-    """The result with what its record says of the end; the record itself is read when it is asked for."""
+    """The result with status and message from the record; the whole record is parsed on demand."""
     known = json.loads(end)
     status, message = ending(known)
     warned = tuple(known.get("warnings", ()))
@@ -308,7 +309,7 @@ def _result(
 
 
 def _raise(raised: BaseException, computed: Result | dict[str, Result]) -> NoReturn:
-    """What stopped a run, with what was computed until then."""
+    """Raises the exception that stopped a run, with what was computed until then."""
     try:
         setattr(raised, "result", computed)
     except AttributeError:
@@ -317,7 +318,7 @@ def _raise(raised: BaseException, computed: Result | dict[str, Result]) -> NoRet
 
 
 def _outside() -> int:
-    """How many calls up the caller of the package is."""
+    """Number of stack frames up to the caller of the package."""
     frame, level = sys._getframe(1), 1
     while frame.f_back is not None and frame.f_globals.get("__name__", "").split(".")[0] == "fvi":
         frame, level = frame.f_back, level + 1
@@ -325,7 +326,7 @@ def _outside() -> int:
 
 
 def _judge(result: Result, check: bool, computed: Result | dict[str, Result]) -> None:
-    """Warns of what the record warns of; raises if a step failed."""
+    """Issues the warnings of the record; raises if a step failed."""
     for warning in result._warnings:
         warnings.warn(warning, stacklevel=_outside())
     if check and result.status != 0:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fvi import _arrays
+from fvi import _arrays, _fvi
 from fvi._errors import InputError
 
 Scenario = str | os.PathLike[str] | Mapping[str, Any]
@@ -19,46 +19,12 @@ Scenario = str | os.PathLike[str] | Mapping[str, Any]
 
 SHORT_NAMES = {
     "title": "title",
-    "position": "initial.position",
-    "momentum": "initial.momentum",
-    "velocity": "initial.velocity",
-    "past": "initial.past",
     "scheme": "scheme.kind",
-    "kappa": "scheme.kappa",
-    "degree": "scheme.degree",
-    "quadrature": "scheme.quadrature",
-    "points": "scheme.points",
     "convolution": "convolution.family",
-    "order": "convolution.order",
-    "stages": "convolution.stages",
-    "symbol": "convolution.symbol",
-    "at": "convolution.at",
-    "starting": "convolution.starting",
-    "step": "time.step",
-    "steps": "time.steps",
-    "end": "time.end",
-    "allow_unstable": "time.allow_unstable",
-    "energy_guard": "time.energy_guard",
-    "engine": "history.engine",
-    "tolerance": "history.tolerance",
-    "horizon": "history.horizon",
-    "capacity": "history.capacity",
-    "overflow": "history.overflow",
-    "grid": "time.grid",
-    "start": "time.start",
-    "exponent": "time.exponent",
-    "first": "time.first",
-    "ratio": "time.ratio",
-    "longest": "time.longest",
-    "shortest": "time.shortest",
-    "scale": "time.scale",
-    "must_hit": "time.must_hit",
-    "every": "output.every",
-    "times": "output.times",
-    "coordinates": "output.coordinates",
     "parameters": "system.parameters",
     "sensitivities": "sensitivity.parameters",
-    "memory_energy": "output.memory_energy",
+    # A key that several tables have is that of the first.
+    **{key: f"{table}.{key}" for table, keys in reversed(_fvi.KEYS) for key in keys if key not in ("kind", "family")},
 }
 """Names of arguments, with the keys of a scenario that they stand for."""
 
@@ -104,7 +70,7 @@ EXPRESSIONS = re.compile(
 
 
 class Ready:
-    """A large matrix that has been checked, as the content of a file."""
+    """A checked large matrix, as the content of a file."""
 
     def __init__(self, shape: tuple[int, ...], suffix: str, content: bytes) -> None:
         self.shape = shape
@@ -128,9 +94,10 @@ VECTORS = re.compile(r"(system|case\[\d+\])\.load\[\d+\]\.pattern|initial\.(posi
 
 
 def plain(value: Any, path: str, files: Files) -> Any:
-    """A value with arrays, NumPy's numbers and paths turned into what a file can hold; entries that are None are left out.
+    """A value with arrays, NumPy scalars and paths converted to types that a file can contain; entries that are None are left
+    out.
 
-    Large matrices and vectors become names of files, whose contents go to `files`.
+    Large matrices and vectors are replaced by names of files, whose contents are added to `files`.
     """
     if isinstance(value, Mapping):
         entries = {str(key): entry for key, entry in value.items() if entry is not None}
@@ -181,7 +148,7 @@ def _attach(files: Files, name: str, content: bytes) -> str:
 
 
 def symmetric(name: str, given: Any) -> Any:
-    """A matrix that is symmetric to rounding, as its symmetric part; the diagonal, where that is all there is."""
+    """The symmetric part of a matrix that is symmetric to rounding; for a diagonal matrix its diagonal."""
     if isinstance(given, Ready):
         return given
     if _arrays.is_sparse(given):
@@ -198,7 +165,7 @@ def symmetric(name: str, given: Any) -> Any:
         if bool((entries.row == entries.col).all()) and name == "mass":
             return _arrays.numbers(name, given.diagonal())
         if given.shape[0] > SEVERAL:
-            # The reader of files does as is done below.
+            # The reader of files does the same as the code below.
             return given
         given = _arrays.numbers(name, given.toarray())
     if given.ndim == 1:
@@ -222,7 +189,8 @@ FEW = 0.125
 
 
 def _by_its_entries(name: str, given: Any) -> Any:
-    """A full matrix; one of some rows with few entries as the content of a file, whose step has a sparse factor then."""
+    """A full matrix; if it is large and has few nonzero entries, as the content of a file, so that the step is solved with a
+    sparse factor."""
     size = given.shape[0]
     if not SEVERAL < size <= MANY or np.count_nonzero(given) > FEW * size * size:
         return given
@@ -230,7 +198,7 @@ def _by_its_entries(name: str, given: Any) -> Any:
 
 
 def ready(name: str, given: Any, size: int | None) -> Any:
-    """A matrix as it goes over; a large one as the content of a file, for any number of runs."""
+    """A matrix in the form passed to the compiled part; a large one as the content of a file, for any number of runs."""
     matrix = symmetric(name, _arrays.matrix(name, given, size))
     if _arrays.is_sparse(matrix):
         if matrix.shape[0] > SEVERAL:
@@ -271,7 +239,7 @@ def put(scenario: dict[str, Any], path: str, value: Any) -> None:
 
 
 def source(scenario: Scenario, changes: Mapping[str, Any], name: str = "scenario") -> Any:
-    """What the compiled half takes: a path, or name, directory, keys and files at hand."""
+    """The source for the compiled part: a path, or name, directory, keys and contents of files."""
     changes = {path: value for path, value in changes.items() if value is not None}
     files: Files = {}
     if isinstance(scenario, Mapping):
@@ -288,7 +256,7 @@ def source(scenario: Scenario, changes: Mapping[str, Any], name: str = "scenario
         try:
             keys = tomllib.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError):
-            # What is wrong with the file is better said by the reader that shows places.
+            # The compiled reader reports errors with their places in the file.
             return path
         name, directory = str(path), path.parent
     for path_of_key, value in changes.items():
@@ -297,12 +265,12 @@ def source(scenario: Scenario, changes: Mapping[str, Any], name: str = "scenario
 
 
 def is_adaptive(grid: Any) -> bool:
-    """Whether steps are chosen on the way, so that `tolerance` is theirs and not that of an engine."""
+    """Whether steps are adaptive, so that `tolerance` is that of the steps and not of an engine."""
     return isinstance(grid, str) and grid == "adaptive"
 
 
 def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any]) -> dict[str, Any]:
-    """Changes by the paths of their keys."""
+    """Changes given by short names or paths, as a dictionary by paths."""
     changes = {}
     for name, value in short.items():
         if name not in SHORT_NAMES:
@@ -318,7 +286,7 @@ def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any]) -> di
             # The points themselves.
             changes["time.points"], value = value, "points"
         if name == "convolution" and isinstance(value, str) and value == "trapezoidal":
-            # As `weights` and `Memory` call it.
+            # The name used by `weights` and `Memory`.
             changes["convolution.symbol"] = value
             continue
         if name == "tolerance" and is_adaptive(short.get("grid")):

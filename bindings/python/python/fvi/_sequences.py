@@ -1,4 +1,4 @@
-"""Fractional derivatives of samples, and the weights that make them."""
+"""Fractional derivatives of samples, and convolution-quadrature weights."""
 
 from __future__ import annotations
 
@@ -41,23 +41,23 @@ def derivative(
     axis : int
         The axis of time.
     quadrature : {"bdf1", …, "bdf6"}
-        The backward differentiation formula behind the convolution quadrature; "bdf1" gives the Grünwald–Letnikov sum.
+        The backward differentiation formula of the convolution quadrature; "bdf1" gives the Grünwald–Letnikov sum.
     start : {"caputo", "riemann-liouville"}
-        What the derivative acts on: x(t) − x(0) (for an order above 1, x(t) − x(0) − x'(0) t), or x itself. Integrals have one
-        form.
+        The function that the derivative acts on: x(t) − x(0) (for an order above 1, x(t) − x(0) − x'(0) t), or x itself. For
+        integrals there is no difference.
     slope : array_like, optional
-        x'(0) for "caputo" and an order above 1, a number for each sequence. Without it the derivative at t = 0 of the polynomial
-        through the first p + 1 samples serves, p that of the quadrature.
+        x'(0) for "caputo" and an order above 1, a number for each sequence. Default: the derivative at t = 0 of the polynomial
+        through the first p + 1 samples, with p the order of the quadrature.
     starting : sequence of float, optional
-        Exponents ν for which starting weights make t^ν exact, from as many samples on as there are exponents; without them the
-        formula of order p has its order where x begins like t^p or smoother.
+        Exponents ν for which starting weights make t^ν exact, beginning with the sample whose index is the number of exponents.
+        Without them the formula of order p has its full order only if x begins like t^p or smoother.
     engine : str, optional
-        The memory engine; without it, the fastest that is exact to rounding.
+        The memory engine; default: the fastest that is exact to rounding.
 
     Returns
     -------
     ndarray
-        As many numbers as `x` has, in its shape.
+        The derivative, in the shape of `x`.
 
     Raises
     ------
@@ -66,11 +66,13 @@ def derivative(
 
     Notes
     -----
-    (D x)_k = Σ_{n=0}^{k} w_n x_{k−n} with the weights of `weights` [Lubich86], in O(K) operations for K samples beyond 16 384.
-    Its rounding is that of the plain sum, a few u Σ |w_n||x_{k−n}|, for any samples; that of a transform is relative to the largest of them.
+    (D x)_k = Σ_{n=0}^{k} w_n x_{k−n} with the weights of `weights` [Lubich86], in O(K) operations if the number of samples K is
+    above 16 384. The rounding error is that of the plain sum, a few u Σ |w_n||x_{k−n}|, whereas that of a transform is relative
+    to the largest sample.
 
     Over the first samples the error is that of the quadrature, whatever the step: the half derivative of t begins with √h in place of
-    2 √(h/π), 11 % too small, by "bdf1", and is right to 1.3 % at the tenth sample. `starting` takes it away for the powers that it names.
+    2 √(h/π), 11 % too small, by "bdf1", and has an error of 1.3 % at the tenth sample. `starting` removes it for the given
+    powers.
 
     Examples
     --------
@@ -94,7 +96,7 @@ def derivative(
     keys = None
     if isinstance(order, Kernel):
         keys = keys_of("order", order)
-        # What it does for large s says what Caputo's form leaves out.
+        # The growth for large s determines which terms Caputo's form subtracts.
         order, *_ = _fvi.kernel_facts(keys)
     else:
         order = _arrays.real("order", order)
@@ -169,7 +171,7 @@ def weights(
     step : float
         h > 0.
     count : int
-        How many.
+        Number of weights.
     order : int
         Order of the backward differentiation formula, 1 to 6.
     family : {"bdf", "trapezoidal", "radau-iia", "lobatto-iiic"}
@@ -180,7 +182,7 @@ def weights(
     Returns
     -------
     ndarray, shape (count,) or (count, stages, stages)
-        Each weight is right to rounding.
+        Each weight is accurate to rounding.
 
     Examples
     --------

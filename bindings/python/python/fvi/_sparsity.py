@@ -1,4 +1,4 @@
-"""Hessians on a pattern of places: given as sparse matrices, or by differences of the gradient."""
+"""Hessians on a sparsity pattern: given as sparse matrices, or by differences of the gradient."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fvi._types import FloatArray
 
 
 class Pattern:
-    """Places of a symmetric matrix of N rows, in the order of rows; each has its mirror image."""
+    """Sparsity pattern of a symmetric matrix of N rows: structural nonzeros in row order, with both triangles."""
 
     def __init__(self, size: int, rows: Any, columns: Any) -> None:
         both = np.concatenate([rows, columns]).astype(np.int64), np.concatenate([columns, rows]).astype(np.int64)
@@ -22,7 +22,7 @@ class Pattern:
         self.mirrored = np.searchsorted(keys, self.columns * size + self.rows)
 
     def numbers(self, name: str, matrix: Any) -> FloatArray:
-        """One number for each place, of a matrix that has no others."""
+        """The values at the structural nonzeros, of a matrix without other nonzeros."""
         shape = (self.size, self.size)
         if np.shape(matrix) != shape:
             message = f"{name} has returned numbers in shape {np.shape(matrix)}; {shape} is needed"
@@ -42,7 +42,7 @@ class Pattern:
         return numbers
 
     def _place(self, name: str, rows: Any, columns: Any, data: Any) -> Any:
-        """The places of entries; −1 where there is none and the entry is zero."""
+        """Indices of entries in the pattern; −1 for zero entries outside of it."""
         keys = np.asarray(rows, dtype=np.int64) * self.size + columns
         places = np.minimum(np.searchsorted(self.keys, keys), max(len(self.keys) - 1, 0))
         known = self.keys[places] == keys if len(self.keys) else np.zeros(len(keys), dtype=bool)
@@ -57,7 +57,7 @@ class Pattern:
         return np.where(known, places, -1)
 
     def groups(self) -> list[Any]:
-        """Columns that share no row, group by group. Source: Curtis, Powell, Reid (1974)."""
+        """Groups of columns without common rows. Source: Curtis, Powell, Reid (1974)."""
         ends = np.searchsorted(self.rows, np.arange(self.size + 1))
         neighbours = [self.columns[ends[row] : ends[row + 1]].tolist() for row in range(self.size)]
         group = [-1] * self.size
@@ -72,7 +72,7 @@ class Pattern:
 
 
 class SparseHessian:
-    """∂²U/∂q² by the numbers of its places."""
+    """∂²U/∂q² by its values on a pattern."""
 
     def __init__(self, pattern: Pattern, potential: Any, name: str) -> None:
         self.pattern, self.potential, self.name = pattern, potential, name
@@ -84,7 +84,7 @@ class SparseHessian:
         if self.groups is None:
             return pattern.numbers(f"{self.name}.hessian", potential.hessian(position))
         lengths = np.sqrt(np.finfo(float).eps) * np.maximum(np.abs(position), 1.0)
-        # What is really added.
+        # The changes after rounding.
         lengths = (position + lengths) - position
         name = f"{self.name}.gradient"
         base = _arrays.returned(name, potential.gradient(position.copy()))
@@ -101,7 +101,7 @@ class SparseHessian:
 
 
 def sparse_hessian(potential: Any, position: FloatArray, name: str) -> SparseHessian | None:
-    """The Hessian of a potential on its pattern; `None` where nothing says that it is sparse."""
+    """The Hessian of a potential on its pattern; `None` where it is not known to be sparse."""
     size = len(position)
     if potential.pattern is not None:
         given = potential.pattern

@@ -1,4 +1,4 @@
-"""Studies: orders of convergence, engines side by side, two-point problems."""
+"""Studies: orders of convergence, comparison of engines, two-point problems."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def converge(
     levels : (int, int)
         First and last level i: the time of the scenario is cut into `intervals`·2^i steps.
     intervals : int
-        Parts that every grid respects, so that jumps between them stay on the grid.
+        Number of intervals of the coarsest grid (level 0); their ends, such as the times of jumps, are points of every grid.
     from_time : float
         Errors count from this time on: next to a singular start they are larger than the order promises.
     engine, progress, overrides, **keys
@@ -42,7 +42,7 @@ def converge(
     Returns
     -------
     Table
-        Columns level, steps, step, then error and order of position, momentum and energy (NaN where nothing is known),
+        Columns level, steps, step, then error and order of position, momentum and energy (NaN where there is no reference),
         seconds, failure.
 
     Examples
@@ -78,16 +78,16 @@ def compare_engines(
     exponent: float | Sequence[float] = 0.5,
     repetitions: int | None = None,
 ) -> Table:
-    """The memory engines side by side: agreement with the plain sum, time per step, bytes.
+    """Compares the memory engines: agreement with the plain sum, time per step, bytes.
 
     Parameters
     ----------
     lengths : sequence of int
         Numbers of steps.
     order, exponent : number or sequence of numbers
-        Orders of the backward differentiation formula, each with every exponent.
+        Orders of the backward differentiation formula, and exponents; every combination is measured.
     repetitions : int, optional
-        Timed runs of each engine.
+        Number of timed runs of each engine.
 
     Returns
     -------

@@ -28,46 +28,46 @@ def sweep(
     precision: str = "f64",
     progress: Progress | None = None,
 ) -> Any:
-    """Makes the runs of a sweep, as the program `fvi sweep` does: on the cores of this machine, or on a cluster of Dask's.
+    """Makes the runs of a sweep, as the program `fvi sweep` does: on the cores of this machine, or on a Dask cluster.
 
     Parameters
     ----------
     sweep : path or dict
         A sweep file (TOML), or a dictionary with the same keys: `scenario`, a path or a dictionary as in `run`; `axes`, values of
         the scenario's keys by their paths, as lists, arrays, or ranges such as ``{"from": 0.1, "to": 1.9, "count": 37}``;
-        `sampling`; `keep`. A dictionary may have functions in it, as in `run`, where the runs are made here and not kept: on threads
-        of this process, one of which at a time holds the interpreter.
+        `sampling`; `keep`. A dictionary may contain functions, as in `run`, if the runs are made in this process and `out` is not
+        used; only one thread at a time then executes Python code.
     client : dask.distributed.Client, optional
-        The cluster that makes the runs; every worker needs the package fvi in the same version, and none needs to see a file.
-        Workers may leave and come at any time, and the connection to the scheduler may be lost for a while: this costs time and
-        no result.
+        The cluster that makes the runs; every worker needs the same version of the package fvi, but no access to files. Workers
+        may leave and join at any time, and the connection to the scheduler may be lost for a while; this costs time but no
+        results.
     out : path, optional
-        A directory for the files of `fvi sweep`, apart from its pictures: ``results.csv``, ``results.npz`` and the records of what is
-        done. The same call goes on after an interruption, and so does `fvi sweep`. Without it nothing is kept on the disk.
+        A directory for the files of `fvi sweep`, apart from its pictures: ``results.csv``, ``results.npz`` and the records of the
+        runs done. The same call, or `fvi sweep`, continues after an interruption. Without `out` nothing is kept on the disk.
     jobs : int, optional
-        Threads of this machine; one for each core without it.
+        Threads on this machine; default: one for each core.
     shard : str, optional
-        "I/COUNT": the part of the runs that this process makes; together with `out`.
+        "I/COUNT": the part of the runs that this process makes; requires `out`.
     gather : bool
         Whether to join the shards in `out` to the table, and make no runs.
     precision : {"f64", "f32"}
-        What to compute in.
+        Precision of the computation.
     progress : callable, optional
-        Called about ten times a second with the number of runs that are done and of all. An exception that it raises stops the
-        sweep and reaches the caller.
+        Called about ten times a second with the number of runs done and their total number. An exception that it raises stops the
+        sweep and is passed to the caller.
 
     Returns
     -------
     pandas.DataFrame, or Table where pandas is not installed
-        A row for each run in the order of the axes, the last of which goes round fastest: run, the values of the axes, status
+        A row for each run in the order of the axes, the last of which varies fastest: run, the values of the axes, status
         ("completed", "failed" or "refused"), steps, the quantities of `keep`, message.
 
     Raises
     ------
     InputError
-        If the sweep or its scenario cannot be used. A run that fails is no error but a row.
+        If the sweep or its scenario cannot be used. A failing run is not an error but a row.
     KeyboardInterrupt
-        On Ctrl-C; the rows until then are in its attribute `result`.
+        On Ctrl-C; the rows so far are in its attribute `result`.
 
     Examples
     --------
@@ -128,7 +128,7 @@ def sweep(
         except InputError:
             raise
         except BaseException as error:
-            # What stops a sweep on the way takes the rows along.
+            # An exception that stops a sweep carries the rows so far.
             try:
                 setattr(error, "result", _table(plan.rows(directory, shard, False)))
             except Exception:
@@ -138,7 +138,7 @@ def sweep(
 
 
 def _plan(given: Scenario, precision: str, local: bool) -> _fvi.Sweep:
-    """The sweep, read and checked; a `local` one may have functions."""
+    """The sweep, read and checked; only a `local` one may contain functions."""
     if not isinstance(given, Mapping):
         try:
             return _fvi.Sweep(Path(given), None, precision)

@@ -1,4 +1,4 @@
-"""What systems consist of: terms given by expressions, arrays and functions."""
+"""The terms of a system, given by expressions, arrays and functions."""
 
 from __future__ import annotations
 
@@ -30,11 +30,12 @@ class Potential:
     gradient : callable
         ∇U(q), N numbers.
     hessian : callable, optional
-        ∂²U/∂q², N×N numbers or a sparse matrix of SciPy's. Without it differences of the gradient serve, one call more for each
-        coordinate, or with a `pattern` a few calls; the result is the same to rounding, since Newton's method corrects for them.
+        ∂²U/∂q², N×N numbers or a sparse SciPy matrix. Default: differences of the gradient, with one further call for each
+        coordinate, or with a `pattern` a few calls. The result is the same to rounding, since only the convergence of Newton's
+        method depends on it.
     pattern : sparse matrix or array_like, optional
-        Where ∂²U/∂q² may have entries that are not zero: those of this matrix, and their mirror images. Without it a sparse
-        `hessian` says so where the run begins. Systems of more than 32 coordinates then stay sparse.
+        Sparsity pattern of ∂²U/∂q²: the nonzero entries of this matrix and their mirror images. Default: the pattern of a sparse
+        `hessian` at the start of the run. With it systems of more than 32 coordinates stay sparse.
     """
 
     value: Function
@@ -50,20 +51,19 @@ class Force:
     Parameters
     ----------
     value : callable
-        F(t, q, v), N numbers; or F(t, q), or F(t), if that is all that it needs: parameters with defaults are its own.
+        F(t, q, v), N numbers; or F(t, q), or F(t). Parameters with default values are not counted.
     jacobian : callable, optional
-        ∂F/∂q, N×N numbers, as a function of t and q, or of t, q and v as `value` is. Without it differences of the force serve,
-        where it takes a position.
+        ∂F/∂q, N×N numbers, with the same arguments as `value`. Default: differences of the force, if it depends on the position.
     velocity_jacobian : callable, optional
-        ∂F/∂v, N×N numbers, entry (i, j) = ∂F_i/∂v_j, as a function of t, q and v. Without it differences of the force serve.
+        ∂F/∂v, N×N numbers, entry (i, j) = ∂F_i/∂v_j, as a function of t, q and v. Default: differences of the force.
 
     Notes
     -----
-    The velocity is that of the scheme's polynomial where it looks at the force, of a stage with collocation; every scheme keeps
-    its order. The matrix of a step is full with a force that takes a position.
+    The velocity is that of the scheme's polynomial at the node where the force is evaluated, with collocation that of the stage;
+    every scheme keeps its order. With a force that depends on the position the matrix of a step is full.
 
-    At a grid point a force is asked for within rounding of the time, on the side of the step that asks: a force that jumps at
-    a grid point, such as ``8.0*(t <= 1.0)``, jumps between two steps.
+    At a grid point a force is evaluated at a time that differs from it by rounding, on the side of the current step: a force that
+    jumps at a grid point, such as ``8.0*(t <= 1.0)``, jumps between two steps.
     """
 
     value: Function
@@ -82,13 +82,13 @@ class Damping:
     coefficient : array_like or sparse matrix, optional
         ρ: a diagonal or a symmetric positive semidefinite matrix.
     derivative : {"caputo", "riemann-liouville"}
-        What the derivative acts on.
+        The function that the derivative acts on, as in `fvi.derivative`.
     attached, strength : array_like or sparse matrix, optional
         In place of `coefficient`: B, N rows and one column for each damper, and their strengths c ≥ 0; ρ = B diag(c) Bᵀ.
     kernel : Kernel, optional
-        K in place of `order`.
+        K(s), in place of `order`.
     allow_active : bool
-        Whether a kernel that is not passive is taken.
+        Whether a kernel that is not passive is allowed.
     """
 
     order: float | None = None
@@ -118,14 +118,14 @@ class Load:
 
 @dataclass(frozen=True)
 class Element:
-    """A potential of a few coordinates that acts in many places.
+    """A potential of a few coordinates that is repeated for many sets of coordinates.
 
     Parameters
     ----------
     potential : str
         An expression in x0, x1, … and the parameters.
     coordinates : array_like of int, shape (E, n)
-        For each place the coordinates that x0, x1, … stand for.
+        For each repetition, the coordinates that x0, x1, … stand for.
     """
 
     potential: str
@@ -134,7 +134,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Event:
-    """Where a function of the motion passes zero.
+    """A zero crossing of a function of the motion.
 
     Parameters
     ----------
@@ -142,9 +142,9 @@ class Event:
         An expression in t, q0, q1, … and the parameters; with scheme="collocation" in p0, p1, … too. Or a function of (t, q), with
         collocation of (t, q) or (t, q, p), that returns a number.
     direction : {"both", "rising", "falling"}
-        Which passages count.
+        Direction of the zero crossings that count.
     action : {"record", "stop"}
-        Whether the run goes on.
+        Whether the run continues, or ends at the event.
     """
 
     when: str | Function
@@ -153,7 +153,7 @@ class Event:
 
 
 class Terms(NamedTuple):
-    """What the compiled half calls."""
+    """The functions that the compiled part calls."""
 
     value: Function | None
     gradient: Function | None
@@ -167,7 +167,7 @@ class Terms(NamedTuple):
 
 
 def parameters_without_default(function: Function) -> int | None:
-    """How many arguments a function asks for; `None` where that cannot be told, or it takes any number."""
+    """Number of parameters of a function without default; `None` where it cannot be determined, or is arbitrary."""
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):
@@ -180,7 +180,7 @@ def parameters_without_default(function: Function) -> int | None:
 
 def takes_position(function: Function) -> bool:
     """Whether a force is a function of time and position, or of time alone."""
-    # A second parameter that has a default, as in ``lambda t, a=a: …``, is the function's own.
+    # A second parameter that has a default, as in ``lambda t, a=a: …``, does not count.
     asked = parameters_without_default(function)
     return asked is None or asked > 1
 
@@ -188,7 +188,7 @@ def takes_position(function: Function) -> bool:
 def terms_of(
     potential: str | Potential | None, force: str | Sequence[str] | Function | Force | None, name: str = ""
 ) -> tuple[list[str], Terms, list[str] | None]:
-    """Expressions of the potential, functions, expressions of the force. `name` is what the places of errors begin with."""
+    """Expressions of the potential, functions, expressions of the force. `name` is the prefix of places in error messages."""
     texts: list[str] = []
     value = gradient = hessian = push = jacobian = velocity_jacobian = None
     of_position = of_velocity = False
@@ -233,7 +233,7 @@ def terms_of(
 
 
 def on_its_pattern(terms: Terms, potential: Any, position: Any, name: str = "") -> Terms:
-    """The functions with a Hessian on its pattern, where that is known and leaves the system sparse."""
+    """The functions with a Hessian on its pattern, if that is known and the system is solved as a sparse one."""
     if not isinstance(potential, Potential) or terms.takes_position or len(position) <= SEVERAL:
         return terms
     hessian = sparse_hessian(potential, position, f"{name}potential")
@@ -270,8 +270,8 @@ def loads_of(
     files: Files,
     driven: list[tuple[str, Any, Function]] | None = None,
 ) -> list[dict[str, Any]]:
-    """The entries of loads under a key of the scenario; the records of their amplitudes go to `files`, patterns with amplitudes
-    that are functions to `driven`."""
+    """The entries of loads for a key of the scenario; records of their amplitudes are added to `files`, patterns whose amplitudes
+    are functions to `driven`."""
     loads: list[dict[str, Any]] = []
     for index, load in enumerate(_arrays.several(argument, given, (Load, Mapping), "a fvi.Load")):
         place = f"{argument}[{index}]"
@@ -310,7 +310,7 @@ def loads_of(
 
 
 def _record(name: str, given: Sequence[Any]) -> bytes:
-    """Times and values as the file of a record."""
+    """Times and values as the content of a CSV file."""
     if len(given) != 2:
         raise InputError(f"{name}: {len(given)} entries instead of times and values", name, str(len(given)))
     times, values = (_arrays.numbers(f"{name}[{index}]", column) for index, column in enumerate(given))
@@ -344,7 +344,7 @@ Watched = list[Function | None]
 
 
 def events_of(given: Any, argument: str, collocation: bool) -> tuple[list[dict[str, Any]], Watched]:
-    """Events as a scenario has them, and their functions."""
+    """Events as entries of a scenario, and their functions."""
     entries, watched = [], Watched()
     for index, event in enumerate(_arrays.several(argument, given, (Event, Mapping), "a fvi.Event")):
         place = f"{argument}[{index}]"
@@ -355,7 +355,7 @@ def events_of(given: Any, argument: str, collocation: bool) -> tuple[list[dict[s
         event = dict(event)
         function = None
         if callable(when := event.get("when")):
-            # Any expression stands for it.
+            # A placeholder expression for the function.
             event["when"], function = "t - 1", _watched(when, f"{place}.when", collocation)
         entries.append(event)
         watched.append(function)
@@ -363,7 +363,7 @@ def events_of(given: Any, argument: str, collocation: bool) -> tuple[list[dict[s
 
 
 def _watched(when: Function, place: str, collocation: bool) -> Function:
-    """A function of (t, q, p) of one that may ask for less."""
+    """A function of (t, q, p) from one that may have fewer parameters."""
     asked = parameters_without_default(when)
     if asked == 3 and not collocation:
         message = (
@@ -402,7 +402,7 @@ def damping_of(given: Any, size: int, argument: str = "damping") -> list[dict[st
 
 
 class Functions(NamedTuple):
-    """What of a scenario are functions."""
+    """The functions contained in a scenario."""
 
     terms: Terms | None = None
     events: Watched = []
@@ -412,8 +412,8 @@ class Functions(NamedTuple):
 
 
 def out_of(scenario: Mapping[str, Any]) -> tuple[dict[str, Any], Functions, Files]:
-    """A scenario's dictionary with what `integrate` takes in place of what a file can hold, its functions taken out, and the
-    records of its loads."""
+    """Splits a scenario's dictionary that contains objects of `integrate`: the dictionary without functions, the functions, and
+    the records of its loads."""
     scenario = dict(scenario)
     system = scenario.get("system")
     files: Files = {}
@@ -470,7 +470,7 @@ def out_of(scenario: Mapping[str, Any]) -> tuple[dict[str, Any], Functions, File
 
 
 def _has(given: Any, kind: type, key: str = "") -> bool:
-    """Whether there is one of the package's objects among the entries, or a dictionary with what no file can hold under a key."""
+    """Whether the entries contain an object of the package, or a dictionary with a value that no file can contain."""
     if isinstance(given, (kind, Mapping)):
         given = [given]
     if not isinstance(given, Iterable):

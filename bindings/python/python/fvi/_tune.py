@@ -20,23 +20,23 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Tuning:
-    """A tuned controller, and what comes of it.
+    """A tuned controller, with margins and responses of its loop.
 
     Attributes
     ----------
     kp, ki, lam, kd, mu : float
-        Gains and orders; of the series form ki = kp/T_i and kd = kp T_d, which `record` has by themselves.
+        Gains and orders; of the series form ki = kp/T_i and kd = kp T_d; `record` also contains T_i and T_d.
     margins, sampled_margins : dict
         `gain_margin`, `gain_reduction`, `phase_margin` (degrees), `delay_margin`, `gain_crossovers`, `phase_crossovers`,
-        `ms`, `ms_at`, `mt`, `mt_at`; of the loop in continuous time, and of the one that ticks.
+        `ms`, `ms_at`, `mt`, `mt_at`; of the loop in continuous time, and of the sampled one.
     record : dict
-        All that the program's `tune.json` says.
+        The content of the program's `tune.json`.
     controller : str
         `[controller]` of a scenario, as TOML.
     omega : ndarray, shape (W,)
         Angular frequencies.
     plant, loop, sampled_loop : ndarray, shape (W,)
-        P, L = C P, and the L of the loop that ticks, NaN above π/sample.
+        P, L = C P, and L of the sampled loop, NaN above π/sample.
     t, step, control, load : ndarray, shape (K,)
         Times, the measured value and the output after a unit step of the setpoint, and the measured value after one of
         a load at the plant's input; of the loop in continuous time.
@@ -62,7 +62,7 @@ class Tuning:
 
 
 def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None, **keys: Any) -> Tuning:
-    """Gains and orders of a controller for a plant, as the program `fvi tune` finds them.
+    """Tunes gains and orders of a controller for a plant, as the program `fvi tune` does.
 
     Parameters
     ----------

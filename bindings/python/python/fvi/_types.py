@@ -1,4 +1,4 @@
-"""Types of arrays that several modules name."""
+"""Array types that several modules use."""
 
 from __future__ import annotations
 

@@ -18,13 +18,13 @@ const CLOCKS_PER_TICK: u32 = 25_000;
 
 static LOOP: Mutex<RefCell<Option<Running>>> = Mutex::new(RefCell::new(None));
 
-/// The loop and what was seen of it.
+/// The loop and its statistics.
 struct Running {
     control_loop: ControlLoop,
     printed: [Option<Tick>; (TICKS / PRINTED) as usize],
     worst_clocks: u32,
     total_clocks: u64,
-    /// Ticks that were not done when the next was due.
+    /// Number of ticks that had not ended when the next one was due.
     overruns: u32,
     refusal: Option<Refusal>,
 }
@@ -45,7 +45,7 @@ impl Running {
             }
             Err(refusal) => self.refusal = Some(refusal),
         }
-        // The timer counts down from the tick on.
+        // The timer counts down from the beginning of the tick.
         let clocks = CLOCKS_PER_TICK - 1 - SYST::get_current();
         self.worst_clocks = self.worst_clocks.max(clocks);
         self.total_clocks += u64::from(clocks);

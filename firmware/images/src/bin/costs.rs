@@ -1,4 +1,4 @@
-//! Prints what memories and steppers cost: instructions per step, bytes, stack.
+//! Prints the costs of memories and steppers: instructions per step, bytes, stack.
 #![no_std]
 #![no_main]
 
@@ -25,12 +25,12 @@ use scenarios::oustaloup::Oustaloup;
 use scenarios::tables::axis::{AXIS_DERIVATIVE, AXIS_INTEGRAL, axis_law};
 use scenarios::tables::{DAMPING, ENDLESS, JITTER_DAMPING};
 
-/// Steps that are measured; two tiles, so that every place in a tile occurs.
+/// Number of steps measured; two tiles, so that every position in a tile occurs.
 const MEASURED: usize = 16;
 
 static WEIGHTS: [f32; 1025] = monic_bdf_table_f32(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
 
-/// Products of a step of the exponential sum, and bytes of its table.
+/// Number of products of a step of the exponential sum (`PRODUCTS`), and bytes of its table.
 const PRODUCTS: usize = DAMPING.head.len() + DAMPING.exponentials.len();
 const TABLE_BYTES: usize = 4 * PRODUCTS;
 
@@ -40,7 +40,7 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    /// `ram` is what the state takes, `table` what may lie in flash.
+    /// `ram`: bytes of the state; `table`: bytes that may be stored in flash.
     fn row(
         &mut self,
         name: impl Display,
@@ -51,11 +51,11 @@ impl Bench<'_> {
         stack: usize,
     ) {
         let (mean, worst) = (steps.mean(), steps.worst());
-        // Nothing is left to do if the debugger does not listen.
+        // Errors are ignored: without a debugger there is no other output.
         let _ = writeln!(self.out, "{name},{mean:.1},{worst},{products},{ram},{table},{stack}");
     }
 
-    /// A memory that holds as much as it will: `next_term` and `push` together.
+    /// Measures a memory filled to its final size: `next_term` and `push` together.
     #[inline(always)]
     fn memory<M: Memory<f32>>(
         &mut self,
@@ -99,7 +99,7 @@ impl Bench<'_> {
 
     fn direct<const C: usize, const H: usize>(&mut self) -> Result<(), Refused> {
         let memory = FixedDirect::<f32, C, H>::short_memory(&WEIGHTS[..=H], 1.0).map_err(|_| Refused)?;
-        // One and a half times around: the history lies in two slices.
+        // One and a half revolutions, so that the history is in two slices.
         self.memory(format_args!("direct {H} x {C}"), memory, H, H + H / 2);
         Ok(())
     }
@@ -166,7 +166,7 @@ impl Bench<'_> {
         self.stepper::<N, _, _>("direct 256", main, Self::term(ring)?, 300, 4 * 257)
     }
 
-    /// The memory for steps of any length, which tick at one rate or come early and late.
+    /// Measures the memory for steps of any length, with equal and with varying steps.
     fn any_step(&mut self) -> Result<(), Refused> {
         const STATE: usize = JITTER_DAMPING.state_len(1, 1);
         const RATES: usize = JITTER_DAMPING.rates.len();
@@ -207,7 +207,7 @@ impl Bench<'_> {
         self.row(format_args!("Oustaloup {S}"), steps, 3 * S, size_of_val(&filter), 0, stack);
     }
 
-    /// A table without an end, whose slowest sums have three parts.
+    /// Measures a table without a horizon, whose slowest sums are stored in three parts.
     fn endless(&mut self) -> Result<(), Refused> {
         const STATE: usize = ENDLESS.state_len(1);
         let memory = ExponentialSum::new(ENDLESS, 1.0, 1, [0.0f32; STATE]).map_err(|_| Refused)?;
@@ -220,7 +220,7 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// I^0.5 as the integral of D^0.5.
+    /// Measures I^0.5 as the integral of D^0.5.
     fn integral(&mut self) -> Result<(), Refused> {
         const STATE: usize = DAMPING.state_len(1);
         let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 1e-3).map_err(|_| Refused)?;
@@ -241,8 +241,8 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// A fractional PID controller with limits, back-calculation and a filter; half of its ticks are at a
-    /// limit. Its law is one that loops share.
+    /// Measures a fractional PID controller with limits, back-calculation and a filter; half of its ticks are
+    /// at a limit. Its law is shared by reference.
     fn controller(&mut self) -> Result<(), Refused> {
         let law = axis_law().map_err(|_| Refused)?;
         let kernel = law.integral_kernel().map_err(|_| Refused)?;

@@ -1,4 +1,4 @@
-//! The control loop whose ticks come up to a fifth early or late.
+//! The control loop with ticks up to a fifth of the interval early or late.
 #![no_std]
 #![no_main]
 

@@ -1,5 +1,5 @@
-//! The control loop of the image `control_loop`, reset three times on the way: each time it saves its state
-//! to RAM that a reset does not touch, resets the processor, and goes on from there.
+//! The control loop of the image `control_loop`, reset three times during the run: each time it saves its
+//! state to RAM that a reset leaves unchanged, resets the processor, and continues from the saved state.
 #![no_std]
 #![no_main]
 
@@ -15,22 +15,22 @@ use scenarios::control_loop::{ControlLoop, TICKS};
 /// Ticks between two resets.
 const LIFE: u32 = 270_001;
 
-/// Words that a state may take.
+/// Largest number of words of a state.
 const ROOM: usize = 1024;
 
-/// What the first word is while a state is kept.
+/// Value of the first word while a state is stored.
 const MARK: u32 = 0x6676_6921;
 
-/// RAM that the start-up code leaves as it is: mark, number of bytes, checksum, and the state.
+/// RAM that the start-up code does not initialise: mark, number of bytes, checksum, and the state.
 #[unsafe(link_section = ".uninit.kept")]
 static KEPT: [AtomicU32; 3 + ROOM] = [const { AtomicU32::new(0) }; 3 + ROOM];
 
-/// FNV-1a: bits that change while the power is away would be found by it.
+/// FNV-1a checksum, which detects bits that have changed during a power failure.
 fn checksum(bytes: &[u8]) -> u32 {
     bytes.iter().fold(0x811c_9dc5, |hash, &byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
 }
 
-/// The state that was kept over the reset, if there was one.
+/// The state stored before the reset, if there is one.
 fn recall(bytes: &mut [u8; 4 * ROOM]) -> Option<&[u8]> {
     let [mark, length, sum, state @ ..] = &KEPT;
     if mark.swap(0, Relaxed) != MARK {
@@ -43,7 +43,7 @@ fn recall(bytes: &mut [u8; 4 * ROOM]) -> Option<&[u8]> {
     (checksum(bytes) == sum.load(Relaxed)).then_some(bytes)
 }
 
-/// Keeps a state over the next reset.
+/// Stores a state for the time after the next reset.
 fn keep(bytes: &[u8]) {
     let [mark, length, sum, state @ ..] = &KEPT;
     for (word, part) in state.iter().zip(bytes.chunks(4)) {

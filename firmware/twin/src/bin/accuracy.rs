@@ -1,7 +1,8 @@
-//! Compares what firmware can choose from: accuracy against exact values, bytes, instructions. Prints the
-//! tables of book/src/use/firmware.md and draws its picture.
+//! Compares the memories available for firmware: accuracy against exact values, bytes, instructions. Prints
+//! the tables of book/src/use/firmware.md and draws its picture.
 //!
-//! `accuracy COSTS PICTURE`: the costs as the measuring image prints them, and where to put the picture.
+//! `accuracy COSTS PICTURE`: the file with the output of the image `costs`, and the path of the picture to be
+//! written.
 
 use std::error::Error;
 use std::fs;
@@ -21,7 +22,7 @@ const PRINTED: [usize; 5] = [100, 1_000, 10_000, 100_000, 1_000_000];
 /// Band of Oustaloup's filter in radians per second.
 const BAND: (f64, f64) = (1e-4, 1e3);
 
-/// What is compared: its name in the table and among the costs, and its relative error at every step.
+/// A compared memory: its names in the table and in the costs, and its relative error at every step.
 struct Candidate {
     name: String,
     cost: String,

@@ -6,10 +6,10 @@ use std::error::Error;
 use fvi_core::{BdfOrder, ConvolutionWeights};
 use scenarios::control_loop::{ControlLoop, PRINTED, TICKS, Tick};
 
-/// Bound on the error of an operator, as a part of Σ|w_n||e_{k−n}|.
+/// Bound on the error of an operator, relative to Σ|w_n||e_{k−n}|.
 const TOLERANCE: f64 = 5e-7;
 
-/// Largest error of the operator of an exponent at every printed tick, as a part of Σ|w_n||e_{k−n}|.
+/// Largest error of the operator of an exponent at every printed tick, relative to Σ|w_n||e_{k−n}|.
 fn largest_error(ticks: &[Tick], exponent: f64, value: impl Fn(&Tick) -> f32) -> Result<f64, Box<dyn Error>> {
     let weights: Vec<f64> =
         ConvolutionWeights::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, 1e-3)?.take(ticks.len()).collect();

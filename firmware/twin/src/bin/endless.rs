@@ -1,5 +1,5 @@
-//! An integral of order 0.8 in single precision, on a table without an end, over more samples than 32 bits
-//! count; beside it the exact values at powers of two and at the end.
+//! An integral of order 0.8 in single precision, on a table without a horizon, over more than 2³² samples,
+//! compared with the exact values at powers of two and at the end.
 
 use std::error::Error;
 

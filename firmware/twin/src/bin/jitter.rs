@@ -1,17 +1,17 @@
-//! Runs the loop whose ticks come early or late, prints what its image prints, and compares its first ticks
-//! with a run in double precision whose memories are sums over everything that was.
+//! Runs the loop with irregular ticks, prints the output of its image, and compares its first ticks with a
+//! run in double precision whose memories are sums over the whole past.
 
 use std::error::Error;
 
 use scenarios::jitter::{EXPONENTS, GAINS, Jitter, PRINTED, STIFFNESS, TICKS, reference};
 
-/// Ticks that are compared.
+/// Number of ticks compared.
 const COMPARED: usize = 800;
 
-/// Bound on the difference of positions, which are of size 1.
+/// Bound on the difference of positions, whose magnitude is about 1.
 const TOLERANCE: f64 = 1e-6;
 
-/// D^β on steps of any length by the implicit Euler method, the whole past in a sum.
+/// D^β on steps of any length by the implicit Euler method, with a sum over the whole past.
 ///
 /// ```text
 /// (D^β x)_n = h_n^μ Y_n + Σ_{k<n} K_{nk} h_k Y_k ,
@@ -35,14 +35,15 @@ impl FullMemory {
         const SPACING: f64 = 0.25;
         let mu = exponent.ceil() - exponent;
         let jump = (std::f64::consts::PI * mu).sin() / std::f64::consts::PI;
-        // So far that what is left out is below 10⁻¹² at both ends, for times from 5 ms to 1000 s.
+        // Range of ln λ for which the truncated parts at both ends are below 10⁻¹², for times from 5 ms to
+        // 1000 s.
         let (low, high) = (-28.0 / (1.0 - mu) - 7.0, 28.0 / (1.0 + mu) + 6.0);
         let node = |y: f64| [y.exp(), jump * SPACING * ((1.0 - mu) * y).exp()];
         let nodes = (0..((high - low) / SPACING) as usize).map(|k| node(low + SPACING * k as f64)).collect();
         Self { differences: exponent > 0.0, mu, nodes, lengths: Vec::new(), past: Vec::new(), last: 0.0 }
     }
 
-    /// What the derivative is made of after a step of length h: a factor of x_n, and the rest.
+    /// The derivative after a step of length h as factor · x_n + rest: returns factor and rest.
     fn next(&self, h: f64) -> (f64, f64) {
         let mut sum = 0.0;
         for &[rate, coefficient] in &self.nodes {

@@ -1,5 +1,5 @@
 //! Compares a trajectory of `fvi run` with what the image `pulse` or `closed_loop` printed: `same_as_run
-//! SCALAR IMAGE TRAJECTORY`, every bit.
+//! SCALAR IMAGE TRAJECTORY`, bit by bit.
 
 use std::error::Error;
 use std::fs;
@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             return Err("a row without position and momentum".into());
         };
         let mut run = format!("{step} {} {}", bits(position)?, bits(momentum)?);
-        // Behind the energy the output of a controller.
+        // The column after the energy is the output of a controller.
         if let Some(output) = row.get(4) {
             run += &format!(" {}", bits(output)?);
         }

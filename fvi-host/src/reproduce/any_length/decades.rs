@@ -7,7 +7,7 @@ use super::problems::{COLLOCATION, Problem};
 use crate::results::picture::{Axis, Chart, Marker, Series, Style};
 use std::sync::atomic::AtomicBool;
 
-/// Growth of the steps, the coarsest first.
+/// Ratios of successive steps, coarsest grid first.
 const RATIOS: [f64; 4] = [1.4, 1.2, 1.1, 1.05];
 
 pub(super) fn exhibit(stop: &AtomicBool) -> Result<Findings, ReproduceError> {

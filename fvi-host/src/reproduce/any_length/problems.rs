@@ -23,19 +23,19 @@ pub(super) const GALERKIN: &str =
 pub(super) const COLLOCATION_2: &str =
     "[scheme]\nkind = \"collocation\"\n[convolution]\nfamily = \"radau-iia\"\nstages = 2\n";
 
-/// A system that starts somewhere, and what is known of its motion.
+/// A system with its initial state and known values of its motion.
 #[derive(Clone, Debug)]
 pub(super) struct Problem {
     pub(super) name: String,
     /// `[system]` and `[initial]`.
     system: String,
-    /// Expressions of `[reference]`, or
+    /// Known motion as expressions of `[reference]`, or
     expressions: Option<&'static str>,
-    /// rows `t,q0,…,p0,…`.
+    /// as rows `t,q0,…,p0,…`; empty if there are expressions.
     rows: Vec<Vec<f64>>,
-    /// Where its time ends.
+    /// Last time.
     pub(super) end: f64,
-    /// Where its force jumps.
+    /// Times at which its force jumps.
     pub(super) jumps: &'static [f64],
 }
 
@@ -43,18 +43,18 @@ pub(super) struct Problem {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Made {
     pub(super) steps: usize,
-    /// Steps that were solved, those that were not kept included.
+    /// Number of steps solved, rejected ones included.
     pub(super) solved: usize,
     pub(super) rejected: usize,
     pub(super) attempts: usize,
-    /// Largest errors, relative to the largest value where that is above 1.
+    /// Largest errors of position and momentum, relative to the largest reference value if that is above 1.
     pub(super) position: f64,
     pub(super) momentum: f64,
     pub(super) seconds: f64,
 }
 
 impl Made {
-    /// The larger error.
+    /// The larger of the two errors.
     pub(super) fn error(&self) -> f64 {
         self.position.max(self.momentum)
     }
@@ -116,7 +116,7 @@ impl Problem {
         }
     }
 
-    /// q̈ + q = 0 from 1: nothing is forgotten.
+    /// q̈ + q = 0 from q = 1 at rest: an undamped motion.
     pub(super) fn undamped() -> Self {
         Self {
             name: "q̈ + q = 0 from 1".to_owned(),
@@ -191,8 +191,8 @@ impl Problem {
         Ok((problem, difference))
     }
 
-    /// Two equal masses whose soft mode q₀ + q₁ nothing damps, and whose stiff mode q₀ − q₁, a thousand times
-    /// as fast and strongly damped, is let go from 10⁻³ of it.
+    /// Two equal masses with an undamped soft mode q₀ + q₁ and a stiff mode q₀ − q₁, which is a thousand
+    /// times as fast, strongly damped, and released from 10⁻³ times the amplitude of the soft one.
     pub(super) fn stiff() -> Self {
         let stiff = released_rows(1e4, 0.5, 1e6);
         let row = |&[t, q, p]: &[f64; 3]| {
@@ -213,8 +213,8 @@ impl Problem {
         }
     }
 
-    /// Two masses on a spring a thousand times as fast as their motion, which does not stretch it; nothing
-    /// damps either.
+    /// Two masses connected by a spring whose frequency is a thousand times that of their motion, which does
+    /// not stretch it; undamped.
     pub(super) fn stiff_at_rest() -> Self {
         let system = "[system]\nmass = [1.0, 1.0]\npotential = \"0.25*(q0 + q1)^2 + 0.25*1e6*(q0 - q1)^2\"\n";
         Self {
@@ -237,7 +237,7 @@ impl Problem {
         self.rows.iter().filter_map(|row| Some((row[0], *row.get(1 + coordinate)?))).collect()
     }
 
-    /// `[output]` at the times at which values are known, by the scheme's polynomial where they are no grid
+    /// `[output]` at the times at which values are known, by the scheme's polynomial where they are not grid
     /// points.
     pub(super) fn at_known_times(&self) -> String {
         if self.rows.is_empty() { String::new() } else { format!("[output]\ntimes = {:?}\n", self.times()) }
@@ -269,12 +269,12 @@ impl Problem {
         Ok(Scenario::from_document(document.with_attached("known.csv", table))?)
     }
 
-    /// Runs it; compared are the grid points at which values are known.
+    /// Runs the problem, and compares at the grid points with known values.
     pub(super) fn run(&self, scheme: &str, time: &str, stop: &AtomicBool) -> Result<Made, ReproduceError> {
         measured(&self.scenario(scheme, time, "")?, stop)
     }
 
-    /// Runs it; compared are all times at which values are known.
+    /// Runs the problem, and compares at all times with known values.
     pub(super) fn run_between(
         &self,
         scheme: &str,
@@ -303,7 +303,8 @@ pub(super) fn measured(scenario: &Scenario, stop: &AtomicBool) -> Result<Made, R
     Ok(Made { steps, solved, rejected, attempts, position, momentum, seconds })
 }
 
-/// The reference of the pendulum, and what tells its error.
+/// Runs for the pendulum (scheme, number of steps, exponent of the grid): the reference, and the one that its
+/// error is estimated with.
 const PENDULUM_RUNS: [(&str, usize, f64); 2] = [(COLLOCATION, 12_000, 3.0), (GALERKIN, 12_000, 4.0)];
 
 /// `[system]` of one mass on a spring.

@@ -1,4 +1,4 @@
-//! Motions let go from rest, in Caputo's sense: the order under refinement of a grid that grows from 10⁻⁹.
+//! Motions released from rest, in Caputo's sense: the order under refinement of a grid that grows from 10⁻⁹.
 
 use super::super::error_curve::{ErrorCurve, error_chart, error_table};
 use super::super::{Findings, ReproduceError};
@@ -8,20 +8,20 @@ use std::sync::atomic::AtomicBool;
 /// Damping orders with known values.
 const ORDERS: [f64; 4] = [0.3, 0.5, 0.7, 1.5];
 
-/// How often every step is halved.
+/// Numbers of halvings of every step.
 const HALVINGS: std::ops::RangeInclusive<u32> = 0..=4;
 
 /// Errors below this are those of the memory, whose table is made for 10⁻¹³, and rounding.
 const FLOOR: f64 = 2e-13;
 
-/// Steps from 10⁻⁹ on that grow by a factor of 3 up to ½, through all times that are known; each cut into
-/// 2^halvings.
+/// Grid points: steps growing from 10⁻⁹ by a factor of about 3 up to ½, through all times with known values,
+/// each divided into 2^`halvings` equal steps.
 fn grid(problem: &Problem, halvings: u32) -> Vec<f64> {
     let known = problem.times();
     let (mut times, mut step) = (vec![0.0], 1e-9_f64);
     for target in known {
         let from = times.last().copied().unwrap_or(0.0);
-        // As many steps as the growth needs, all shorter by the same factor.
+        // As many steps as the growth needs, all shortened by the same factor to end at the known time.
         let (mut lengths, mut sum) = (Vec::new(), 0.0);
         while sum < (target - from) * (1.0 - 1e-9) {
             lengths.push(step);

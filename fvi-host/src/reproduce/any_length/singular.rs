@@ -1,11 +1,11 @@
-//! The solution t^(5/2): what graded steps make of a singular start.
+//! The solution t^(5/2): errors on graded and equal steps with a singular start.
 
 use super::super::error_curve::{ErrorCurve, error_chart, error_table};
 use super::super::{Findings, ReproduceError};
 use super::problems::{COLLOCATION, COLLOCATION_2, GALERKIN, Made, Problem};
 use std::sync::atomic::AtomicBool;
 
-/// Schemes on steps of some exponent; 1: equal steps.
+/// Label, scheme and exponent of the graded steps (1: equal steps).
 const WAYS: [(&str, &str, f64); 8] = [
     ("BDF 2 at the nodes, equal steps", "", 1.0),
     (
@@ -28,7 +28,7 @@ const LEVELS: std::ops::RangeInclusive<u32> = 0..=6;
 /// Errors below this are rounding.
 const FLOOR: f64 = 2e-14;
 
-/// `[time]` of so many graded steps on [0, 1]; the exponent 1 is for equal ones.
+/// `[time]` with `steps` graded steps on [0, 1]; with the exponent 1 they are equal.
 pub(super) fn graded(steps: usize, exponent: f64) -> String {
     match exponent {
         1.0 => format!("step = {:?}\nend = 1.0\n", 1.0 / steps as f64),

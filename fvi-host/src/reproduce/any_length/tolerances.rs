@@ -1,5 +1,5 @@
-//! Steps that are chosen on the way: errors against tolerances, and work against the best grids that can be
-//! found by hand.
+//! Adaptive steps: errors against tolerances, and work compared with the best grids that can be found by
+//! hand.
 
 use super::super::table::{Cell, Column, Format, Table};
 use super::super::{Findings, ReproduceError};
@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 const TOLERANCES: [f64; 4] = [1e-4, 1e-6, 1e-8, 1e-10];
 
-/// All problems, and how far the reference of the pendulum is from that of another scheme.
+/// All problems, and the difference of the pendulum's reference from a run with another scheme.
 fn problems(stop: &AtomicBool) -> Result<(Vec<Problem>, f64), ReproduceError> {
     let (pendulum, uncertainty) = Problem::pendulum(stop)?;
     let problems = vec![
@@ -33,13 +33,13 @@ fn adaptive(problem: &Problem, tolerance: f64, stop: &AtomicBool) -> Result<Made
     problem.run_between(COLLOCATION, &time, stop)
 }
 
-/// Grids that someone would try by hand, each refined as a whole.
+/// Families of grids that one would try by hand, each refined as a whole.
 #[derive(Clone, Copy, Debug)]
 enum Shape {
     /// t = (k/N)^exponent
     Graded(f64),
-    /// Steps that grow from a first one, by the factor 1 + `growth` on the coarsest grid, up to a longest
-    /// that is this part of the time.
+    /// Steps that grow from `first`, by the factor 1 + `growth` on the coarsest grid, up to a longest one of
+    /// 1/`parts` of the time.
     Growing { first: f64, growth: f64, parts: f64 },
 }
 
@@ -62,7 +62,7 @@ const SHAPES: [Shape; 11] = {
     ]
 };
 
-/// Grids of each shape: one has about a quarter more steps than the one before.
+/// Number of grids of each shape; each has about a quarter more steps than the one before.
 const LEVELS: usize = 30;
 
 /// `[time]` of a grid.
@@ -79,7 +79,7 @@ fn by_hand(problem: &Problem, shape: Shape, level: usize) -> String {
         ),
         Shape::Growing { first, growth, parts } => {
             let ratio = 1.0 + growth / fineness;
-            // A motion that only creeps needs no longest step.
+            // A pure relaxation needs no bound on the steps.
             let longest = match end {
                 end if end > 1e3 => String::new(),
                 end => format!("longest = {:?}\n", (end / (parts * fineness)).max(first)),
@@ -95,7 +95,8 @@ fn by_hand(problem: &Problem, shape: Shape, level: usize) -> String {
 fn fewest(problem: &Problem, error: f64, stop: &AtomicBool) -> Result<Option<usize>, ReproduceError> {
     let mut best = None;
     for shape in SHAPES {
-        // The coarsest grid that is good enough, its finer ones being so too.
+        // Bisection for the coarsest grid with a small enough error, assuming that finer grids satisfy it
+        // too.
         let (mut bad, mut good) = (0, LEVELS);
         while bad < good {
             let level = (bad + good) / 2;

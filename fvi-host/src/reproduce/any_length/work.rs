@@ -1,4 +1,4 @@
-//! Error against work: steps of any length beside every scheme on equal ones.
+//! Error against work: schemes on steps of any length compared with every scheme on equal steps.
 
 use super::super::methods::Look;
 use super::super::work_precision::{Comparison, Measured, REPEATS, Run};
@@ -41,7 +41,7 @@ fn adaptive(end: f64, level: u32) -> String {
     format!("grid = \"adaptive\"\nend = {end:?}\ntolerance = {tolerance:e}\n")
 }
 
-/// Steps that follow the start, to be set beside equal ones.
+/// Schemes with steps adapted to the start, for comparison with equal ones.
 const GRADED: [Way; 4] = [
     way("collocation 2, graded", (8, Marker::Square), COLLOCATION_2, graded),
     way("collocation 3, graded", (8, Marker::Triangle), COLLOCATION, graded),

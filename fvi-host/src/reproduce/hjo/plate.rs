@@ -18,7 +18,7 @@ pub(super) fn figure_7(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
     figure(GALERKIN, ["1", "2", "2"], stop)
 }
 
-/// Both solutions with one scheme; `root_orders` are those the paper reads off for t^{5/2}.
+/// Both solutions with one scheme; `root_orders` are the orders that the paper gives for t^{5/2}.
 fn figure(scheme: Scheme, root_orders: [&str; 3], stop: &AtomicBool) -> Result<Findings, ReproduceError> {
     let cube = bdf_curves(&cube_plate()?, scheme, &PLATE_GRIDS, stop)?;
     let root = bdf_curves(&root_plate()?, scheme, &PLATE_GRIDS, stop)?;
@@ -96,7 +96,7 @@ impl Causes {
     }
 }
 
-/// Why the order of t^(5/2) with BDF 2 or 3 is no constant.
+/// Explains why the order for t^(5/2) with BDF 2 or 3 is not constant.
 fn falling(curve: &ErrorCurve, causes: &Causes, bdf_order: usize) -> String {
     let smooth = &causes.smooth[usize::from(bdf_order == 3)];
     format!(
@@ -110,7 +110,7 @@ fn falling(curve: &ErrorCurve, causes: &Causes, bdf_order: usize) -> String {
     )
 }
 
-/// Which steps of the paper `fvi run` refuses as too long for the explicit fractional force.
+/// Lists the paper's step sizes that `fvi run` refuses as too long for the explicit fractional force.
 fn refused(scheme: Scheme, stop: &AtomicBool) -> Result<String, ReproduceError> {
     let mut words = Vec::new();
     for order in 1..=3 {

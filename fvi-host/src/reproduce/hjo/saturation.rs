@@ -20,7 +20,7 @@ fn function(beta: u32, t: f64) -> f64 {
     libm::pow(t, f64::from(beta - 1)) * libm::sin(t)
 }
 
-/// D^{1/2} of it, from the series of the sine, 0 ≤ t ≤ 1.
+/// D^{1/2} of [`function`], from the series of the sine, 0 ≤ t ≤ 1.
 ///
 /// ```text
 /// Σ_j (−1)^j/(2j+1)! · Γ(β+2j+1)/Γ(β+2j+1/2) · t^{β+2j−1/2}
@@ -46,7 +46,7 @@ fn errors(beta: u32, bdf_order: usize, steps: usize) -> Result<Vec<f64>, Reprodu
         ConvolutionWeights::bdf(BdfOrder::new(bdf_order)?, ORDER, step)?.take(steps + 1).collect();
     let samples: Vec<f64> = (0..=steps).map(|k| function(beta, step * k as f64)).collect();
     let error = |k: usize| {
-        // From the smallest terms to the largest.
+        // Summed from the smallest terms to the largest.
         let pairs = weights[..=k].iter().rev().zip(&samples[..=k]);
         let quadrature: f64 = pairs.map(|(weight, sample)| weight * sample).sum();
         (half_derivative(beta, step * k as f64) - quadrature).abs()
@@ -129,7 +129,7 @@ fn slopes_table() -> Table {
     Table::new("slopes", "Slopes over h = 1/8 … 1/256", columns)
 }
 
-/// What the paper says of one β: higher p gains nothing beyond β, at order β.
+/// Compares with the paper's statement for one β: for p > β the order remains β.
 fn compare(findings: Findings, beta: u32, measured: &[Measured]) -> Findings {
     let finest = |p: usize| measured[p - 1].largest.points.last().map_or(f64::NAN, |point| point.1);
     let beta_index = beta as usize;
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn the_quadrature_meets_the_series_at_a_fixed_time() {
-        // BDF 6 is of order 6 there for β = 5: 256 steps leave little but rounding.
+        // At t = 1 BDF 6 has order 6 for β = 5: with 256 steps the error is mostly rounding.
         let error = errors(5, 6, 256).unwrap()[256];
         assert!(error < 1e-11, "{error:e}");
     }

@@ -18,7 +18,7 @@ fn bdf_3(power: f64, exponents: &[f64]) -> Result<Scenario, ReproduceError> {
     Ok(on_any_step(with_starting_weights(scenario, exponents)))
 }
 
-/// The same with the quadrature of Radau IIA, three stages, whose nodes the force acts at.
+/// The same with the quadrature of Radau IIA, three stages, and the force at its nodes.
 fn radau(power: f64) -> Result<Scenario, ReproduceError> {
     let mut scenario =
         with_scheme(power_plate(power, 1.0)?, Scheme::Galerkin { degree: 3, quadrature: None });
@@ -110,11 +110,11 @@ fn exponent_lists(stop: &AtomicBool) -> Result<Table, ReproduceError> {
     Ok(table)
 }
 
-/// Relative errors of q₁ for t^(5/2) over the grids, which the correction is made from, and their limit c as
-/// h → 0.
+/// Relative errors of q₁, from which the starting correction is computed, for t^(5/2) on all grids, and their
+/// limit c as h → 0.
 ///
-/// They are c + d √h + …: c from the nodes under a force like √t, d √h from the damping, which the first step
-/// does not know yet.
+/// They are c + d √h + …: c is the quadrature error at the nodes for a force like √t, d √h comes from the
+/// damping, which the first step lacks.
 fn first_step(stop: &AtomicBool) -> Result<(Table, f64), ReproduceError> {
     let columns = vec![Column::new("h", Format::Exact), Column::new("(q₁ − h^(5/2))/h^(5/2)", Format::Error)];
     let mut table = Table::new("first-step", "t^(5/2): relative error of the first step", columns);

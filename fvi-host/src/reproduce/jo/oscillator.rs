@@ -12,7 +12,7 @@ use crate::results::picture::{Axis, Chart, Series, Style};
 use crate::scenario::{Scenario, Scheme};
 use std::sync::atomic::AtomicBool;
 
-/// The orders in the Lagrangian of figure 4. The text of the paper does not list its own.
+/// The orders in the Lagrangian of figure 4. The paper does not list the orders that it used.
 const ALPHAS: [f64; 5] = [0.25, 0.4, 0.5, 0.6, 0.75];
 
 fn with_alpha(alpha: f64) -> Result<Scenario, ReproduceError> {
@@ -71,8 +71,8 @@ pub(super) fn figure_4(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
         ))
 }
 
-/// Largest difference of positions at the grid points t ≥ 1 of the coarse motion; the other has half its
-/// step.
+/// Largest difference of positions at the grid points t ≥ 1 of the coarse motion; the step of the fine one is
+/// half as long.
 fn difference(coarse: &Motion, fine: &Motion) -> f64 {
     let pairs = coarse.states.iter().zip(fine.states.iter().step_by(2));
     let late = pairs.filter(|(coarse, _)| coarse.time >= 1.0);
@@ -116,11 +116,11 @@ impl Duel {
     }
 }
 
-/// Step sizes 1/8 … 1/256 on [0, 30]; the paper does not print its own.
+/// Step sizes 1/8 … 1/256 on [0, 30]; the paper does not state those that it used.
 const GRIDS: Grids = Grids { levels: 3..=8, intervals: 30, from: 0.0 };
 const STEP_SIZES: &str = "h = 1/8 … 1/256 on [0, 30]";
 
-/// Why the slope depends on the step sizes.
+/// Explains why the slope depends on the step sizes.
 fn order_rises(curve: &ErrorCurve) -> String {
     format!(
         "the paper does not print its step sizes; the order rises to 1 as h falls, from level to level {}, and the slope depends on \

@@ -16,10 +16,10 @@ const END: f64 = 30.0;
 const BENCHMARK_STEPS: usize = 6000;
 /// Steps of the runs; every grid is part of the benchmark's and has the end of the pulse among its points.
 const STEPS: [usize; 7] = [60, 120, 300, 600, 1200, 3000, BENCHMARK_STEPS];
-/// The place of the run with the paper's step, h = 0.1.
+/// Index in [`STEPS`] of the run with the paper's step, h = 0.1.
 const PAPER_STEP: usize = 2;
-/// The runs that the slope against the benchmark is taken of: with steps at least ten times as long as the
-/// benchmark's.
+/// Number of the first entries of [`STEPS`] that are used for the slope against the benchmark: their steps
+/// are at least ten times as long as the benchmark's.
 const FAR_FROM_BENCHMARK: usize = 4;
 
 /// q̈ + D^(3/2) q + q = 8 on [0, 1], 0 after.
@@ -31,7 +31,7 @@ fn benchmark(steps: usize) -> Result<Vec<f64>, ParameterError> {
     podlubny_matrix_method(&terms, pulse, step_size, steps)
 }
 
-/// Largest difference at the grid points that both have.
+/// Largest difference at the common grid points.
 fn largest_difference(coarse: &[f64], fine: &[f64]) -> f64 {
     let stride = (fine.len() - 1) / (coarse.len() - 1);
     let pairs = coarse.iter().zip(fine.iter().step_by(stride));
@@ -50,15 +50,15 @@ fn over_time(positions: &[f64]) -> Vec<(f64, f64)> {
 
 /// Positions on the grids of [`STEPS`].
 struct Positions {
-    /// Of the variational integrator.
+    /// Positions by the variational integrator, for each grid.
     runs: Vec<Vec<f64>>,
-    /// Of Podlubny's matrix method.
+    /// Positions by Podlubny's matrix method, for each grid.
     benchmarks: Vec<Vec<f64>>,
-    /// On the benchmark's grid.
+    /// Positions by the matrix method on the benchmark's grid.
     benchmark: Vec<f64>,
-    /// The accurate run, on the benchmark's grid.
+    /// Positions of the accurate run, on the benchmark's grid.
     exact: Vec<f64>,
-    /// Its largest error where the solution is known.
+    /// Largest error of `exact` where the solution is known.
     exact_error: f64,
 }
 

@@ -11,27 +11,27 @@ use std::collections::BTreeMap;
 pub(crate) struct Identity {
     /// Version of the program.
     version: String,
-    /// Facts on which the last bits of the engines depend; none for engines that have the same bits
-    /// everywhere.
+    /// Vector units in use, on which the last bits of the engines depend; `None` for engines whose results
+    /// are bit-identical on all machines.
     vector_units: Option<String>,
-    /// Samples that engine and table were chosen for.
+    /// Number of samples for which engine and tables were chosen.
     pub(crate) planned: usize,
     /// Precision, format and the scenario as used: every value by its path, long lists by their checksum.
     values: BTreeMap<String, String>,
-    /// `output.times`, their bits: as decimals they might come back with another last one.
+    /// The bit patterns of `output.times`: through decimals the last bit might change.
     #[serde(default)]
     times: Vec<u64>,
 }
 
-/// Lists up to this length are told apart entry by entry.
+/// Lists up to this length are compared entry by entry, longer ones by their checksum.
 const SHORT: usize = 16;
 
-/// Parts of a scenario in which run and checkpoint may differ: where it ends, how often rows are written, how
-/// many threads share the work. What the rows hold is that of those that are there.
+/// Keys of a scenario in which run and checkpoint may differ: where the run ends, how often rows are written,
+/// how many threads share the work. The columns of the rows must stay those of the checkpoint.
 const FREE: [&str; 5] = ["time.steps", "time.end", "output.every", "output.times", "history.threads"];
 
 impl Identity {
-    /// That of a run with these engines.
+    /// The identity of a run of `scenario` with these engines.
     pub(crate) fn new(scenario: &Scenario, precision: Precision, engines: &[Engine]) -> Self {
         let mut values = BTreeMap::new();
         flatten("", &json(scenario), &mut values);
@@ -55,13 +55,14 @@ impl Identity {
         }
     }
 
-    /// The first of the times of the wanted run up to `now` whose row the other has not written.
+    /// The first entry of `output.times` of the run `wanted`, up to the time `now`, for which the
+    /// checkpointed run has not written a row.
     pub(super) fn missing_time(&self, wanted: &Self, now: f64) -> Option<f64> {
         let past = wanted.times.iter().filter(|&&time| f64::from_bits(time) <= now);
         past.copied().find(|time| !self.times.contains(time)).map(f64::from_bits)
     }
 
-    /// In what the run that is wanted differs.
+    /// The differences between the checkpointed run and the run `wanted`, one sentence each.
     pub(super) fn differences(&self, wanted: &Self) -> Vec<String> {
         const MOST: usize = 5;
         let absent = "absent".to_owned();
@@ -81,7 +82,7 @@ impl Identity {
         differences
     }
 
-    /// Differences of machine or program that may change bits.
+    /// Differences of machine or program version that may change the rounding.
     pub(super) fn other_machine(&self, wanted: &Self) -> Vec<String> {
         let mut differences = Vec::new();
         if self.version != wanted.version {
@@ -99,7 +100,7 @@ impl Identity {
     }
 }
 
-/// The numbers of kernels that are in files, by their checksum: the scenario names the files alone.
+/// Checksums of the kernels that are read from files, of which the scenario contains only the file names.
 pub(crate) fn contents_of_kernels(scenario: &Scenario) -> Vec<(String, String)> {
     let terms = scenario.system.damping.iter().enumerate();
     let in_files = terms.filter(|(_, term)| {
@@ -114,7 +115,7 @@ pub(crate) fn contents_of_kernels(scenario: &Scenario) -> Vec<(String, String)> 
     in_files.map(content).collect()
 }
 
-/// Summaries hold no value that JSON does not know.
+/// Serialisation cannot fail: summaries contain only values that JSON can represent.
 fn json(value: &impl Serialize) -> Value {
     serde_json::to_value(value).unwrap_or_default()
 }

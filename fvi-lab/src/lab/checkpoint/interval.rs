@@ -3,22 +3,23 @@
 use std::str::FromStr;
 use std::time::{Duration, Instant};
 
-/// How often a run writes checkpoints. One is written when it is stopped, unless there are none at all, and
-/// when it has come to its end, unless it did so within the first minute and nobody asked for any.
+/// How often a run writes checkpoints. Except with [`Never`](Self::Never), one is also written when the run
+/// is stopped, and when its last step is made; with [`Minute`](Self::Minute), the default, the latter only if
+/// the run was resumed or has already written one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CheckpointEvery {
-    /// Every minute; less often where writing one takes more than a hundredth of the time between two.
+    /// Every minute, or less often, so that writing takes at most a hundredth of the time.
     #[default]
     Minute,
-    /// After so many steps.
+    /// Whenever the number of steps made is a multiple of this.
     Steps(usize),
-    /// After so much time.
+    /// Whenever this time has passed since the last checkpoint.
     Time(Duration),
-    /// Never, and none at the end.
+    /// Never, not even at the end.
     Never,
 }
 
-/// A text that says no interval.
+/// A text that cannot be read as an interval.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{text}` is neither a number of steps (1000000), nor a duration (500ms, 30s, 10min, 2h), nor `never`"
@@ -28,7 +29,7 @@ pub struct IntervalError {
 }
 
 impl CheckpointEvery {
-    /// After how many steps more one is due, where steps are counted, from a number of steps on.
+    /// Number of steps from step `steps` to the next checkpoint, for an interval counted in steps.
     pub(crate) fn steps_to_next(self, steps: usize) -> usize {
         match self {
             Self::Steps(every) => every - steps % every,
@@ -65,28 +66,28 @@ impl FromStr for CheckpointEvery {
     }
 }
 
-/// Tells when a checkpoint is due, and looks at the clock seldom: a look costs as much as a short step.
+/// Decides when a checkpoint is due. It reads the clock rarely, since that costs as much as a short step.
 pub(crate) struct Timer {
     every: CheckpointEvery,
     last: Instant,
-    /// When the clock was looked at.
+    /// When the clock was last read.
     looked: Instant,
-    /// Times that it is asked until the next look, and between the last two.
+    /// Number of queries until the clock is read again (`left`), and between two readings (`stride`).
     left: usize,
     stride: usize,
     /// How long writing the last checkpoint took.
     cost: Duration,
-    /// Whether one was written.
+    /// Whether a checkpoint was written.
     written: bool,
 }
 
-/// The clock is looked at about this often.
+/// Approximate time between two readings of the clock.
 const LOOK: Duration = Duration::from_millis(10);
 
 /// The default interval.
 const MINUTE: Duration = Duration::from_secs(60);
 
-/// The default interval is at least so many times what writing takes.
+/// The default interval is at least this many times as long as writing a checkpoint takes.
 const LEAST_SHARE: u32 = 100;
 
 impl Timer {
@@ -95,12 +96,13 @@ impl Timer {
         Self { every, last: now, looked: now, left: 1, stride: 1, cost: Duration::ZERO, written: false }
     }
 
-    /// Whether any was written.
+    /// Whether a checkpoint was written.
     pub(crate) fn has_written(&self) -> bool {
         self.written
     }
 
-    /// Whether a checkpoint is due after step `steps`; to be asked wherever one may be written.
+    /// Whether a checkpoint is due after `steps` steps; to be called at every step after which one may be
+    /// written.
     pub(crate) fn is_due(&mut self, steps: usize) -> bool {
         match self.every {
             CheckpointEvery::Never => false,
@@ -110,14 +112,14 @@ impl Timer {
         }
     }
 
-    /// Whether so much time has passed since the last checkpoint, as far as looks at the clock tell.
+    /// Whether `interval` has passed since the last checkpoint, as of the last reading of the clock.
     #[inline]
     fn has_passed(&mut self, interval: impl Fn(&Self) -> Duration) -> bool {
         self.left -= 1;
         self.left == 0 && self.look(interval(self))
     }
 
-    /// Looks at the clock, and decides when to look again.
+    /// Reads the clock, and adjusts the number of queries until the next reading.
     #[cold]
     fn look(&mut self, interval: Duration) -> bool {
         let now = Instant::now();
@@ -132,7 +134,7 @@ impl Timer {
         now - self.last >= interval
     }
 
-    /// One has been written, begun at `begin`.
+    /// Records that a checkpoint has been written, begun at `begin`.
     pub(crate) fn written(&mut self, begin: Instant) {
         self.last = Instant::now();
         self.looked = self.last;

@@ -10,23 +10,25 @@ use crate::language::{InputError, Problem};
 pub(super) struct Record {
     /// The file.
     pub(super) name: String,
-    /// What it is a table of.
+    /// What the data are functions of.
     pub(super) domain: Domain,
-    /// Keys of the scenario that have values of their own here, by their paths.
+    /// Values that keys of the scenario take for this table in place of the scenario's own, by the paths of
+    /// the keys.
     pub(super) set: Vec<(String, toml::Value)>,
     /// t or ω of each row.
     pub(super) places: Vec<f64>,
     pub(super) columns: Vec<Column>,
-    /// What is known of the deviations.
+    /// What is known about the standard deviations of the data.
     pub(super) deviations: Deviations,
 }
 
-/// What the rows are told over.
+/// The independent variable of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Domain {
-    /// Time: the motion.
+    /// Time; the data are quantities of the motion.
     Time,
-    /// Frequency: what the linearised system answers, about a position if one is said.
+    /// Frequency; the data are responses of the system linearised about `position`, by default the initial
+    /// position.
     Frequency { answer: Answer, position: Option<Vec<f64>> },
 }
 
@@ -41,14 +43,14 @@ pub(super) enum Answer {
     Kernel { term: usize },
 }
 
-/// What stands in a column.
+/// The quantity in a column; the number is that of the coordinate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Observed {
     Position(usize),
     Momentum(usize),
     /// M⁻¹p.
     Velocity(usize),
-    /// Its derivative.
+    /// The time derivative of the velocity.
     Acceleration(usize),
     Energy,
     Real,
@@ -61,23 +63,23 @@ pub(super) struct Column {
     pub(super) name: String,
     pub(super) what: Observed,
     pub(super) values: Vec<f64>,
-    /// Standard deviations, but perhaps for a factor.
+    /// Standard deviations, up to a common factor unless they are known.
     pub(super) deviations: Vec<f64>,
 }
 
-/// What a table says of its deviations.
+/// What a table specifies about its standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Deviations {
     /// Nothing.
     None,
-    /// How they compare, by weights.
+    /// Their ratios, given as weights.
     Relative,
-    /// Their kind.
+    /// Their values.
     Known,
 }
 
 impl Observed {
-    /// Quantities of one kind have one unit.
+    /// Name of the kind of quantity; quantities of one kind have the same unit.
     pub(super) fn kind(self, domain: &Domain) -> &'static str {
         match (self, domain) {
             (_, Domain::Frequency { answer: Answer::Receptance { .. }, .. }) => "a receptance",
@@ -118,7 +120,7 @@ impl Observed {
         }
     }
 
-    /// The coordinate that it is about.
+    /// The coordinate that the quantity belongs to.
     fn coordinate(self) -> Option<usize> {
         match self {
             Self::Position(index) | Self::Momentum(index) | Self::Velocity(index) => Some(index),
@@ -128,31 +130,34 @@ impl Observed {
     }
 }
 
-const KEYS: [&str; 9] =
+/// Keys of a table of data.
+pub const KEYS: [&str; 9] =
     ["file", "quantity", "input", "output", "term", "position", "deviation", "relative_deviation", "set"];
 
-/// What a scenario has, as far as data are about it.
+/// Sizes of a scenario that restrict what its data may refer to.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Extent {
     pub(super) coordinates: usize,
     pub(super) terms: usize,
-    /// The last time.
+    /// First and last time of the scenario.
+    pub(super) begin: f64,
     pub(super) end: f64,
 }
 
-/// Sizes of data and deviations, such that squares of their ratios, and sums of these, are numbers.
+/// Smallest and largest magnitude of data and deviations, so that sums of squares of their ratios neither
+/// overflow nor underflow.
 const SMALLEST: f64 = 1e-70;
 const LARGEST: f64 = 1e70;
 
 /// Suffix of the column with the standard deviations of another one.
 const DEVIATION: &str = "_deviation";
 
-/// A cell of a table, with its place.
+/// The cells of a table, with their places in the file for error messages.
 struct Cells<'v, 'd> {
     value: &'v Value<'d>,
     file: String,
     names: Vec<String>,
-    /// The line of the names.
+    /// Line number of the header with the column names.
     header: u64,
     /// Row by row, with the line in the file.
     rows: Vec<(u64, Vec<f64>)>,
@@ -256,21 +261,23 @@ impl Record {
             columns: Vec::new(),
             deviations: Deviations::None,
         };
-        // A table with a time of its own is asked about it later.
+        // A table that sets `time` itself is checked against its own time later.
         let own_time = record.set.iter().any(|(path, _)| path == "time" || path.starts_with("time."));
-        let end = if own_time { f64::INFINITY } else { extent.end };
-        record.check_places(&cells, end)?;
+        let times = if own_time { (0.0, f64::INFINITY) } else { (extent.begin, extent.end) };
+        record.check_places(&cells, times)?;
         record.read_columns(&cells, extent)?;
         record.read_deviations(&cells, &table)?;
         Ok(record)
     }
 
-    fn check_places(&self, cells: &Cells<'_, '_>, end: f64) -> Result<(), InputError> {
+    fn check_places(&self, cells: &Cells<'_, '_>, (begin, end): (f64, f64)) -> Result<(), InputError> {
         let name = &cells.names[0];
         for (index, (&place, (line, _))) in self.places.iter().zip(&cells.rows).enumerate() {
             let before = index.checked_sub(1).map(|before| self.places[before]);
             let reason = match self.domain {
-                Domain::Time if place < 0.0 => Some("is before the motion begins, at t = 0".to_owned()),
+                Domain::Time if place < begin * (1.0 - 1e-12) => {
+                    Some(format!("is before the motion begins, at t = {begin}"))
+                }
                 Domain::Time if place > end * (1.0 + 1e-12) => {
                     Some(format!("is after the motion ends, at t = {end}"))
                 }
@@ -407,7 +414,8 @@ impl Record {
         if let Some(value) = &relative {
             let share = value.positive()?;
             for row in 0..self.places.len() {
-                // Of a complex number its magnitude counts, so that a part may be zero.
+                // For a complex number its magnitude is decisive, so that its real or imaginary part may be
+                // zero.
                 let whole = self.columns.iter().map(|column| column.values[row].powi(2)).sum::<f64>().sqrt();
                 for column in &mut self.columns {
                     let size = match self.domain {
@@ -425,7 +433,7 @@ impl Record {
         self.check_sizes(cells, &ways)
     }
 
-    /// Whether squares of the data over their deviations are numbers.
+    /// Checks that the squares of data over deviations neither overflow nor underflow.
     fn check_sizes(&self, cells: &Cells<'_, '_>, ways: &[String]) -> Result<(), InputError> {
         for column in &self.columns {
             let Column { name, values, deviations, .. } = column;
@@ -455,7 +463,8 @@ impl Record {
         Ok(())
     }
 
-    /// Whether all it is about is there; what is not, in words.
+    /// Checks that the scenario has everything that the table refers to; the error is a sentence about what
+    /// is missing.
     pub(super) fn check_extent(&self, extent: Extent) -> Result<(), String> {
         let highest = self.columns.iter().filter_map(|column| column.what.coordinate()).max();
         let highest = match self.domain {
@@ -481,13 +490,13 @@ impl Record {
         self.places.len() * self.columns.len()
     }
 
-    /// The name of what it is told over.
+    /// Name of the independent variable.
     pub(super) fn over(&self) -> &'static str {
         if self.domain == Domain::Time { "t" } else { "omega" }
     }
 }
 
-/// What data over frequencies are.
+/// Reads what the data of a table over frequencies are.
 fn frequency(table: &Table<'_>, extent: Extent) -> Result<Domain, InputError> {
     let (input, output, term) = (table.optional("input"), table.optional("output"), table.optional("term"));
     let names = [("receptance", 0), ("modulus", 1), ("kernel", 2)];

@@ -1,4 +1,4 @@
-//! Estimates, their errors, and in words what the data do not say.
+//! Estimates, their errors, and sentences about what the data do not determine.
 
 use super::FitError;
 use super::data::{Deviations, Domain};
@@ -17,15 +17,15 @@ pub struct FittedModel {
     /// Its name, where there are several.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Whether the search ended where nothing is left to gain.
+    /// Whether the search ended at a minimum.
     pub converged: bool,
     /// How it ended, in words.
     pub end: &'static str,
     /// Steps of the search.
     pub iterations: usize,
-    /// Runs, in all searches.
+    /// Number of runs, all searches together.
     pub runs: usize,
-    /// The parameters by their paths.
+    /// The parameters: path and estimate of each.
     #[serde(serialize_with = "by_path")]
     pub parameters: Vec<(String, Estimate)>,
     /// Correlations of the estimates, in the order of the parameters; null where one has no standard error.
@@ -52,14 +52,14 @@ pub struct FittedModel {
     pub singular_values: Vec<f64>,
     /// What the data do not determine, a sentence each.
     pub undetermined: Vec<String>,
-    /// What else is to be known.
+    /// Further remarks on the result, a sentence each.
     pub notes: Vec<String>,
     /// Each search, where there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub starts: Vec<StartRecord>,
     /// The tables of data.
     pub tables: Vec<TableRecord>,
-    /// What the model says of each table: column by column, row by row.
+    /// Prediction of the model for each table of data: `told[table][column][row]`.
     #[serde(skip)]
     pub told: Vec<Vec<Vec<f64>>>,
 }
@@ -71,44 +71,44 @@ pub struct Estimate {
     pub start: f64,
     /// The value with the smallest sum of squares.
     pub estimate: f64,
-    /// Null where the data do not determine it, and at a bound.
+    /// Standard error; null where the data do not determine the parameter, and at a bound.
     pub standard_error: Option<f64>,
-    /// The 95 % interval; likewise.
+    /// The 95 % interval; null in the same cases as the standard error.
     pub interval: Option<[f64; 2]>,
-    /// Between which it was sought; null where there is none.
+    /// Lower and upper bound of the search; null where there is none.
     pub bounds: [Option<f64>; 2],
     /// "linear" or "log".
     pub scale: &'static str,
-    /// The bound that holds it.
+    /// "lower" or "upper" if the estimate lies at that bound.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub at_bound: Option<&'static str>,
-    /// "exact": the derivative of the program's own numbers; or "differences" of runs.
+    /// "exact": the derivative of the discrete motion, as with `[sensitivity]`; or "differences" of runs.
     pub derivative: &'static str,
-    /// Why it is one of differences.
+    /// Why it was taken from differences.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub derivative_note: Option<String>,
-    /// What its likelihood says, where that was asked for.
+    /// Profile likelihood, where requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub profile: Option<Profiled>,
 }
 
-/// The likelihood of a parameter, the others at their best for each of its values.
+/// Profile likelihood of a parameter: the other parameters are optimised for each of its values.
 #[derive(Clone, Debug, Serialize)]
 pub struct Profiled {
     /// The 95 % interval; an end is null where it was not reached.
     pub interval: [Option<f64>; 2],
-    /// Values that were looked at, ascending, each with χ².
+    /// Values of the parameter that were tried, ascending, each with the smallest χ².
     pub points: Vec<(f64, f64)>,
 }
 
-/// A search.
+/// One of several searches from different starts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StartRecord {
-    /// Where it began, in the order of the parameters.
+    /// Start values, in the order of the parameters.
     pub start: Vec<f64>,
-    /// Where it ended; null where there was no motion at the start.
+    /// Values at the end of the search; null where no motion could be computed at the start.
     pub end: Option<Vec<f64>>,
-    /// χ² there.
+    /// χ² at the end.
     pub chi2: Option<f64>,
 }
 
@@ -121,7 +121,7 @@ pub struct TableRecord {
     pub columns: Vec<String>,
     /// Its rows.
     pub rows: usize,
-    /// The part of χ² that is its own.
+    /// Contribution of this table to χ².
     pub chi2: f64,
     /// The root of the mean of (model − datum)² of each column.
     pub rms: Vec<f64>,
@@ -135,20 +135,23 @@ fn by_path<S: Serializer>(parameters: &[(String, Estimate)], serializer: S) -> R
     map.end()
 }
 
-/// The accuracy of derivatives of the program's own numbers, and of differences.
+/// Relative accuracy of exact derivatives (`EXACT`) and of differences of runs (`DIFFERENCES`).
 const EXACT: f64 = 1e-9;
 const DIFFERENCES: f64 = 1e-7;
 
-/// More standard deviations than this are not by chance: one in a thousand.
+/// A deviation from the expected χ² by more standard deviations than this is reported; it occurs by chance
+/// once in a thousand cases.
 const SURPRISE: f64 = 3.09;
 
-/// Searches that end so close to the best one, relative to χ², have found the same.
+/// Searches whose χ² exceeds the smallest one by less than this, relatively, count as having found the same
+/// minimum.
 const SAME_END: f64 = 1e-6;
 
-/// Correlations beyond this are told in words.
+/// Correlations larger than this in magnitude are mentioned in the notes.
 const NEARLY_TOGETHER: f64 = 0.99;
 
-/// The factor within which a parameter on a logarithmic scale should be known.
+/// A parameter on a logarithmic scale is reported if its interval extends beyond this factor from the
+/// estimate.
 const FAR: f64 = 1000.0;
 
 impl From<Refusal<Stopped>> for FitError {
@@ -160,7 +163,7 @@ impl From<Refusal<Stopped>> for FitError {
     }
 }
 
-/// Seeks the parameters of a model, and says how well they are known.
+/// Estimates the parameters of a model and their uncertainty.
 pub(super) fn estimate(
     plan: &Fit,
     model: &Model,
@@ -342,7 +345,8 @@ fn column_error(free: &[usize], index: usize, error_of: &dyn Fn(usize) -> Option
     error_of(column).filter(|error| error.is_finite() && *error > 0.0)
 }
 
-/// Searches from all starts; the best one first has the given start.
+/// Searches from all starts, of which the first is the given one; returns the best minimum and a record of
+/// each search.
 fn searches(
     plan: &Fit,
     model: &Model,
@@ -352,7 +356,7 @@ fn searches(
     let mut starts = vec![search.inside(&first)];
     let region = search.region(&first);
     let mut random = fastrand::Rng::with_seed(plan.seed);
-    // In each coordinate every start has a stratum of its own.
+    // Latin hypercube: in each coordinate every start lies in a stratum of its own.
     let strata: Vec<Vec<usize>> = model
         .free
         .iter()
@@ -399,7 +403,7 @@ fn searches(
     best.map(|best| (best, records)).ok_or(FitError::Start(refusal))
 }
 
-/// A direction in which nothing changes.
+/// A sentence about a direction in parameter space along which the predictions do not change.
 fn in_words(direction: &[f64], free: &[usize], sought: &[Free]) -> String {
     let parts: Vec<(String, f64)> = direction
         .iter()
@@ -419,7 +423,7 @@ fn in_words(direction: &[f64], free: &[usize], sought: &[Free]) -> String {
     )
 }
 
-/// A sentence about an interval that says nothing.
+/// A sentence about an interval that is too wide to be informative.
 fn too_wide(sought: &Free, value: f64, half: f64) -> Option<String> {
     let key = sought.key();
     let width = sought.scale.inside(sought.bounds.1) - sought.scale.inside(sought.bounds.0);
@@ -441,7 +445,7 @@ fn too_wide(sought: &Free, value: f64, half: f64) -> Option<String> {
     }
 }
 
-/// What the size of the residuals says, and how the search ended.
+/// Sentences about residuals that are unexpectedly large or small, and about a search that did not converge.
 fn surprises(plan: &Fit, best: &Minimum, known: bool, chi2: f64, degrees_of_freedom: usize) -> Vec<String> {
     let mut notes = Vec::new();
     if best.end != End::Converged {
@@ -484,7 +488,7 @@ fn starts_note(starts: &[StartRecord], chi2: f64) -> Option<String> {
     Some(format!("{there} of {} searches ended at the smallest χ²{without}", starts.len()))
 }
 
-/// A row of data by its number in the vector of all.
+/// Describes the row (table and line) that the entry `place` of the vector of all data belongs to.
 fn row_of(plan: &Fit, mut place: usize) -> String {
     for record in &plan.records {
         if place < record.len() {
@@ -503,7 +507,7 @@ fn row_of(plan: &Fit, mut place: usize) -> String {
     String::new()
 }
 
-/// Refuses grids on which values between grid points are not told well enough.
+/// Returns an error if the grid is too coarse for interpolation between grid points.
 fn check_resolution(plan: &Fit, search: &Search<'_, '_>, predicted: &Predicted) -> Result<(), FitError> {
     let mut largest = vec![0.0f64; predicted.values.len()];
     for (index, record) in plan.records.iter().enumerate() {
@@ -535,7 +539,7 @@ fn check_resolution(plan: &Fit, search: &Search<'_, '_>, predicted: &Predicted) 
     }
 }
 
-/// What is to be known of values between grid points.
+/// A note about the accuracy of interpolated values, where it matters.
 fn resolution_note(search: &Search<'_, '_>, predicted: &Predicted, variance: Option<f64>) -> Option<String> {
     let factor = variance?.sqrt();
     let pairs = predicted.unresolved.iter().zip(&search.deviations);
@@ -582,11 +586,11 @@ fn told(plan: &Fit, search: &Search<'_, '_>, predicted: &Predicted) -> Vec<Vec<V
     plan.records.iter().enumerate().map(of).collect()
 }
 
-/// Most values of a parameter that are looked at on either side of its estimate.
+/// Largest number of values of a parameter tried on either side of its estimate.
 const MOST_LOOKS: usize = 16;
 
-/// Where χ² exceeds its smallest value by `threshold`, the other parameters at their best; `reach` is a
-/// standard error, or a guess of one.
+/// Where χ² exceeds its smallest value by `threshold`, the other parameters at their best; `reach` is the
+/// standard error, or an estimate of it.
 fn profile(
     search: &mut Search<'_, '_>,
     best: &Minimum,

@@ -2,28 +2,28 @@
 
 use crate::scenario::TimeGrid;
 
-/// Grid times through which the polynomial goes that stands for a motion near a time.
+/// Number of grid points of the polynomial that interpolates a motion.
 const POINTS: usize = 6;
 
-/// Those of the polynomial that it is compared with.
+/// Number of grid points of the polynomial of lower degree for the error estimate.
 const FEWER: usize = 4;
 
-/// A time so near a grid time, relative to the step, is that time.
+/// A time within this fraction of a step from a grid time counts as that grid time.
 const SAME: f64 = 1e-9;
 
-/// A number at a time as a sum over grid points.
+/// A value or slope at a time as a weighted sum over consecutive grid points.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Stencil {
     /// The first grid point.
     pub(super) first: usize,
-    /// Its share and those of the points behind it.
+    /// Weights of this grid point and the following ones.
     pub(super) shares: Vec<f64>,
-    /// Those of a polynomial of lower degree, whose difference says how well a motion is resolved; empty at a
-    /// grid time itself.
+    /// Weights of the polynomial of lower degree; the difference of the two sums estimates the interpolation
+    /// error. Empty at a grid time itself.
     pub(super) lower: Vec<f64>,
 }
 
-/// What is told at a time.
+/// Which quantity is interpolated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Of {
     Value,
@@ -61,7 +61,8 @@ impl Stencil {
     }
 }
 
-/// How many of so many indices come before a condition fails.
+/// Number of indices in 0..`count` for which `is_before` holds; it holds for the first ones and fails for the
+/// rest.
 fn partition(count: usize, is_before: impl Fn(usize) -> bool) -> usize {
     let (mut low, mut high) = (0, count);
     while low < high {
@@ -71,12 +72,13 @@ fn partition(count: usize, is_before: impl Fn(usize) -> bool) -> usize {
     low
 }
 
-/// The first of so many grid points around the interval that ends at a grid point.
+/// The first of `points` consecutive grid points centred about the interval that ends at grid point `after`,
+/// of `count` grid points in all.
 fn nearest_points(after: usize, points: usize, count: usize) -> usize {
     after.saturating_sub(points / 2).min(count - points)
 }
 
-/// Shares of grid points in the value or slope of the polynomial through them (Lagrange).
+/// Weights of grid points in the value or slope of the polynomial through them (Lagrange).
 fn polynomial(grid: &TimeGrid, first: usize, points: usize, time: f64, of: Of) -> Vec<f64> {
     let times: Vec<f64> = (first..first + points).map(|index| grid.time(index)).collect();
     let share = |i: usize| {

@@ -1,10 +1,10 @@
-//! Nonlinear least squares within bounds: the method of Levenberg and Marquardt on the parameters that no
-//! bound holds, with the weight of a step's length after \[Nielsen99\].
+//! Nonlinear least squares within bounds: the method of Levenberg and Marquardt on the parameters that are
+//! not fixed at a bound, with the damping parameter updated as in \[Nielsen99\].
 
 use crate::numerics::dense::{SingularValues, triangle};
 use nalgebra::{DMatrix, DVector};
 
-/// Residuals at a point, and their derivatives where they were asked for.
+/// Residuals at a point, and their derivatives where requested.
 #[derive(Clone, Debug)]
 pub(super) struct Evaluation {
     pub(super) residuals: DVector<f64>,
@@ -21,9 +21,9 @@ impl Evaluation {
 /// Why there are no residuals.
 #[derive(Debug)]
 pub(super) enum Refusal<E> {
-    /// The point is none of the model's: another one is tried.
+    /// The residuals are undefined at this point; the search tries another one.
     Point(String),
-    /// Nothing goes on.
+    /// The search must end.
     End(E),
 }
 
@@ -31,18 +31,18 @@ pub(super) enum Refusal<E> {
 pub(super) trait Residuals {
     type End;
 
-    /// Those at a point, with their derivatives if these are wanted.
+    /// The residuals at a point, with their derivatives if `derivatives` is set.
     fn evaluate(&mut self, point: &[f64], derivatives: bool) -> Result<Evaluation, Refusal<Self::End>>;
 }
 
-/// Where to look.
+/// Bounds and scales of a search.
 #[derive(Clone, Debug)]
 pub(super) struct Region {
     pub(super) lower: Vec<f64>,
     pub(super) upper: Vec<f64>,
-    /// Sizes that changes of the parameters are compared with.
+    /// Typical size of each parameter, to which its changes are relative.
     pub(super) typical: Vec<f64>,
-    /// A cost that is rounding.
+    /// Cost (half the sum of squares) below which residuals consist of rounding errors.
     pub(super) rounding: f64,
 }
 
@@ -50,7 +50,7 @@ pub(super) struct Region {
 #[derive(Clone, Debug)]
 pub(super) struct Minimum {
     pub(super) point: Vec<f64>,
-    /// With derivatives.
+    /// Residuals and derivatives at `point`.
     pub(super) evaluation: Evaluation,
     pub(super) iterations: usize,
     pub(super) end: End,
@@ -59,33 +59,35 @@ pub(super) struct Minimum {
 /// Why a search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum End {
-    /// Nothing is left to gain.
+    /// The point is a minimum within rounding.
     Converged,
     /// As many steps as allowed were made.
     Iterations,
-    /// No step along the gradient makes the residuals smaller, though they should become so.
+    /// No step along the gradient reduces the cost, although the gradient is not zero.
     Stuck,
 }
 
 /// A step shorter than this, relative to the parameters, ends the search.
 const SHORTEST: f64 = 1e-12;
 
-/// Where all that a step could gain is less than this, relative to the sum of squares, the search ends.
+/// The search ends where the predicted decrease of the sum of squares, relative to it, is less than this.
 const LEAST_GAIN: f64 = 1e-13;
 
-/// Directions with smaller singular values than this, relative to the largest, promise nothing.
+/// Directions with singular values smaller than this, relative to the largest, do not count in the predicted
+/// decrease.
 const FLAT: f64 = 1e-9;
 
-/// Below this share of the sum of squares rounding may hide what is left to gain.
+/// A predicted decrease below this fraction of the sum of squares may be hidden by rounding.
 const NO_GAIN: f64 = 1e-9;
 
-/// So small a cosine between the residuals and each column of their derivatives ends the search.
+/// The search ends where the cosine of the angle between the residuals and each column of their derivatives
+/// is below this.
 const ORTHOGONAL: f64 = 1e-11;
 
-/// The weight of a step's length at which nothing more is to be hoped for.
+/// Damping parameter at which the search gives up.
 const HEAVIEST: f64 = 1e14;
 
-/// Which parameters a bound holds: those at one beyond which the sum of squares would fall.
+/// Which parameters are fixed at a bound: those at a bound beyond which the sum of squares would decrease.
 pub(super) fn held(point: &[f64], region: &Region, gradient: &[f64]) -> Vec<bool> {
     let bounds = region.lower.iter().zip(&region.upper);
     let with_slope = point.iter().zip(gradient).zip(bounds);
@@ -102,7 +104,7 @@ pub(super) fn gradient(evaluation: &Evaluation) -> Vec<f64> {
     jacobian.column_iter().map(|column| column.dot(&evaluation.residuals)).collect()
 }
 
-/// The residuals at a point; `None` where there are none, or no derivatives that are asked for.
+/// The residuals at a point, with derivatives if requested; `None` where either is undefined.
 fn at<R: Residuals>(
     residuals: &mut R,
     point: &[f64],
@@ -115,10 +117,10 @@ fn at<R: Residuals>(
     }
 }
 
-/// The smallest sum of squares that is found from a start.
+/// Minimises the sum of squares from a start.
 ///
 /// # Errors
-/// What the residuals end by; in words if there are none at the start.
+/// [`Refusal::End`] as returned by `residuals`; [`Refusal::Point`] if they are undefined at the start.
 pub(super) fn minimise<R: Residuals>(
     residuals: &mut R,
     start: &[f64],
@@ -156,20 +158,21 @@ pub(super) fn minimise<R: Residuals>(
         let columns = DMatrix::from_fn(jacobian.nrows(), free.len(), |row, column| {
             jacobian[(row, free[column])] / scale(free[column])
         });
-        // R and Qᵀr stand for all rows.
+        // R and Qᵀr of a QR factorisation replace the rows.
         let (triangle, right) = triangle(columns, &now.residuals);
         let parts = SingularValues::of(triangle.clone());
         let projected = parts.u.tr_mul(&right);
         let cost = now.cost();
-        // What a step of any length would gain if the model were linear.
+        // Decrease that an undamped step would bring if the model were linear.
         let steep = |k: &usize| parts.values[*k] > FLAT * parts.values.max();
         let shares = (0..parts.values.len()).filter(steep).map(|k| projected[k] * projected[k]);
         let potential = 0.5 * shares.sum::<f64>();
         if potential <= LEAST_GAIN * cost {
             break End::Converged;
         }
-        // Where the residuals jump, steps become short though much is left to gain.
-        // Residuals that are rounding, and changes of larger ones that are.
+        // Where the residuals jump, steps become short although the cost could still decrease. `noise` bounds
+        // the cost of residuals that consist of rounding errors, and the change of the cost by rounding of
+        // larger ones.
         let noise = region.rounding.max(4.0 * (cost * region.rounding).sqrt());
         let is_done = potential <= NO_GAIN * cost || potential <= noise;
         let end_of_short = if is_done { End::Converged } else { End::Stuck };
@@ -198,7 +201,8 @@ pub(super) fn minimise<R: Residuals>(
                 let gained = cost - tried.cost();
                 let is_finite = tried.residuals.iter().all(|residual| residual.is_finite());
                 if is_finite && gained > 1e-4 * predicted {
-                    // A point where the next step could not begin is avoided as one without residuals is.
+                    // A point without derivatives, where the next step could not begin, is avoided like one
+                    // without residuals.
                     let whole = match tried.jacobian {
                         Some(_) => Some(tried),
                         None => at(residuals, &trial, true)?,
@@ -210,7 +214,7 @@ pub(super) fn minimise<R: Residuals>(
                         break (Some((trial, whole)), is_short.then_some(end_of_short));
                     }
                 } else if is_finite && potential <= 1e-12 * cost && gained.abs() <= 1e-12 * cost {
-                    // What is left to gain is below the rounding of the sum of squares.
+                    // The possible decrease is below the rounding of the sum of squares.
                     break (None, Some(End::Converged));
                 }
             }

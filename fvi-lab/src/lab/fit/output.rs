@@ -1,4 +1,4 @@
-//! The files of a fit, and its result in words.
+//! The files of a fit, and its result as text.
 
 use super::data::Record;
 use super::plan::{Fit, Free, Model, put_number};
@@ -27,8 +27,9 @@ struct Summary<'a> {
 const SUMMARY: &str = "fit.json";
 
 impl Fit {
-    /// The scenario of a model with the estimates in their places; of a table of data with what is its own.
-    /// Files that it names are told by their whole paths where `moved` says that it goes elsewhere.
+    /// The scenario of a model with its estimates; for a table of data, also with the values that this table
+    /// sets. With `moved`, for a scenario written to another directory, the files that it names have absolute
+    /// paths.
     pub fn scenario_of(
         &self,
         fitted: &FittedModel,
@@ -61,7 +62,7 @@ impl Fit {
         self.models.iter().find(|model| model.name == fitted.name)
     }
 
-    /// The tables of data whose conditions are not those of the scenario itself.
+    /// Indices of the tables of data that set keys or have parameters of their own.
     pub fn tables_of_their_own(&self, fitted: &FittedModel) -> Vec<usize> {
         let free: &[Free] = self.model_of(fitted).map_or(&[], |model| &model.free);
         let own = |index: usize| {
@@ -80,19 +81,19 @@ impl Fit {
         &self.records[table].places
     }
 
-    /// Data and deviations of each column of a table.
+    /// Data and standard deviations of each column of a table.
     pub fn columns(&self, table: usize) -> Vec<(&[f64], &[f64])> {
         let columns = self.records[table].columns.iter();
         columns.map(|column| (&column.values[..], &column.deviations[..])).collect()
     }
 
-    /// "t" or "omega".
+    /// Independent variable of a table: "t" or "omega".
     pub fn over(&self, index: usize) -> &'static str {
         self.records[index].over()
     }
 }
 
-/// Names of files that are there, by their whole paths.
+/// Replaces the names of existing files by absolute paths.
 fn name_files_whole(model: &Model, value: &mut toml::Value) {
     match value {
         toml::Value::String(text) => {
@@ -111,7 +112,7 @@ fn name_files_whole(model: &Model, value: &mut toml::Value) {
 }
 
 impl Fitted {
-    /// Writes the files of a fit: the record last.
+    /// Writes the files of a fit, the record last.
     ///
     /// # Errors
     /// [`FileError`].
@@ -142,7 +143,7 @@ impl Fitted {
             match &estimate.profile {
                 Some(profile) => {
                     let rows = profile.points.iter().fold(String::new(), |mut rows, (value, chi2)| {
-                        // A string takes whatever is written.
+                        // Writing to a string cannot fail.
                         let _ = writeln!(rows, "{value:.16e},{chi2:.16e}");
                         rows
                     });
@@ -174,7 +175,7 @@ impl Fitted {
         write_json(&directory.join(SUMMARY), &summary)
     }
 
-    /// The result in words, line by line.
+    /// The result as text for a terminal.
     pub fn report(&self, plan: &Fit) -> String {
         let mut text = format!("{}: {} numbers of data\n", plan.heading(), plan.data());
         if self.models.len() > 1 {
@@ -200,7 +201,7 @@ impl Fitted {
 }
 
 impl FittedModel {
-    /// The result of one model in words.
+    /// The result of one model as text.
     fn report(&self) -> String {
         let mut text = String::new();
         let width = self.parameters.iter().map(|(path, _)| path.chars().count()).max().unwrap_or(0).max(9);

@@ -1,11 +1,11 @@
-//! The pictures of a fit: data and model, and what is between them.
+//! The pictures of a fit: data with model, and residuals.
 
 use super::FittedModel;
 use super::data::{Column, Domain, Record};
 use super::plan::Fit;
 use crate::results::picture::{Axis, Chart, Series, Style};
 
-/// Most tables of data that are drawn.
+/// Largest number of tables of data that are drawn.
 const MOST_TABLES: usize = 20;
 
 /// The charts of a fitted model, with the names of their files.
@@ -18,7 +18,7 @@ pub(super) fn charts(plan: &Fit, fitted: &FittedModel) -> Vec<(String, Chart)> {
             Domain::Time => Axis::linear("time t"),
             Domain::Frequency { .. } => Axis::logarithmic("angular frequency ω"),
         };
-        // Moduli go over decades; parts of a receptance have signs.
+        // Moduli span decades; parts of a receptance have either sign.
         let is_positive = record.domain != Domain::Time && values().all(|&value| value > 0.0);
         let names: Vec<&str> = record.columns.iter().map(|column| column.name.as_str()).collect();
         let names = names.join(", ");

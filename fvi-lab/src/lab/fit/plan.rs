@@ -24,39 +24,39 @@ pub struct Fit {
 /// A scenario some of whose numbers are sought.
 #[derive(Clone, Debug)]
 pub(super) struct Model {
-    /// None where there is one only.
+    /// `None` where there is only one model.
     pub(super) name: Option<String>,
     pub(super) base: Scenario,
-    /// What its file says, with what the fit sets.
+    /// The values of the scenario's file, overridden by those that the fit sets.
     pub(super) values: toml::Table,
     pub(super) free: Vec<Free>,
 }
 
-/// A number that is sought.
+/// A free parameter.
 #[derive(Clone, Debug)]
 pub(super) struct Free {
-    /// Where it is in the scenario.
+    /// Its path in the scenario.
     pub(super) path: String,
-    /// The table of data whose own it is.
+    /// Index of the table of data that it applies to; `None`: all.
     pub(super) record: Option<usize>,
     pub(super) start: f64,
     pub(super) bounds: (f64, f64),
     pub(super) scale: Scale,
 }
 
-/// On what scale a number is sought.
+/// Scale on which a parameter is searched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scale {
     Linear,
     Logarithmic,
 }
 
-/// Of which parameters the likelihood is followed.
+/// For which parameters the profile likelihood is computed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Profile {
     None,
     All,
-    /// Of these paths.
+    /// The parameters with these paths.
     Some(Vec<String>),
 }
 
@@ -73,19 +73,19 @@ const KEYS: [&str; 10] = [
     "most_iterations",
 ];
 
-/// Most starts, parameters and tables of data of a fit.
+/// Largest numbers of starts, parameters and tables of data of a fit.
 const MOST_STARTS: usize = 10_000;
 const MOST_PARAMETERS: usize = 100;
 const MOST_RECORDS: usize = 1000;
 
-/// Parts of a scenario whose numbers may be sought: others say how it is computed.
+/// Parts of a scenario whose numbers may be free parameters; the others concern the computation.
 const SOUGHT: [&str; 4] = ["system.", "initial.", "input.", "controller"];
 
-/// Steps of a search unless the file says another number.
+/// Default for the largest number of steps of a search.
 const MOST_ITERATIONS: usize = 200;
 
 impl Scale {
-    /// The coordinate in which a value is sought.
+    /// The coordinate on this scale of a value.
     pub(super) fn inside(self, value: f64) -> f64 {
         match self {
             Self::Linear => value,
@@ -93,7 +93,7 @@ impl Scale {
         }
     }
 
-    /// The value at such a coordinate.
+    /// The value at a coordinate on this scale.
     pub(super) fn outside(self, coordinate: f64) -> f64 {
         match self {
             Self::Linear => coordinate,
@@ -103,7 +103,7 @@ impl Scale {
 }
 
 impl Free {
-    /// How it is called in results: its path, and the table whose own it is.
+    /// Its name in results: its path, and the table that it applies to if only one.
     pub(super) fn key(&self) -> String {
         match self.record {
             None => self.path.clone(),
@@ -111,7 +111,7 @@ impl Free {
         }
     }
 
-    /// A size that changes of its coordinate are compared with.
+    /// Typical size of its coordinate, to which changes are relative.
     pub(super) fn typical(&self, value: f64) -> f64 {
         if self.scale == Scale::Logarithmic {
             return 1.0;
@@ -123,21 +123,23 @@ impl Free {
     }
 }
 
-/// Puts a number at a path, and at its mirror image in a symmetric matrix.
+/// Puts a number at a path, and at its mirror image in a symmetric matrix, with the opposite sign in a
+/// skew-symmetric one.
 pub(super) fn put_number(values: &mut toml::Table, path: &str, number: f64) -> Result<(), String> {
     put(values, path, toml::Value::Float(number))?;
-    if let Some(mirrored) = mirrored(path) {
-        put(values, &mirrored, toml::Value::Float(number))?;
+    if let Some((mirrored, sign)) = mirrored(path) {
+        put(values, &mirrored, toml::Value::Float(sign * number))?;
     }
     Ok(())
 }
 
-/// The path of the mirror image of an entry of a matrix off its diagonal.
-fn mirrored(path: &str) -> Option<String> {
+/// The path of the mirror image of an entry of a matrix off its diagonal, and its sign there.
+fn mirrored(path: &str) -> Option<(String, f64)> {
     let (front, column) = path.strip_suffix(']')?.rsplit_once('[')?;
     let (front, row) = front.strip_suffix(']')?.rsplit_once('[')?;
-    let is_matrix = ["mass", "stiffness", "coefficient"].iter().any(|matrix| front.ends_with(matrix));
-    (is_matrix && row != column).then(|| format!("{front}[{column}][{row}]"))
+    let matrices = [("mass", 1.0), ("stiffness", 1.0), ("coefficient", 1.0), ("gyroscopic", -1.0)];
+    let (_, sign) = matrices.into_iter().find(|(matrix, _)| front.ends_with(matrix))?;
+    (row != column).then(|| (format!("{front}[{column}][{row}]"), sign))
 }
 
 /// The value at a path of a table.
@@ -167,19 +169,15 @@ impl Fit {
         Self::from_document(&Document::read(path)?)
     }
 
-    /// Checks a fit that is at hand, and reads the scenario that it names.
+    /// Checks a fit already read, and reads the scenario that it names.
     ///
     /// # Errors
     /// The first thing that cannot be used, with its place.
     pub fn from_document(document: &Document) -> Result<Self, InputError> {
-        let path = document.with_root(|root| {
-            root.allow(&KEYS)?;
-            Ok(document.resolve(root.required("scenario")?.text()?))
-        })?;
-        Self::of_scenario(document, Document::read(&path)?)
+        Self::of_scenario(document, document.scenario(&KEYS)?)
     }
 
-    /// Checks a fit and its scenario, both at hand; what the fit names as its `scenario` is not looked for.
+    /// Checks a fit and its scenario, both already read; the fit's key `scenario` is ignored.
     ///
     /// # Errors
     /// The first thing in either that cannot be used, with its place.
@@ -274,7 +272,7 @@ impl Fit {
         })
     }
 
-    /// What heads its pictures: its title, or that of the scenario.
+    /// Title of its pictures: its own, or that of the scenario.
     pub fn heading(&self) -> &str {
         &self.heading
     }
@@ -284,19 +282,20 @@ impl Fit {
         &self.document
     }
 
-    /// Numbers of data.
+    /// Number of data values.
     pub(super) fn data(&self) -> usize {
         self.records.iter().map(Record::len).sum()
     }
 }
 
-/// What data may be about.
+/// The sizes of the scenario that data are checked against.
 fn extent(scenario: &Scenario) -> Extent {
     let terms = scenario.system.damping.len();
-    Extent { coordinates: scenario.coordinates(), terms, end: scenario.time.end() }
+    let time = &scenario.time;
+    Extent { coordinates: scenario.coordinates(), terms, begin: time.start, end: time.end() }
 }
 
-/// Refuses scenarios whose numbers are no smooth function of their parameters.
+/// Refuses scenarios whose results are not a smooth function of their parameters.
 fn check_scenario(scenario: &Scenario) -> Result<(), InputError> {
     scenario.require_one_motion("a fit")?;
     let refused = |key: &str, allowed: &str| {
@@ -315,7 +314,7 @@ fn check_scenario(scenario: &Scenario) -> Result<(), InputError> {
     Ok(())
 }
 
-/// What is known of the deviations of all data together.
+/// What is known about the standard deviations of all data together.
 fn deviations(root: &Table<'_>, tables: &[Value<'_>], records: &[Record]) -> Result<Deviations, InputError> {
     let first = records.first().map_or(Deviations::None, |record| record.deviations);
     let mut kinds: Vec<&str> = Vec::new();
@@ -338,7 +337,7 @@ fn deviations(root: &Table<'_>, tables: &[Value<'_>], records: &[Record]) -> Res
     Ok(said)
 }
 
-/// The free numbers as far as they do not depend on a scenario.
+/// A free parameter as written in the file, not yet checked against a scenario.
 struct Wanted<'v> {
     place: Value<'v>,
     path: String,
@@ -461,13 +460,13 @@ fn read_models(
     Ok(models)
 }
 
-/// The error about what a scenario cannot take.
+/// The error about a value that the scenario refuses.
 fn refused(place: &Value<'_>, scenario: &Scenario, reason: &str) -> InputError {
     let file = scenario.document().name().to_owned();
     place.error(Problem::Refused { file, reason: reason.to_owned() })
 }
 
-/// What is wrong with a scenario, without its place in a file that nobody has written.
+/// The message of an error in a scenario, without its place, since no such file exists.
 pub(super) fn said(error: &InputError) -> String {
     let advice = error.problem().allowed().map_or_else(String::new, |allowed| format!("; {allowed}"));
     let key = match (error.key(), error.value()) {
@@ -498,7 +497,7 @@ impl Model {
                 let path_value = place.table()?.required("path")?;
                 return Err(refused(&path_value, base, &reason));
             };
-            if mirrored(path).is_some_and(|mirrored| at(&values, &mirrored).is_none()) {
+            if mirrored(path).is_some_and(|(mirrored, _)| at(&values, &mirrored).is_none()) {
                 return Err(refused(place, base, "the mirror image of this entry is missing"));
             }
             let start = start.unwrap_or(own);
@@ -516,7 +515,7 @@ impl Model {
         Ok(Self { name, base: base.clone(), values, free })
     }
 
-    /// Refuses a table of data that is not about this model, or sets what it cannot take.
+    /// Refuses a table of data that does not fit this model, or sets values that it refuses.
     fn check_record(&self, index: usize, record: &Record, place: &Value<'_>) -> Result<(), InputError> {
         let set = || place.table().ok().and_then(|table| table.optional("set"));
         let mut values = self.values.clone();
@@ -540,6 +539,11 @@ impl Model {
             let reason = format!("data up to t = {highest}: the motion ends at t = {end}");
             return Err(refused(place, &self.base, &reason));
         }
+        let lowest = record.places.first().copied().unwrap_or(f64::INFINITY);
+        if record.over() == "t" && lowest < own.begin * (1.0 - 1e-12) {
+            let reason = format!("data from t = {lowest} on: the motion begins at t = {}", own.begin);
+            return Err(refused(place, &self.base, &reason));
+        }
         record.check_extent(own).map_err(|reason| refused(place, &self.base, &reason))
     }
 }
@@ -550,9 +554,11 @@ mod tests {
 
     #[test]
     fn entries_have_mirror_images() {
-        assert_eq!(mirrored("system.mass[0][1]").as_deref(), Some("system.mass[1][0]"));
+        let image = |path: &str, sign: f64| Some((path.to_owned(), sign));
+        assert_eq!(mirrored("system.mass[0][1]"), image("system.mass[1][0]", 1.0));
         let coefficient = mirrored("system.damping[3].coefficient[2][0]");
-        assert_eq!(coefficient.as_deref(), Some("system.damping[3].coefficient[0][2]"));
+        assert_eq!(coefficient, image("system.damping[3].coefficient[0][2]", 1.0));
+        assert_eq!(mirrored("system.gyroscopic[0][1]"), image("system.gyroscopic[1][0]", -1.0));
         for path in ["system.mass[1][1]", "system.mass[1]", "system.damping[0].order", "input.samples[0][1]"]
         {
             assert_eq!(mirrored(path), None, "{path}");

@@ -1,4 +1,4 @@
-//! What a model says of the data, and how that changes with its parameters.
+//! Predictions of a model for the data, and their derivatives with respect to its parameters.
 
 use super::data::{Answer, Domain, Observed, Record};
 use super::interpolation::{Of, Stencil};
@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Why there is no prediction.
 #[derive(Debug)]
 pub(super) enum NoPrediction {
-    /// The scenario is none with these values, or its run fails.
+    /// The scenario is invalid with these values, or its run fails.
     Refused(String),
     /// It was stopped.
     Stopped,
@@ -31,66 +31,67 @@ impl From<InputError> for NoPrediction {
     }
 }
 
-/// The change of a parameter, relative to its size, over which differences of runs are taken.
+/// Relative change of a parameter for differences of runs.
 const RUN_CHANGE: f64 = 3e-5;
 
-/// That of differences of closed forms, likewise.
+/// Relative change of a parameter for differences of closed forms.
 const FORM_CHANGE: f64 = 1e-4;
 
-/// That by which a place is left at which derivatives do not exist.
+/// Relative change of a parameter to leave a point where derivatives do not exist.
 const NUDGE: f64 = 1e-6;
 
-/// Tables of data under the same conditions: one run serves them.
+/// Tables of data under the same conditions, predicted by one run.
 struct Group {
     records: Vec<usize>,
-    /// Data by the grid point that they need first.
+    /// The data, in ascending order of the first grid point that they depend on.
     needs: Vec<Need>,
     /// The last grid point that is needed.
     last: usize,
 }
 
-/// A number of data as a sum over grid points.
+/// A data value over time, predicted as a weighted sum over grid points.
 struct Need {
-    /// Its row in the vector of all data.
+    /// Its index in the vector of all data.
     place: usize,
     what: Observed,
     stencil: Stencil,
 }
 
-/// Computes what a model says of the data.
+/// Computes the predictions of a model for the data.
 pub(super) struct Predictions<'f> {
     model: &'f Model,
     records: &'f [Record],
-    /// Where the numbers of each table begin in the vector of all data, and their number.
+    /// Index in the vector of all data at which the values of each table begin; the last entry is the length
+    /// of the vector.
     begins: Vec<usize>,
     groups: Vec<Group>,
-    /// Whether the derivative by each parameter is that of the program's own numbers.
+    /// For each parameter, whether the program differentiates the discrete motion exactly with respect to it.
     exact: Vec<bool>,
-    /// Why not.
+    /// For each parameter, the reason if it does not.
     reasons: Vec<Option<String>>,
     tables: Tables,
     known: KnownMatrices,
     stop: &'f AtomicBool,
     progress: &'f mut dyn FnMut(usize),
-    /// Runs made.
+    /// Number of runs made.
     runs: usize,
 }
 
-/// Writes something of what a model says at a point.
+/// Computes some of the predictions at a point in parameter space and writes them.
 type Compute<'c, 'f> = dyn Fn(&mut Predictions<'f>, &[f64], &mut Predicted) -> Result<(), NoPrediction> + 'c;
 
-/// What a model says of all data.
+/// Predictions of a model for all data.
 #[derive(Clone, Debug)]
 pub(super) struct Predicted {
     pub(super) values: DVector<f64>,
-    /// By how much values between grid points differ from those of a polynomial of lower degree.
+    /// Difference of each interpolated value from that of a polynomial of lower degree; zero at grid points.
     pub(super) unresolved: DVector<f64>,
-    /// With respect to the parameters themselves.
+    /// Derivatives of `values` (rows) with respect to the parameters (columns), not to their logarithms.
     pub(super) jacobian: Option<DMatrix<f64>>,
 }
 
 impl<'f> Predictions<'f> {
-    /// Of a model, whose derivatives are looked at where the parameters start.
+    /// Predictions of a model; the start values of the parameters decide which derivatives are available.
     pub(super) fn new(
         model: &'f Model,
         records: &'f [Record],
@@ -124,18 +125,18 @@ impl<'f> Predictions<'f> {
         self.runs
     }
 
-    /// Why the derivative by a parameter is one of differences.
+    /// Why the derivative with respect to a parameter is taken from differences.
     pub(super) fn reason(&self, parameter: usize) -> Option<&str> {
         self.reasons[parameter].as_deref()
     }
 
-    /// Whether all derivatives are those of the program's own numbers.
+    /// Whether all derivatives are exact ones of the discrete motion.
     pub(super) fn are_all_exact(&self) -> bool {
         self.exact.iter().all(|&exact| exact)
             && self.records.iter().all(|record| record.domain == Domain::Time)
     }
 
-    /// Where the numbers of a table are among all data.
+    /// Range of the values of a table in the vector of all data.
     pub(super) fn place(&self, record: usize) -> std::ops::Range<usize> {
         self.begins[record]..self.begins[record + 1]
     }
@@ -170,7 +171,7 @@ impl<'f> Predictions<'f> {
                                 Observed::Acceleration(_) => Of::Slope,
                                 _ => Of::Value,
                             };
-                            let stencil = Stencil::new(&grid, time.min(grid.end()), of);
+                            let stencil = Stencil::new(&grid, time.clamp(grid.time(0), grid.end()), of);
                             group.last = group.last.max(stencil.last());
                             let place = begin + row * record.columns.len() + column;
                             group.needs.push(Need { place, what: data.what, stencil });
@@ -184,7 +185,7 @@ impl<'f> Predictions<'f> {
         Ok(())
     }
 
-    /// Finds out by which parameters the program differentiates.
+    /// Determines the parameters with respect to which the program differentiates exactly.
     fn ask_for_derivatives(&mut self) {
         let start: Vec<f64> = self.model.free.iter().map(|free| free.start).collect();
         for parameter in 0..self.model.free.len() {
@@ -199,7 +200,8 @@ impl<'f> Predictions<'f> {
                     motion.with_sensitivities(&self.tables).map(|_| ())
                 };
                 let Err(error) = attempt(&start) else { continue };
-                // At single values, as an order of 1, it is only there that it does not.
+                // Some derivatives are missing at isolated values only, such as an order of 1: tried beside
+                // it.
                 if attempt(&self.nudged(&start)).is_err() {
                     self.exact[parameter] = false;
                     self.reasons[parameter] = Some(said(&error));
@@ -208,7 +210,7 @@ impl<'f> Predictions<'f> {
         }
     }
 
-    /// The point beside, in the direction in which there is more room.
+    /// A neighbouring point, each parameter moved in the direction in which its bound is farther away.
     fn nudged(&self, point: &[f64]) -> Vec<f64> {
         let nudge = |(free, &value): (&Free, &f64)| {
             let change = NUDGE * size(free, value);
@@ -219,12 +221,12 @@ impl<'f> Predictions<'f> {
         self.model.free.iter().zip(point).map(nudge).collect()
     }
 
-    /// Whether a table of data knows a parameter.
+    /// Whether the predictions for a table of data depend on a parameter.
     fn concerns(&self, parameter: usize, record: usize) -> bool {
         self.model.free[parameter].record.is_none_or(|own| own == record)
     }
 
-    /// The values of a scenario's file for a table of data at a point.
+    /// The keys of the scenario for a table of data, with the parameters at `point`.
     pub(super) fn values(&self, record: Option<usize>, point: &[f64]) -> Result<toml::Table, String> {
         let mut values = self.model.values.clone();
         if let Some(record) = record {
@@ -240,14 +242,15 @@ impl<'f> Predictions<'f> {
         Ok(values)
     }
 
-    /// The scenario of a table of data at a point, differentiated by these parameters.
+    /// The scenario for a table of data with the parameters at `point`, with derivatives with respect to the
+    /// parameters `by`.
     fn scenario(&self, record: usize, point: &[f64], by: &[usize]) -> Result<Scenario, InputError> {
         let (base, document) = (&self.model.base, self.model.base.document());
         let mut values = self
             .values(Some(record), point)
             .map_err(|reason| base.error_at("", crate::language::Problem::Unusable { reason }))?;
         values.remove("sensitivity");
-        // What nothing here reads.
+        // Not needed here.
         values.remove("reference");
         if !by.is_empty() {
             let paths = by.iter().map(|&index| self.model.free[index].path.clone().into()).collect();
@@ -255,12 +258,12 @@ impl<'f> Predictions<'f> {
             values.insert("sensitivity".to_owned(), toml::Value::Table(asked));
         }
         let mut scenario = Scenario::knowing(document.with_values(&values), &self.known)?;
-        // Energies of large systems are computed for rows only.
+        // For large systems energies are computed at output rows only.
         scenario.output.every = 1;
         Ok(scenario)
     }
 
-    /// What the model says at a point, with derivatives if they are wanted.
+    /// The predictions at a point, with derivatives if requested.
     pub(super) fn at(&mut self, point: &[f64], derivatives: bool) -> Result<Predicted, NoPrediction> {
         let all = self.begins[self.records.len()];
         let count = self.model.free.len();
@@ -310,8 +313,8 @@ impl<'f> Predictions<'f> {
         self.scenario(record, point, by).is_ok()
     }
 
-    /// ∂/∂θ of what `compute` writes, by differences of order four, or of order two to one side where the
-    /// other one is refused.
+    /// ∂/∂θ of what `compute` writes, by central differences of order four, or by one-sided differences of
+    /// order two where the points on the other side are refused.
     fn difference(
         &mut self,
         parameter: usize,
@@ -347,7 +350,7 @@ impl<'f> Predictions<'f> {
             found => found?,
         };
         if let Some(jacobian) = &mut predicted.jacobian {
-            // Other tables of data have written their own rows.
+            // The rows of other tables of data are zero here and must not be overwritten.
             for (row, &slope) in column.iter().enumerate().filter(|(_, slope)| **slope != 0.0) {
                 jacobian[(row, parameter)] = slope;
             }
@@ -355,7 +358,7 @@ impl<'f> Predictions<'f> {
         Ok(())
     }
 
-    /// Makes the run of a group, and writes what its tables want of it.
+    /// Makes the run of a group, and writes the predictions for its tables.
     fn run(
         &mut self,
         group: usize,
@@ -376,7 +379,8 @@ impl<'f> Predictions<'f> {
         }
         let mut derived = Derived::new(self, &scenario, record, point, by, needs)?;
         let mut state = motion.state().clone();
-        // Needs whose grid points begin before the present one, and those of them that are not done.
+        // `opened`: number of needs whose first grid point has been reached; `open`: those of them whose last
+        // one has not.
         let (mut opened, mut open): (usize, Vec<usize>) = (0, Vec::new());
         let mut index = 0;
         loop {
@@ -387,7 +391,7 @@ impl<'f> Predictions<'f> {
                     opened += 1;
                 }
                 if !open.is_empty() {
-                    derived.look(&state, motion.batch().sensitivities());
+                    derived.look(&state, motion.batch().sensitivities(place));
                 }
                 for &number in &open {
                     let Need { place, what, stencil } = &needs[number];
@@ -424,7 +428,7 @@ impl<'f> Predictions<'f> {
         Ok(())
     }
 
-    /// What a table of data over frequencies wants.
+    /// Writes the predictions for a table of data over frequencies.
     fn answer(
         &mut self,
         record: usize,
@@ -487,7 +491,7 @@ impl<'f> Predictions<'f> {
                             .filter(|&(row, column, _)| (row, column) == (output, input))
                             .map(|(.., entry)| entry)
                             .sum::<f64>();
-                        // The spring is among the stiffness.
+                        // The kernel's spring is already part of the stiffness matrix.
                         sum += (whole(&term.transfer, s) - term.transfer.spring()) * entry;
                     }
                     sum
@@ -502,7 +506,7 @@ impl<'f> Predictions<'f> {
     }
 }
 
-/// A size that changes of a parameter are relative to.
+/// Size of a parameter, to which its changes are relative.
 fn size(free: &Free, value: f64) -> f64 {
     let typical =
         if free.scale == super::plan::Scale::Logarithmic { value.abs() } else { free.typical(value) };
@@ -515,6 +519,13 @@ fn static_stiffness(scenario: &Scenario, position: &[f64]) -> Result<DMatrix<f64
         return Err(NoPrediction::Refused(
             "system.force: a modulus of a system with forces of the velocity, which it leaves out; linear damping is \
              `[[system.damping]]` with `order` = 1"
+                .to_owned(),
+        ));
+    }
+    if scenario.system.gyroscopic.is_some() {
+        return Err(NoPrediction::Refused(
+            "system.gyroscopic: a modulus of a system with gyroscopic forces, which it leaves out; give the \
+             modulus by a scenario without them"
                 .to_owned(),
         ));
     }
@@ -531,16 +542,17 @@ fn static_stiffness(scenario: &Scenario, position: &[f64]) -> Result<DMatrix<f64
     Ok(dense)
 }
 
-/// A system for another value of a parameter, and by how much that differs.
+/// A system with a changed value of one parameter, and the change.
 type Beside = (System<f64>, f64);
 
-/// Numbers of a state that are not coordinates, and their derivatives.
+/// Quantities derived from a state (velocity, energy), and their derivatives with respect to the parameters.
 struct Derived {
     system: System<f64>,
-    /// Of each parameter: ∂M by its entries.
+    /// For each parameter, the entries (row, column) of the mass matrix that it is; empty for other
+    /// parameters.
     mass_changes: Vec<Vec<(usize, usize)>>,
-    /// Of each parameter, where energies are told: the systems for a little more and a little less of it,
-    /// with the differences.
+    /// For each parameter, if energies are needed: the systems with a slightly larger and a slightly smaller
+    /// value of it, with the changes.
     beside: Vec<[Beside; 2]>,
     tells_velocity: bool,
     tells_energy: bool,
@@ -548,7 +560,7 @@ struct Derived {
     momentum: Vec<f64>,
     velocity: Vec<f64>,
     energy: f64,
-    /// Row by parameter, N numbers each.
+    /// ∂q/∂θ: N numbers for each parameter in turn.
     position_slopes: Vec<f64>,
     momentum_slopes: Vec<f64>,
     velocity_slopes: Vec<f64>,
@@ -582,8 +594,8 @@ impl Derived {
             if !tells_energy {
                 break;
             }
-            // Where there is no system on one side, as beyond the last order, the one at the point stands for
-            // it.
+            // Where the system is invalid on one side, as beyond the largest order, the one at the point is
+            // used, with a change of 0.
             let change = 1e-5 * self::size(&predictions.model.free[parameter], point[parameter]);
             let other = |change: f64| -> Result<Beside, NoPrediction> {
                 let mut beside = point.to_vec();
@@ -600,6 +612,11 @@ impl Derived {
             beside.push([other(change)?, other(-change)?]);
         }
         let tells_velocity = tells(|what| matches!(what, Observed::Velocity(_) | Observed::Acceleration(_)));
+        if let (true, Some(row)) = (tells_velocity, scenario.system.massless().first()) {
+            let reason =
+                format!("system.mass: coordinate {row} has no mass, so that no momentum tells its velocity");
+            return Err(NoPrediction::Refused(reason));
+        }
         Ok(Self {
             system: made(scenario)?,
             mass_changes,
@@ -617,7 +634,7 @@ impl Derived {
         })
     }
 
-    /// Takes a state with its derivatives.
+    /// Computes the derived quantities of a state and their derivatives.
     fn look(&mut self, state: &GridState, slopes: &[f64]) {
         let size = self.position.len();
         self.position.copy_from_slice(&state.position);
@@ -645,7 +662,7 @@ impl Derived {
             }
         }
         if self.tells_energy {
-            // Along the direction in which the state moves with the parameter.
+            // Derivative along (∂q/∂θ, ∂p/∂θ).
             for parameter in 0..count {
                 let own = parameter * size..(parameter + 1) * size;
                 let (dq, dp) = (&self.position_slopes[own.clone()], &self.momentum_slopes[own]);

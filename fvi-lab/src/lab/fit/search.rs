@@ -15,10 +15,10 @@ pub(super) struct Search<'p, 'f> {
     most_iterations: usize,
 }
 
-/// What is left of residuals by rounding, relative to the largest datum.
+/// Rounding errors of residuals, relative to the largest datum.
 const ROUNDING: f64 = 1e-13;
 
-/// It was stopped.
+/// The search was stopped.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stopped;
 
@@ -76,16 +76,16 @@ impl<'p, 'f> Search<'p, 'f> {
     /// The values of the parameters at a point of the search.
     pub(super) fn outside(&self, point: &[f64]) -> Vec<f64> {
         let pairs = self.free.iter().zip(point);
-        // A bound is met to the bit, whatever the scale.
+        // Clamped, so that a bound is reached exactly despite the rounding of the logarithmic scale.
         pairs.map(|(free, &x)| free.scale.outside(x).max(free.bounds.0).min(free.bounds.1)).collect()
     }
 
-    /// The point of such values.
+    /// The point of the search for these values of the parameters.
     pub(super) fn inside(&self, values: &[f64]) -> Vec<f64> {
         self.free.iter().zip(values).map(|(free, &value)| free.scale.inside(value)).collect()
     }
 
-    /// Where the search may go, about a point.
+    /// Bounds and scales of the search for parameters near these values.
     pub(super) fn region(&self, values: &[f64]) -> Region {
         let bounds =
             |of: fn(&Free) -> f64| self.free.iter().map(|free| free.scale.inside(of(free))).collect();
@@ -95,7 +95,7 @@ impl<'p, 'f> Search<'p, 'f> {
         Region { lower: bounds(|free| free.bounds.0), upper: bounds(|free| free.bounds.1), typical, rounding }
     }
 
-    /// The smallest sum of squares from a start, with some parameters held where they are.
+    /// Minimises the sum of squares from a start; the parameter `hold`, if any, keeps its value.
     pub(super) fn from(&mut self, start: &[f64], hold: Option<usize>) -> Result<Minimum, Refusal<Stopped>> {
         let mut region = self.region(&self.outside(start));
         if let Some(index) = hold {

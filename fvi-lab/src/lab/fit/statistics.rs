@@ -1,14 +1,14 @@
-//! What residuals and their derivatives say of parameters: deviations, correlations, and what is not
-//! determined.
+//! Statistics of a fit from residuals and their derivatives: standard errors, correlations, and directions in
+//! parameter space that the data do not determine.
 
 use crate::numerics::dense::{SingularValues, triangle};
 use nalgebra::{DMatrix, DVector};
 
-/// The share of an interval's estimates on each side of it: 2.5 %.
+/// Probability of each tail outside of an interval: 2.5 %.
 const TAIL: f64 = 0.025;
 
-/// The number of standard errors from an estimate to either end of its 95 % interval: of Student's
-/// distribution with so many degrees of freedom, or of the normal one.
+/// The number of standard errors from an estimate to either end of its 95 % interval: for Student's
+/// distribution with these degrees of freedom, or with `None` for the normal distribution.
 pub(super) fn half_width(degrees_of_freedom: Option<usize>) -> f64 {
     let Some(nu) = degrees_of_freedom else { return 1.959_963_984_540_054 };
     if nu == 0 {
@@ -33,7 +33,7 @@ fn incomplete_beta(x: f64, a: f64, b: f64) -> f64 {
     if x <= 0.0 || x >= 1.0 {
         return if x <= 0.0 { 0.0 } else { 1.0 };
     }
-    // The fraction converges fast on this side of the mean.
+    // The continued fraction converges fast below the mean; above it I_x(a, b) = 1 − I_{1−x}(b, a).
     if x > (a + 1.0) / (a + b + 2.0) {
         return 1.0 - incomplete_beta(1.0 - x, b, a);
     }
@@ -59,28 +59,30 @@ fn incomplete_beta(x: f64, a: f64, b: f64) -> f64 {
     libm::exp(logarithm) * fraction / a
 }
 
-/// How many standard deviations a sum of so many squares of standard normal numbers lies above what is
-/// expected, by the cube root of \[WilsonHilferty31\].
+/// Number of standard deviations by which a sum of squares of standard normal numbers exceeds its expected
+/// value, by the cube-root approximation of \[WilsonHilferty31\].
 pub(super) fn excess(sum: f64, degrees_of_freedom: usize) -> f64 {
     let nu = degrees_of_freedom as f64;
     let variance = 2.0 / (9.0 * nu);
     (libm::cbrt(sum / nu) - (1.0 - variance)) / variance.sqrt()
 }
 
-/// The linear picture of a fit near its end.
+/// Covariance of the parameters from the model linearised at the minimum.
 #[derive(Clone, Debug)]
 pub(super) struct Covariance {
-    /// Of the parameters that are free, in units of the variance of a residual; those in directions that the
-    /// data do not determine are left out.
+    /// Covariance matrix of the free parameters, in units of the variance of a residual, without the
+    /// directions that the data do not determine.
     pub(super) matrix: DMatrix<f64>,
     /// Singular values of the derivatives, each column scaled to length 1, in descending order.
     pub(super) singular_values: Vec<f64>,
-    /// Directions in which nothing changes: how much of each parameter, the largest one 1.
+    /// Directions in parameter space along which the predictions do not change: components by parameter, the
+    /// largest one scaled to 1.
     pub(super) undetermined: Vec<Vec<f64>>,
 }
 
 impl Covariance {
-    /// Of the columns of J; `accuracy` is that of their entries, `typical` what changes are compared with.
+    /// Covariance for the derivatives J; `accuracy` is the relative accuracy of its entries, `typical` the
+    /// typical size of each parameter.
     pub(super) fn of(jacobian: &DMatrix<f64>, accuracy: f64, typical: &[f64]) -> Self {
         let count = jacobian.ncols();
         let norms: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
@@ -136,7 +138,7 @@ impl Covariance {
         Self { matrix, singular_values: values.iter().copied().collect(), undetermined }
     }
 
-    /// Whether a parameter takes part in a direction that is not determined.
+    /// Whether a parameter has a component in a direction that is not determined.
     pub(super) fn is_undetermined(&self, index: usize) -> bool {
         self.undetermined.iter().any(|direction| direction[index].abs() > 1e-3)
     }

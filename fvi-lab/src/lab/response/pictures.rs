@@ -18,7 +18,7 @@ pub(super) fn charts(
     let frequency = || Axis::logarithmic("angular frequency ω");
     let discrete: &[Complex<f64>] = found.discrete.as_deref().unwrap_or_default();
     let both = |mut chart: Chart, point: &dyn Fn(f64, Complex<f64>) -> (f64, f64)| {
-        // At the end of the band, ω = π/h, some schemes answer with nothing, which no logarithm shows.
+        // At the end of the band, ω = π/h, the response of some schemes is zero, which has no logarithm.
         let shows = |value: Complex<f64>, continuous: Complex<f64>| value.norm() >= 1e-3 * continuous.norm();
         let of = |values: &[Complex<f64>]| -> Vec<(f64, f64)> {
             let places = found.omega.iter().zip(values).zip(&found.response);

@@ -6,7 +6,7 @@ use crate::language::{InputError, Problem};
 /// A key of the scenario, by its path, and the values that it takes.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Axis {
-    /// Such as `system.damping[0].order`.
+    /// Path of the key, such as `system.damping[0].order`.
     pub(super) path: String,
     pub(super) values: Values,
 }
@@ -14,11 +14,11 @@ pub(super) struct Axis {
 /// The values of an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Values {
-    /// One by one.
+    /// Listed values.
     List(Vec<toml::Value>),
-    /// So many from one number to another, both among them.
+    /// `count` numbers from `from` to `to`, both included.
     Range { from: f64, to: f64, count: usize, spacing: Spacing },
-    /// So many whole numbers from one to another.
+    /// `count` integers from `from` to `to`, both included.
     Whole { from: i64, to: i64, count: usize },
 }
 
@@ -29,11 +29,12 @@ pub(super) enum Spacing {
     Logarithmic,
 }
 
-/// Most values of one axis.
+/// Largest number of values of one axis.
 const MOST_VALUES: usize = 1_000_000;
 
 impl Axis {
-    /// Reads one; `plain` is the same value without places. In a sampled sweep a range has no `count`.
+    /// Reads an axis; `plain` is the same value without places in the file. In a sampled sweep a range has no
+    /// `count`.
     pub(super) fn read(
         path: &str,
         value: &Value<'_>,
@@ -107,7 +108,8 @@ impl Axis {
                 let last = count.saturating_sub(1);
                 let value = self.at(if last == 0 { 0.0 } else { index as f64 / last as f64 });
                 match value {
-                    // Between the ends the numbers that one would write: 0.4, not 0.39999999999999997.
+                    // Between the ends, rounded to the number that one would write: 0.4, not
+                    // 0.39999999999999997.
                     toml::Value::Float(value) if *spacing == Spacing::Linear && index > 0 && index < last => {
                         toml::Value::Float(format!("{value:.14e}").parse().unwrap_or(value))
                     }
@@ -117,7 +119,7 @@ impl Axis {
         }
     }
 
-    /// The value at a place from 0 to 1 along a range; of a list, the entry whose share of [0, 1) it is.
+    /// The value at `place` in [0, 1] along a range; for a list of n values, that with index ⌊n·place⌋.
     pub(super) fn at(&self, place: f64) -> toml::Value {
         match &self.values {
             Values::List(values) => {
@@ -150,7 +152,7 @@ impl Axis {
         }
     }
 
-    /// Whether a picture spreads it by the logarithm.
+    /// Whether a picture shows the axis on a logarithmic scale.
     #[cfg(feature = "pictures")]
     pub(super) fn is_logarithmic(&self) -> bool {
         matches!(self.values, Values::Range { spacing: Spacing::Logarithmic, .. })
@@ -171,7 +173,7 @@ pub(super) fn cell(value: &toml::Value) -> String {
     }
 }
 
-/// Puts a value at a path; the error says how far the path leads.
+/// Puts a value at a path; the error states which part of the path does not exist.
 pub(in crate::lab) fn put(table: &mut toml::Table, path: &str, value: toml::Value) -> Result<(), String> {
     let mut so_far = String::new();
     let parts: Vec<&str> = path.split('.').collect();

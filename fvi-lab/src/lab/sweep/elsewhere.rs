@@ -1,5 +1,5 @@
-//! Runs of a sweep that other processes make, which need not see the same files: what they are sent, and what
-//! they send back.
+//! Runs of a sweep made by other processes, possibly without access to the same files: the data sent to them,
+//! and the results that they return.
 
 use super::records::{Record, Records};
 use super::{Sweep, SweepError, SweepOptions, SweepSummary, conclude, failures};
@@ -20,16 +20,16 @@ pub struct Parts {
     pub sweep: (String, String),
     /// Name and text of its scenario.
     pub scenario: (String, String),
-    /// The directory of the scenario, where it is: a part of the names by which records of inputs tell files.
+    /// Directory of the scenario on the sending machine, which is part of the file names in the records.
     pub directory: String,
     /// The files that its scenarios name, by these names.
     pub files: Vec<(String, Vec<u8>)>,
 }
 
-/// A run on its way back.
+/// Result of a run made by another process.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MadeRun {
-    /// Which.
+    /// Index of the run in the sweep.
     pub run: usize,
     /// Its record, with a checksum.
     pub record: Vec<u8>,
@@ -38,7 +38,7 @@ pub struct MadeRun {
 }
 
 impl Sweep {
-    /// Data from which another process can make runs.
+    /// The data that another process needs to make runs.
     ///
     /// # Errors
     /// If a file that the scenario names cannot be read any more.
@@ -65,16 +65,16 @@ impl Sweep {
         Self::of_scenario(&document(&parts.sweep, ""), scenario)
     }
 
-    /// Tells sweeps apart, and versions of fvi: runs belong together where this is the same.
+    /// Checksum of sweep, precision and version of fvi: runs with the same value belong to one table.
     pub fn fingerprint(&self, precision: Precision) -> u32 {
         crc32fast::hash(&self.identity(precision))
     }
 
-    /// Makes one run, to be sent back; `scratch` is a directory for files on the way, `tables` are shared by
-    /// the runs that are made. Nothing if it was stopped.
+    /// Makes one run, whose result is to be sent back; `scratch` is a directory for temporary files, `tables`
+    /// are shared with the other runs of this process. `None` if it was stopped.
     ///
     /// # Errors
-    /// If `scratch` cannot be written to; a run that fails is no error.
+    /// If `scratch` cannot be written to; a failing run is not an error.
     pub fn make_elsewhere(
         &self,
         run: usize,
@@ -86,7 +86,7 @@ impl Sweep {
         let options = SweepOptions { precision, ..SweepOptions::new(scratch) };
         let Some(record) = self.make(run, &options, tables, stop)? else { return Ok(None) };
         let trajectory = match self.trajectory_of(run, scratch) {
-            // A run that was refused has none.
+            // A refused run has no trajectory.
             Some(path) if path.is_file() => {
                 let content = fs::read(&path).and_then(|content| fs::remove_file(&path).map(|()| content));
                 Some(content.map_err(FileError::at(&path))?)
@@ -97,14 +97,14 @@ impl Sweep {
     }
 }
 
-/// The records of a sweep whose runs are made elsewhere.
+/// The records of a sweep whose runs are made by other processes.
 pub struct Ledger {
     records: Records,
     options: SweepOptions,
 }
 
 impl Ledger {
-    /// Opens the records in a directory; no other process may fill them meanwhile.
+    /// Opens the records in a directory and locks them against other processes.
     ///
     /// # Errors
     /// As [`sweep`](super::sweep).
@@ -115,7 +115,7 @@ impl Ledger {
         Ok(Self { records, options })
     }
 
-    /// Number of runs that are to be done.
+    /// Number of runs in this share of the sweep.
     pub fn share(&self) -> usize {
         self.records.share()
     }
@@ -134,8 +134,8 @@ impl Ledger {
         Ok(missing)
     }
 
-    /// Takes a run in, once more or for the first time: the record is the same. False if it is no run of this
-    /// sweep, or was damaged on the way.
+    /// Stores the result of a run; storing it again changes nothing. Returns `false` if it does not belong to
+    /// this sweep, or was damaged in transmission.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -154,7 +154,7 @@ impl Ledger {
         Ok(true)
     }
 
-    /// Writes the table, once all runs are there.
+    /// Writes the table, if all runs are done.
     ///
     /// # Errors
     /// As [`sweep`](super::sweep).

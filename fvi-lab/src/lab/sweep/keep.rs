@@ -1,4 +1,4 @@
-//! What of each run goes into the table.
+//! Which results of each run go into the table.
 
 use super::measured::Measured;
 use crate::lab::run::RunSummary;
@@ -18,7 +18,7 @@ pub(super) enum Quantity {
     Energy,
     /// `amplitude_q0`…: half the range of each coordinate over the last part of the run.
     Amplitude,
-    /// `stable_predicted` (1 or 0), `growth` (largest |q| by that of the start).
+    /// `stable_predicted` (1 or 0), `growth` (largest |q| over that of the start).
     Stability,
 }
 

@@ -1,20 +1,20 @@
-//! What a sweep measures of a run beyond its summary.
+//! Measurements of a run for a sweep that its summary does not contain.
 
 use crate::numerics::column::{highest, lowest};
 use crate::scenario::Scenario;
 use crate::simulation::step_batch::StepBatch;
 
-/// Gathers along one run.
+/// Measurements accumulated along one run.
 #[derive(Clone, Debug)]
 pub(super) struct Measured {
-    /// Where the part begins over which amplitudes are taken.
+    /// Beginning of the part of the run over which amplitudes are taken.
     settled: Settled,
     energy_at_start: f64,
     /// Lowest and highest value of each coordinate over that part.
     ranges: Vec<(f64, f64)>,
 }
 
-/// A step, or a time where steps are chosen on the way.
+/// A step index, or a time for adaptive steps.
 #[derive(Clone, Copy, Debug)]
 enum Settled {
     Step(usize),
@@ -31,7 +31,7 @@ impl Measured {
         Self { settled, energy_at_start: f64::NAN, ranges: Vec::new() }
     }
 
-    /// Takes in the states of a batch, whose numbers are finite.
+    /// Evaluates the states of a batch, which are finite.
     pub(super) fn take(&mut self, batch: &StepBatch) {
         if batch.first() == 0 {
             self.energy_at_start = batch.energies().first().copied().unwrap_or(f64::NAN);
@@ -53,7 +53,7 @@ impl Measured {
         self.energy_at_start
     }
 
-    /// Half the range of each coordinate; not a number for a run that did not get so far.
+    /// Half the range of each coordinate; NaN for a run that ended before that part.
     pub(super) fn amplitudes(&self) -> Vec<f64> {
         let half = |&(low, high): &(f64, f64)| if low <= high { 0.5 * (high - low) } else { f64::NAN };
         self.ranges.iter().map(half).collect()

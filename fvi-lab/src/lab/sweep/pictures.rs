@@ -7,13 +7,14 @@ use crate::results::files::{FileError, write_picture};
 use crate::results::output_directory::OutputDirectory;
 use crate::results::picture::{Axis, Chart, ColourMap, Series, Style};
 
-/// Most points of one picture.
+/// Largest number of points of one picture.
 const MOST_POINTS: usize = 1 << 20;
 
-/// Most curves of one picture.
+/// Largest number of curves of one picture.
 const MOST_CURVES: usize = 8;
 
-/// Draws what the sweep file asks for, or what its shape suggests; returns the names of the files.
+/// Draws the pictures that the sweep file requests, or default ones according to its axes; returns the names
+/// of the files.
 pub(super) fn write(
     sweep: &Sweep,
     shards: &[Records],
@@ -31,7 +32,7 @@ pub(super) fn write(
     Ok(files)
 }
 
-/// Quantities over the one or two axes of numbers that a sweep has.
+/// Default pictures: quantities over the one or two numeric axes of a sweep.
 fn suggestions(sweep: &Sweep) -> Vec<PictureRequest> {
     let axes: Vec<usize> = (0..sweep.axes().len()).filter(|&index| sweep.axes()[index].count() > 1).collect();
     let numeric = axes.iter().all(|&index| sweep.axes()[index].is_numeric());
@@ -64,7 +65,7 @@ fn suggestions(sweep: &Sweep) -> Vec<PictureRequest> {
         .collect()
 }
 
-/// A run as it lies in a picture.
+/// A run as a point of a picture.
 struct Point {
     x: f64,
     other: f64,
@@ -80,7 +81,7 @@ fn draw(sweep: &Sweep, shards: &[Records], request: &PictureRequest) -> Result<C
         Over::Alone => None,
         Over::Curves(index) | Over::Map(index) => Some(index),
     };
-    // Axes that the picture does not show are at their first values.
+    // Runs are selected in which axes that the picture does not show have their first values.
     let first: Vec<toml::Value> = sweep.axes().iter().map(|axis| axis.value(0)).collect();
     let hidden: Vec<usize> = (0..sweep.axes().len())
         .filter(|&index| sweep.is_grid() && index != request.x && Some(index) != other)
@@ -170,12 +171,13 @@ fn short(value: f64) -> String {
     format!("{rounded}")
 }
 
-/// The end of a path.
+/// The last part of a path, as a label.
 fn last_words(path: &str) -> &str {
     path.rsplit_once('.').map_or(path, |(_, last)| last)
 }
 
-/// Where a column goes from 1 to 0: for each x, halfway between the highest y with 1 and the next.
+/// Boundary where a column changes from 1 to 0: for each x, the midpoint of the highest y with 1 and the next
+/// y.
 fn boundary(points: &[Point]) -> Vec<(f64, f64)> {
     let mut sorted: Vec<&Point> = points.iter().filter(|point| !point.limit.is_nan()).collect();
     sorted.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.other.total_cmp(&b.other)));

@@ -1,4 +1,4 @@
-//! The sweep file: a scenario, the values of some of its keys, and what of the runs is kept.
+//! The sweep file: a scenario, the values of some of its keys, and the results to be kept.
 
 use super::axis::{self, Axis, Values, put};
 use super::keep::{Quantities, Quantity};
@@ -34,7 +34,7 @@ pub struct Sweep {
     own_terms: Option<TermsOfRuns>,
 }
 
-/// Makes the terms in code of a run.
+/// Makes the potential and forces given as code for the scenario of a run.
 #[derive(Clone)]
 struct TermsOfRuns(Arc<dyn Fn(&Scenario) -> SharedTerms + Send + Sync>);
 
@@ -44,7 +44,7 @@ impl fmt::Debug for TermsOfRuns {
     }
 }
 
-/// A picture that the file asks for.
+/// A picture requested in the file.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct PictureRequest {
     pub(super) name: String,
@@ -56,14 +56,14 @@ pub(super) struct PictureRequest {
     pub(super) logarithmic: bool,
     /// Ends of the scale of the quantity.
     pub(super) range: Option<(f64, f64)>,
-    /// A column that is 0 or 1: the line between is drawn into the map.
+    /// Name of a column with values 0 and 1, whose boundary is drawn into the map.
     pub(super) limit: Option<String>,
 }
 
 /// Second axis of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Over {
-    /// Nothing.
+    /// No second axis.
     Alone,
     /// A curve for each value of another axis.
     Curves(usize),
@@ -71,13 +71,13 @@ pub(super) enum Over {
     Map(usize),
 }
 
-/// The last share of a run over which amplitudes are taken, unless the file says another.
+/// Default fraction of a run, at its end, over which amplitudes are taken.
 const SETTLED: f64 = 0.5;
 
 /// The keys of a sweep.
 const KEYS: [&str; 6] = ["title", "scenario", "axes", "sampling", "keep", "pictures"];
 
-/// Most runs: beyond 2³² the records of one sweep are larger than anyone's disk.
+/// Largest number of runs; more would need records too large for a disk.
 const MOST_RUNS: usize = u32::MAX as usize;
 
 impl Sweep {
@@ -89,26 +89,21 @@ impl Sweep {
         Self::from_document(&Document::read(path)?)
     }
 
-    /// Checks a sweep that is at hand, and reads the scenario that it names.
+    /// Checks a sweep already read, and reads the scenario that it names.
     ///
     /// # Errors
     /// The first thing that cannot be used, with its place.
     pub fn from_document(document: &Document) -> Result<Self, InputError> {
-        let path = document.with_root(|root| {
-            root.allow(&KEYS)?;
-            Ok(document.resolve(root.required("scenario")?.text()?))
-        })?;
-        Self::of_scenario(document, Document::read(&path)?)
+        Self::of_scenario(document, document.scenario(&KEYS)?)
     }
 
-    /// Checks a sweep and its scenario, both at hand; what the sweep names as its `scenario` is not looked
-    /// for.
+    /// Checks a sweep and its scenario, both already read; the sweep's key `scenario` is ignored.
     ///
     /// # Errors
     /// The first thing in either that cannot be used, with its place.
     pub fn of_scenario(document: &Document, scenario: Document) -> Result<Self, InputError> {
         let plain = document.values()?;
-        // Files that it names are read once, and are the same for all runs.
+        // Files that the scenario names are read once and shared by all runs.
         let base = Scenario::from_document(scenario.reading_once())?;
         document.with_root(|root| Self::from_root(&root, document, base, &plain))
     }
@@ -198,11 +193,11 @@ impl Sweep {
         Ok(())
     }
 
-    /// Refuses an axis that names no key of the scenario, or a value that its key refuses, the others at
-    /// their first values.
+    /// Refuses an axis that names no key of the scenario, or with a value that its key refuses while the
+    /// other axes have their first values.
     fn check_axis(&self, index: usize, place: &Value<'_>) -> Result<(), InputError> {
         let axis = &self.axes[index];
-        // A scenario may hold parameters that it does not use; one that it does not hold, it does not use.
+        // Parameters may be unused in a scenario, but an axis over one that it does not define is a mistake.
         if let Some(name) = axis.path.strip_prefix("system.parameters.")
             && !self.base.document().has(&axis.path)
         {
@@ -236,7 +231,7 @@ impl Sweep {
             for (other, axis) in self.axes.iter().enumerate() {
                 let value = if other == index { value.clone() } else { axis.value(0) };
                 if let Err(reason) = put(&mut table, &axis.path, value) {
-                    // Each axis answers for its own path.
+                    // The path of another axis is checked with that axis.
                     return if other == index {
                         Err(self.no_such_key(place, &axis.path, Some(reason)))
                     } else {
@@ -253,7 +248,7 @@ impl Sweep {
                 }
                 continue;
             }
-            // Another axis at its first value may be to blame; it is asked by itself.
+            // The first value of another axis may cause the error, which is then reported for that axis.
             let others =
                 self.axes.iter().enumerate().any(|(other, axis)| other != index && error.key() == axis.path);
             if others {
@@ -268,7 +263,7 @@ impl Sweep {
         Ok(())
     }
 
-    /// The error about a path that leads nowhere.
+    /// The error about a path that does not exist.
     fn no_such_key(&self, place: &Value<'_>, path: &str, reason: Option<String>) -> InputError {
         let mut paths = BTreeSet::new();
         collect_paths("", &toml::Value::Table(self.values.clone()), &mut paths);
@@ -373,7 +368,7 @@ impl Sweep {
         &self.document
     }
 
-    /// Every text that a scenario of the sweep may hold.
+    /// All strings that may occur in scenarios of the sweep.
     pub(super) fn texts(&self) -> BTreeSet<&str> {
         let lists = self.axes.iter().filter_map(|axis| match &axis.values {
             Values::List(values) => Some(values),
@@ -392,11 +387,11 @@ impl Sweep {
     /// The scenario of a run.
     ///
     /// # Errors
-    /// If the values do not go together.
+    /// If the combination of values is invalid.
     pub fn scenario_of(&self, run: usize) -> Result<Scenario, InputError> {
         let mut table = self.values.clone();
         for (axis, value) in self.axes.iter().zip(self.values_of(run)) {
-            // The paths were tried when the sweep was read.
+            // The paths were checked when the sweep was read.
             let _ = put(&mut table, &axis.path, value);
         }
         let scenario = Scenario::from_document(self.base.document().with_values(&table))?;
@@ -409,8 +404,8 @@ impl Sweep {
         })
     }
 
-    /// The sweep with potential and forces in code beside those of each run's scenario. Nothing in its
-    /// records says which they are.
+    /// The sweep with potential and forces given as code, in addition to those of each run's scenario. The
+    /// records do not identify that code.
     #[must_use]
     pub fn with_own_terms(mut self, make: impl Fn(&Scenario) -> SharedTerms + Send + Sync + 'static) -> Self {
         self.own_terms = Some(TermsOfRuns(Arc::new(make)));
@@ -448,7 +443,7 @@ impl Sweep {
         self.trajectories
     }
 
-    /// Where the trajectory of a run goes, if it is kept.
+    /// Path of the trajectory of a run, if it is kept.
     pub(super) fn trajectory_of(&self, run: usize, directory: &Path) -> Option<PathBuf> {
         self.trajectories.then(|| directory.join("runs").join(format!("{run:06}.npz")))
     }
@@ -457,7 +452,7 @@ impl Sweep {
         Layout { runs: self.runs, columns: self.quantities.columns().len() }
     }
 
-    /// Identity that two sweeps share whose runs may stand in one table.
+    /// Identity of a sweep; the runs of two sweeps with the same identity may be joined in one table.
     pub(super) fn identity(&self, precision: Precision) -> Vec<u8> {
         let mut identity = json!({
             "version": env!("CARGO_PKG_VERSION"),
@@ -499,7 +494,7 @@ fn read_sampling(table: &Table<'_>, axes: usize) -> Result<Sampling, InputError>
     Ok(Sampling::Sobol { seed, count })
 }
 
-/// All texts among values.
+/// Collects all strings of a value.
 fn collect_texts<'a>(value: &'a toml::Value, texts: &mut BTreeSet<&'a str>) {
     match value {
         toml::Value::String(text) => {
@@ -511,7 +506,7 @@ fn collect_texts<'a>(value: &'a toml::Value, texts: &mut BTreeSet<&'a str>) {
     }
 }
 
-/// Paths to all values that are no tables.
+/// Collects the paths of all values that are not tables.
 fn collect_paths(path: &str, value: &toml::Value, paths: &mut BTreeSet<String>) {
     match value {
         toml::Value::Table(table) => {

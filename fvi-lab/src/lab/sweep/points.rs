@@ -5,7 +5,7 @@ use super::axis::Axis;
 /// How the runs are spread over the axes.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Sampling {
-    /// Every combination; the last axis goes round fastest.
+    /// Every combination; the last axis varies fastest.
     Grid,
     /// One run in each of `count` equal parts of every axis, paired at random.
     LatinHypercube { seed: u64, orders: Vec<Vec<u32>> },
@@ -13,7 +13,7 @@ pub(super) enum Sampling {
     Sobol { seed: u64, count: usize },
 }
 
-/// Most points of Sobol's sequence that the library gives, and most axes.
+/// Largest numbers of points of Sobol's sequence, and of axes, that the library supports.
 pub(super) const MOST_SOBOL: usize = 1 << 16;
 pub(super) const MOST_SOBOL_AXES: usize = sobol_burley::NUM_DIMENSIONS as usize;
 
@@ -27,7 +27,7 @@ impl Sampling {
         Self::LatinHypercube { seed, orders: (0..axes).map(order).collect() }
     }
 
-    /// Number of runs, if it can be counted.
+    /// Number of runs; `None` if it overflows.
     pub(super) fn runs(&self, axes: &[Axis]) -> Option<usize> {
         match self {
             Self::Grid => axes.iter().try_fold(1_usize, |runs, axis| runs.checked_mul(axis.count())),
@@ -73,7 +73,7 @@ impl Sampling {
     }
 }
 
-/// Two numbers as one that has little to do with either.
+/// Hash of two numbers.
 fn mixed(a: u64, b: u64) -> u64 {
     fastrand::Rng::with_seed(a ^ b.wrapping_mul(0x9e37_79b9_7f4a_7c15)).u64(..)
 }

@@ -1,4 +1,4 @@
-//! The file of records: a place for each run, filled when it is done.
+//! The file of records: a slot for each run, filled when the run is done.
 //!
 //! ```text
 //! magic (8 bytes), length of the identity (u64), identity, CRC-32 of the three (u32)
@@ -6,8 +6,8 @@
 //!            CRC-32 (u32)
 //! ```
 //!
-//! Integers and numbers have the least significant byte first. A place whose checksum does not fit is one of
-//! a run that is not done.
+//! Integers and floating-point numbers are little-endian. A slot with a wrong checksum belongs to a run that
+//! is not done.
 
 use super::SweepError;
 use crate::results::files::FileError;
@@ -19,10 +19,10 @@ use std::sync::{Mutex, PoisonError};
 
 const MAGIC: [u8; 8] = *b"fvi\r\n\x1a\nS";
 
-/// Longest message of a run, in bytes.
+/// Largest length of a run's message, in bytes.
 pub(super) const LONGEST_MESSAGE: usize = 240;
 
-/// The part of a sweep that one process makes: runs whose number leaves a certain rest when divided by the
+/// The part of a sweep that one process makes: the runs whose index has a given remainder on division by the
 /// number of shards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
@@ -30,7 +30,7 @@ pub struct Shard {
     count: usize,
 }
 
-/// A text that names no shard.
+/// A text that cannot be read as a shard.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{text}` is no shard: I/COUNT is, with I from 1 to COUNT, or from 0 to COUNT − 1")]
 pub struct ShardError {
@@ -56,7 +56,7 @@ impl Shard {
     /// The shard of a task of a Slurm array, from the variables that Slurm sets; `None` outside of one.
     ///
     /// # Errors
-    /// If a variable is no whole number, or the task is none of the array.
+    /// If a variable is not an integer, or the task does not belong to the array.
     pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Option<Self>, ShardError> {
         let (Some(id), Some(count)) = (variable("SLURM_ARRAY_TASK_ID"), variable("SLURM_ARRAY_TASK_COUNT"))
         else {
@@ -97,7 +97,7 @@ impl Shard {
         (shard.file() == name).then_some(shard)
     }
 
-    /// Number of its runs, of all.
+    /// Number of its runs, in a sweep of `runs` runs.
     pub fn share(self, runs: usize) -> usize {
         runs / self.count + usize::from(runs % self.count > self.index)
     }
@@ -170,12 +170,12 @@ pub(super) struct Records {
     layout: Layout,
     head: u64,
     file: File,
-    /// Held by who moves the file's cursor.
+    /// Held while the file's cursor is moved.
     cursor: Mutex<()>,
 }
 
 impl Records {
-    /// Opens the records of a shard to fill them, and keeps other processes from doing so.
+    /// Opens the records of a shard for writing, locked against other processes.
     pub(super) fn open(
         directory: &Path,
         identity: &[u8],
@@ -199,7 +199,7 @@ impl Records {
         let mut present = Vec::new();
         (&file).take(head.len() as u64).read_to_end(&mut present).map_err(&failed)?;
         if present.len() < head.len() && head.starts_with(&present) {
-            // Begun just now, or by a process that got no further.
+            // The file is new, or was left without a complete head.
             let write = || {
                 (&file).rewind()?;
                 (&file).write_all(&head)
@@ -217,7 +217,7 @@ impl Records {
         Self { path, shard, layout, head, file, cursor: Mutex::new(()) }
     }
 
-    /// Opens the records of a shard to read them.
+    /// Opens the records of a shard for reading.
     pub(super) fn look(
         directory: &Path,
         identity: &[u8],
@@ -237,7 +237,7 @@ impl Records {
         Ok(Self::with(path, shard, layout, head.len() as u64, file))
     }
 
-    /// All shards of a directory, which must be whole and make up the sweep.
+    /// All shards of a directory, which must be complete and together cover the sweep.
     pub(super) fn all(directory: &Path, identity: &[u8], layout: Layout) -> Result<Vec<Self>, SweepError> {
         let mut shards = shards_in(directory)?;
         shards.sort_by_key(|shard| (shard.count, shard.index));
@@ -276,12 +276,12 @@ impl Records {
         self.shard.share(self.layout.runs)
     }
 
-    /// The run that has a place.
+    /// Index of the run in a slot.
     pub(super) fn run(&self, place: usize) -> usize {
         place * self.shard.count + self.shard.index
     }
 
-    /// The place of a run, if it is one of the shard's.
+    /// Slot of a run, if the run belongs to the shard.
     pub(super) fn place(&self, run: usize) -> Option<usize> {
         (run < self.layout.runs && run % self.shard.count == self.shard.index).then(|| run / self.shard.count)
     }
@@ -299,7 +299,7 @@ impl Records {
         SeekFrom::Start(self.head + (place * self.layout.bytes()) as u64)
     }
 
-    /// The record at a place, if that run is done.
+    /// The record in a slot, if that run is done.
     pub(super) fn read(&self, place: usize) -> Result<Option<Record>, FileError> {
         let mut bytes = vec![0; self.layout.bytes()];
         let read = self.at(place, |mut file| file.read_exact(&mut bytes));
@@ -309,7 +309,7 @@ impl Records {
         }
     }
 
-    /// Fills a place.
+    /// Writes a slot.
     pub(super) fn write(&self, place: usize, record: &Record) -> Result<(), FileError> {
         let bytes = record.encode(self.layout);
         self.at(place, |mut file| file.write_all(&bytes)).map_err(FileError::at(&self.path))
@@ -321,7 +321,7 @@ impl Records {
         act(&self.file)
     }
 
-    /// Has everything on the disk.
+    /// Flushes everything to the disk.
     pub(super) fn flush(&self) -> Result<(), FileError> {
         self.file.sync_data().map_err(FileError::at(&self.path))
     }
@@ -337,7 +337,7 @@ fn overlap(one: Shard, other: Shard) -> String {
     format!("shards overlap: {one} and {other} divide the runs in different ways")
 }
 
-/// The record of a run among those of all shards, which are in order.
+/// The record of a run from the shards, which are sorted by index.
 pub(super) fn record_of(shards: &[Records], run: usize) -> Result<Record, FileError> {
     let missing = Record { status: Status::Refused, steps: 0, values: Vec::new(), message: String::new() };
     let Some(records) = shards.get(run % shards.len().max(1)) else { return Ok(missing) };
@@ -372,7 +372,7 @@ impl Record {
         bytes
     }
 
-    /// The record of these bytes, if they are one.
+    /// The record in these bytes; `None` if the checksum is wrong.
     pub(super) fn decode(bytes: &[u8], layout: Layout) -> Option<Self> {
         let (content, checksum) =
             bytes.split_last_chunk::<4>().map(|(content, checksum)| (content, *checksum))?;
@@ -490,7 +490,7 @@ mod tests {
         let other = Records::open(directory.path(), b"", LAYOUT, "1/2".parse().unwrap());
         let refusal = other.err().map(|error| error.to_string()).unwrap_or_default();
         assert!(refusal.contains("/3 and 1/2 divide the runs in different ways"), "{refusal}");
-        // As two processes leave them that begin at the same moment.
+        // As left by two processes that began at the same moment.
         fs::write(directory.path().join("sweep.shard-1-of-2.fvi"), "").unwrap();
         assert!(all().contains("shards overlap"), "{}", all());
     }

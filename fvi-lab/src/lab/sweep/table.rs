@@ -16,7 +16,7 @@ const NPZ: &str = "results.npz";
 pub enum Column {
     /// Whole numbers.
     Whole(Vec<i64>),
-    /// Numbers; NaN for what is not known.
+    /// Floating-point numbers; NaN for missing values.
     Number(Vec<f64>),
     /// Texts.
     Text(Vec<String>),
@@ -81,7 +81,7 @@ fn write_csv(sweep: &Sweep, shards: &[Records], file: &mut impl Write) -> io::Re
     for run in 0..sweep.runs() {
         let record = record(shards, run)?;
         let values = sweep.values_of(run);
-        // What is not known, or no number, is an empty cell.
+        // Missing values and NaN become empty cells.
         let number = |value: &f64| if value.is_nan() { String::new() } else { format!("{value:?}") };
         let row = fixed(&run.to_string())
             .chain(values.iter().map(cell))
@@ -126,7 +126,7 @@ fn write_npz(sweep: &Sweep, shards: &[Records], archive: &mut Archive) -> io::Re
     texts(archive, "message", sweep, |run| Ok(record(shards, run)?.message))
 }
 
-/// An array of a number for each run.
+/// Writes an array with a number for each run.
 fn column(
     archive: &mut Archive,
     name: &str,
@@ -140,7 +140,7 @@ fn column(
     })
 }
 
-/// An array of a text for each run.
+/// Writes an array with a text for each run.
 fn texts(
     archive: &mut Archive,
     name: &str,

@@ -12,20 +12,20 @@ pub struct Law {
     pub lambda: f64,
     /// μ.
     pub mu: f64,
-    /// Of the parallel form.
+    /// Derivative filter of the parallel form.
     pub filter: DerivativeFilter,
     /// b and c of the parallel form.
     pub setpoint_weights: [f64; 2],
 }
 
-/// What a law answers at one s: u = C_r r − C_y y.
+/// Value of a law at one s: u = C_r r − C_y y.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LawResponse {
     /// C_r.
     pub setpoint: Complex<f64>,
     /// C_y.
     pub measured: Complex<f64>,
-    /// The product of what stands below its lines, without zeros to the right of the imaginary axis.
+    /// Product of the denominators of C, which has no zeros to the right of the imaginary axis.
     pub denominator: Complex<f64>,
 }
 
@@ -50,7 +50,7 @@ pub(super) fn filter(filter: DerivativeFilter, s: Complex<f64>) -> [Complex<f64>
 }
 
 impl Law {
-    /// C at s.
+    /// Value of the law at s.
     pub fn response(&self, s: Complex<f64>) -> LawResponse {
         let one = Complex::new(1.0, 0.0);
         match self.gains {
@@ -78,7 +78,7 @@ impl Law {
         }
     }
 
-    /// The law that ticks.
+    /// The discrete law with sampling time `sample`.
     ///
     /// # Errors
     /// [`ParameterError`].

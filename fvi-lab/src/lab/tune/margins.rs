@@ -7,13 +7,13 @@ use std::f64::consts::PI;
 /// How far a loop is from −1.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Margins {
-    /// The factor by which the gain may grow until the loop is at −1; none if by any.
+    /// Factor by which the gain may grow until L passes through −1; `None` if it never does.
     pub gain_margin: Option<f64>,
-    /// The factor by which it may shrink; none if by any.
+    /// Factor down to which the gain may shrink until L passes through −1; `None` if it never does.
     pub gain_reduction: Option<f64>,
-    /// The smallest distance of the phase from −180° where |L| = 1, in degrees; none where |L| is never 1.
+    /// The smallest distance of the phase from −180° where |L| = 1, in degrees; `None` where |L| is never 1.
     pub phase_margin: Option<f64>,
-    /// The dead time that the loop bears besides.
+    /// Additional dead time up to which the loop stays stable.
     pub delay_margin: Option<f64>,
     /// ω where |L| = 1, ascending.
     pub gain_crossovers: Vec<f64>,
@@ -21,36 +21,36 @@ pub struct Margins {
     pub phase_crossovers: Vec<f64>,
     /// The largest |S| = 1/|1 + L|.
     pub ms: f64,
-    /// ω where it is.
+    /// ω of the largest |S|.
     pub ms_at: f64,
     /// The largest |T| = |L|/|1 + L|.
     pub mt: f64,
-    /// ω where it is.
+    /// ω of the largest |T|.
     pub mt_at: f64,
 }
 
 /// A loop as a function of ω; `None` where it has no value.
 pub(super) type Loop<'a> = dyn Fn(f64) -> Option<Complex<f64>> + 'a;
 
-/// Ratio of neighbouring frequencies, logarithm of.
+/// Logarithm of the ratio of neighbouring frequencies.
 const SPACING: f64 = 0.01;
 
-/// How far e^{−iωL} may turn between neighbours.
+/// Largest change of the phase of e^{−iωL} between neighbouring frequencies, in radians.
 const TURN: f64 = 0.1;
 
-/// |L| below which no margin is decided.
+/// |L| below which the response does not affect any margin.
 const SMALL: f64 = 0.02;
 
-/// Halvings of an interval in which the loop bends.
+/// Largest number of bisections of an interval in which the loop curves strongly.
 const HALVINGS: u32 = 24;
 
-/// Most frequencies of a response.
+/// Largest number of frequencies of a response.
 const MOST: usize = 2_000_000;
 
-/// The response over frequencies that are close enough to see every bend of it.
+/// The response at frequencies close enough to resolve its curve.
 ///
 /// # Errors
-/// In words, where it has no value.
+/// A sentence, where the loop has no value.
 pub(super) fn follow(
     open: &Loop<'_>,
     from: f64,
@@ -83,7 +83,7 @@ pub(super) fn follow(
     Ok(points)
 }
 
-/// Adds what lies between two points, the second one included.
+/// Adds points between two points, and the second one.
 fn refine(
     left: (f64, Complex<f64>),
     right: (f64, Complex<f64>),
@@ -130,7 +130,7 @@ pub(super) fn largest(
             if value > best.1 {
                 best = (point.0, value);
             }
-            // What lies higher between neighbours than on them lies little higher.
+            // A maximum between neighbouring points exceeds their values by little only.
             if value > 0.98 * best.1 {
                 let (low, high) =
                     (points[index.saturating_sub(1)].0, points[(index + 1).min(points.len() - 1)].0);
@@ -163,7 +163,7 @@ pub(super) fn largest_by_parabolas(
     best
 }
 
-/// The maximum of a function in an interval where it has one summit, by golden sections.
+/// Place and value of the maximum of a function in an interval where it has one, by golden-section search.
 pub(super) fn summit(function: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> (f64, f64) {
     const GOLDEN: f64 = 0.618_033_988_749_894_8;
     let mut inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
@@ -202,7 +202,7 @@ pub(super) fn complementary_at_any_phase(open: Complex<f64>) -> f64 {
     open.norm() * sensitivity_at_any_phase(open)
 }
 
-/// The margins of a response that was followed.
+/// The margins from the points of a response.
 pub(super) fn margins(points: &[(f64, Complex<f64>)], open: &Loop<'_>) -> Margins {
     let mut found = Margins::default();
     for pair in points.windows(2) {

@@ -59,7 +59,7 @@ struct BoundRecord<'a> {
     found: f64,
 }
 
-/// Of a proportional controller.
+/// Ultimate point under a proportional controller.
 #[derive(Serialize)]
 struct Ultimate {
     gain: f64,
@@ -67,7 +67,7 @@ struct Ultimate {
 }
 
 impl Tuning {
-    /// What `tune.json` says.
+    /// The content of `tune.json`.
     pub fn record<'a>(&'a self, problem: &'a TuningProblem) -> TuneRecord<'a> {
         let [kp, ki, kd] = self.law.three();
         let (form, series) = match self.law.gains {
@@ -115,7 +115,7 @@ impl Tuning {
         }
     }
 
-    /// `[controller]` of a scenario: of the one that was tuned for, ready to be pasted into it.
+    /// The table `[controller]` for a scenario; for a plant from a scenario it can be pasted into that.
     pub fn controller_table(&self, problem: &TuningProblem) -> String {
         let mut text = String::new();
         let (measures, drives) = match problem.plant.scenario() {
@@ -130,7 +130,7 @@ impl Tuning {
         };
         let law = &self.law;
         let mut line = |key: &str, value: String| {
-            // A string takes whatever is written.
+            // Writing to a string cannot fail.
             let _ = writeln!(text, "{key} = {value}");
         };
         line("[controller]\nkind", "\"fractional-pid\"".to_owned());
@@ -190,7 +190,7 @@ impl Tuning {
             let cells: Vec<String> = numbers.iter().map(|number| format!("{number:.16e}")).collect();
             let sampled =
                 sampled.map_or(",".to_owned(), |value| format!("{:.16e},{:.16e}", value.re, value.im));
-            // A string takes whatever is written.
+            // Writing to a string cannot fail.
             let _ = writeln!(text, "{},{sampled}", cells.join(","));
         }
         put("loop.csv", text)?;

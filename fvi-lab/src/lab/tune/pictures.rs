@@ -5,7 +5,7 @@ use crate::results::picture::{Axis, Chart, Series, Style};
 use nalgebra::Complex;
 use std::f64::consts::PI;
 
-/// Points of the circle that |S| = Ms is.
+/// Number of points of the circle |S| = Ms.
 const CIRCLE: usize = 200;
 
 /// The charts of a tuning, with the names of their files.

@@ -1,4 +1,4 @@
-//! What is to be controlled, as a function of s.
+//! The plant, as a function of s.
 
 use super::margins::Loop;
 use crate::language::document::{Table, Value};
@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 /// P(s) e^{−Ls}.
 pub struct Plant {
     kind: Kind,
-    /// L that is written beside P.
+    /// Dead time L in addition to that contained in P.
     dead_time: f64,
 }
 
@@ -23,9 +23,10 @@ enum Kind {
     FirstOrder { gain: f64, time: f64 },
     /// K/(a s² + b s + 1)
     SecondOrder { gain: f64, coefficients: [f64; 2] },
-    /// An expression.
+    /// A formula in s with parameters.
     Formula { formula: PlantFormula, parameters: BTreeMap<String, f64> },
-    /// A scenario about a position, from the output of a controller to what it measures.
+    /// A scenario linearised about a position: transfer function from the output of a controller to its
+    /// measured value.
     Scenario(Box<ScenarioPlant>),
 }
 
@@ -35,9 +36,9 @@ pub struct ScenarioPlant {
     pub file: String,
     /// The scenario without controllers of its own.
     pub scenario: Scenario,
-    /// `measures`, `drives` and the sample of the controller as it stands in the scenario.
+    /// The controller as written in the scenario, with `measures`, `drives` and the sampling time.
     pub controller: Controller,
-    /// The scenario's document, and its keys with the controller.
+    /// The scenario's document, and its keys including the controller.
     pub(super) document: Document,
     pub(super) values: toml::Table,
     linearised: Linearised,
@@ -47,7 +48,7 @@ pub struct ScenarioPlant {
     measure: [Vec<f64>; 2],
 }
 
-/// A first-order plant, which rules are for.
+/// A first-order plant with dead time, K e^{−Ls}/(T s + 1), for which rules exist.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FirstOrder {
     /// K.
@@ -69,10 +70,10 @@ fn not_zero(value: &Value<'_>) -> Result<f64, InputError> {
 }
 
 impl Plant {
-    /// Reads `[plant]`; a scenario's controller has the time `sample` between its ticks.
+    /// Reads `[plant]`; `sample` is the sampling time of a scenario's controller.
     ///
     /// # Errors
-    /// What in the table cannot be used, or in the scenario that it names.
+    /// The first invalid entry of the table, or of the scenario that it names.
     pub fn read(table: &Table<'_>, document: &Document, sample: &Value<'_>) -> Result<Self, InputError> {
         let dead_time = table.optional("dead_time").map_or(Ok(0.0), |value| not_negative(&value))?;
         let forms = ["time_constant", "time_constants", "frequency", "transfer", "scenario"];
@@ -126,7 +127,8 @@ impl Plant {
         Ok(Self { kind, dead_time })
     }
 
-    /// P(s) e^{−Ls} and ln D(s), for Re s ≥ 0 and Im s ≥ 0; `None` where it has no value.
+    /// P(s) e^{−Ls} and the logarithm of its denominator, ln D(s), for Re s ≥ 0 and Im s ≥ 0; `None` where
+    /// the plant has no value.
     pub fn at(&self, s: Complex<f64>) -> Option<OpenLoop> {
         let later = (s * -self.dead_time).exp();
         let of = |numerator: Complex<f64>, denominator: Complex<f64>| OpenLoop {
@@ -158,7 +160,7 @@ impl Plant {
             }
     }
 
-    /// The plant as one of first order, if it is written so.
+    /// The plant as a first-order one, if it is given in that form.
     pub fn first_order(&self) -> Option<FirstOrder> {
         match self.kind {
             Kind::FirstOrder { gain, time } => Some(FirstOrder { gain, time, dead_time: self.dead_time }),
@@ -185,8 +187,8 @@ impl Plant {
         }
     }
 
-    /// The sign of the gains that may make a stable loop: a D + b N must not change its sign between s = 0
-    /// and infinity.
+    /// Sign that the gains must have for a stable loop: D + C N must not change its sign between s = 0 and
+    /// infinity, for P = N/D.
     pub fn sign(&self) -> f64 {
         let scale = self.scale();
         let at = |s: f64| self.at(Complex::new(s, 0.0));
@@ -196,7 +198,7 @@ impl Plant {
         if sign < 0.0 { -1.0 } else { 1.0 }
     }
 
-    /// A frequency about which it changes: where its phase has fallen by 45° from that at low frequencies.
+    /// A characteristic angular frequency of the plant: where its phase is 45° below that at low frequencies.
     pub fn scale(&self) -> f64 {
         match self.kind {
             Kind::FirstOrder { time, .. } => (time + self.dead_time).recip(),
@@ -223,8 +225,8 @@ impl Plant {
         }
     }
 
-    /// The frequency at which the phase is −180° for the first time, and the gain that brings a proportional
-    /// controller there to the limit of stability; `None` if there is none.
+    /// Ultimate gain and frequency: the lowest angular frequency at which the phase is −180°, and the
+    /// proportional gain for which the loop is there at the limit of stability; `None` if there is none.
     pub fn ultimate(&self) -> Option<(f64, f64)> {
         let scale = self.scale();
         let sign = self.sign();
@@ -251,7 +253,7 @@ impl ScenarioPlant {
         };
         let of_file = Document::read(&document.resolve(name)).map_err(|error| refused(&error))?;
         let mut values = of_file.values().map_err(|error| refused(&error))?;
-        // What a controller measures and drives is read as a controller's own keys are.
+        // `measures` and `drives` are read like the keys of a `[controller]`.
         let mut entries = toml::Table::new();
         let (measures, drives) = (table.required("measures")?, table.required("drives")?);
         entries.insert("measures".to_owned(), measures.text()?.into());
@@ -291,6 +293,12 @@ impl ScenarioPlant {
                 position
             }
         };
+        if let Some(row) = scenario.system.massless().first() {
+            let reason = format!(
+                "coordinate {row} has no mass (`system.mass`); loops are judged about plants of which every coordinate has one"
+            );
+            return Err(file.error(Problem::Refused { file: name.to_owned(), reason }));
+        }
         let linearised = Linearised::new(&scenario, &position).map_err(|error| refused(&error))?;
         let mut load = vec![0.0; count];
         controller.drives.entries.iter().for_each(|&(row, number)| load[row as usize] = number);
@@ -330,7 +338,7 @@ impl ScenarioPlant {
         &self.load
     }
 
-    /// Whether its stiffness is another one at later times.
+    /// Whether its stiffness changes with time.
     pub fn changes_with_time(&self) -> bool {
         self.linearised.changes_with_time()
     }
@@ -352,7 +360,7 @@ pub(super) fn logarithm(z: Complex<f64>) -> Complex<f64> {
     Complex::new(libm::log(z.norm()), libm::atan2(z.im, z.re))
 }
 
-/// A plant as it is written.
+/// A plant as written to `tune.json`.
 #[derive(Default, Serialize)]
 struct Record<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -13,13 +13,13 @@ use std::path::Path;
 pub struct TuningProblem {
     /// Title of the pictures.
     pub title: Option<String>,
-    /// What is to be controlled.
+    /// The plant.
     pub plant: Plant,
-    /// By what.
+    /// What is known of the controller.
     pub controller: Structure,
-    /// How well.
+    /// What the loop must satisfy.
     pub specification: Specification,
-    /// d of a relay that finds the ultimate point.
+    /// Amplitude d of a relay experiment for the ultimate point; `None`: no experiment.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relay: Option<f64>,
     #[serde(skip)]
@@ -39,18 +39,18 @@ pub enum Terms {
 }
 
 impl Terms {
-    /// Whether there is I^λ.
+    /// Whether the controller has an integral term I^λ.
     pub fn integrates(self) -> bool {
         self != Self::Pd
     }
 
-    /// Whether there is D^μ.
+    /// Whether the controller has a derivative term D^μ.
     pub fn differentiates(self) -> bool {
         self != Self::Pi
     }
 }
 
-/// `[controller]`: what is known of the controller beforehand.
+/// `[controller]`: the given part of the controller.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Structure {
     /// Its terms.
@@ -72,21 +72,21 @@ pub struct Structure {
 /// A bound on |S| or |T|.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Limit {
-    /// From this frequency …
+    /// First frequency of the bound.
     pub from: f64,
-    /// … to this one, which may be the same.
+    /// Last frequency of the bound; may equal `from`.
     pub to: f64,
     /// The largest value, in decibels.
     pub decibels: f64,
 }
 
-/// What the loop is to be like.
+/// Specification of the loop.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Specification {
     /// |L(iω_c)| = 1 with a phase margin.
     Crossover(Crossover),
-    /// The largest gain with |S| up to a bound.
+    /// The largest gain for which |S| stays within a bound.
     Sensitivity {
         /// The largest |S|.
         ms: f64,
@@ -97,16 +97,16 @@ pub enum Specification {
     Rule {
         /// Which.
         name: Rule,
-        /// Its largest |S|, of those that know one.
+        /// Bound on |S|, for rules with one.
         ms: Option<f64>,
-        /// What it is for, of those that know.
+        /// Purpose, for rules with one.
         purpose: Option<Purpose>,
-        /// Its closed loop's time constant.
+        /// Time constant of the closed loop, for rules with one.
         closed_loop_time: Option<f64>,
     },
 }
 
-/// A crossover, and what may stand beside it.
+/// A crossover frequency with phase margin, and further conditions.
 #[derive(Clone, Debug, Serialize)]
 pub struct Crossover {
     /// ω_c.
@@ -119,19 +119,19 @@ pub struct Crossover {
     pub sensitivity: Vec<Limit>,
     /// Bounds on |T|.
     pub complementary: Vec<Limit>,
-    /// The largest |S| of all.
+    /// Bound on |S| over all frequencies.
     pub ms: Option<f64>,
-    /// The largest |T| of all.
+    /// Bound on |T| over all frequencies.
     pub mt: Option<f64>,
-    /// What decides where the rest leaves a choice.
+    /// Objective for the remaining freedom.
     pub prefer: Preference,
 }
 
-/// What decides between loops that meet a specification.
+/// Objective that selects among the loops that meet a specification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preference {
-    /// The smallest |S(iω_c/10)|: what slow loads leave.
+    /// The smallest |S(iω_c/10)|: rejection of slow loads.
     Loads,
     /// The smallest Ms.
     Robustness,
@@ -141,13 +141,14 @@ pub enum Preference {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rule {
-    /// Series form with fractional filter, for first order and dead time. \[PV11\]
+    /// Series form with fractional filter, for plants of first order with dead time. \[PV11\]
     PadulaVisioli,
-    /// By ultimate gain and period. \[ZN42\]
+    /// From ultimate gain and period. \[ZN42\]
     ZieglerNichols,
-    /// By first or second order and dead time. \[Skogestad03\]
+    /// For plants of first or second order with dead time. \[Skogestad03\]
     Simc,
-    /// By first order and dead time, for a closed loop's time constant. \[AstromHagglund06\]
+    /// For plants of first order with dead time, for a given time constant of the closed loop.
+    /// \[AstromHagglund06\]
     Lambda,
 }
 
@@ -170,7 +171,7 @@ impl TuningProblem {
         Self::from_document(Document::read(path)?)
     }
 
-    /// Checks a problem that is at hand.
+    /// Checks a problem already read.
     ///
     /// # Errors
     /// The first thing in the document that cannot be used, with its place.
@@ -199,7 +200,7 @@ impl TuningProblem {
         Ok(Self { title, plant, controller, specification, relay, document })
     }
 
-    /// What heads the pictures: the title, else the name of the file.
+    /// Title of the pictures: that of the problem, or the name of the file.
     pub fn heading(&self) -> &str {
         self.title.as_deref().unwrap_or_else(|| self.document.name())
     }
@@ -271,7 +272,7 @@ impl Structure {
     }
 }
 
-/// |S| and |T| at their largest, which are above 1.
+/// Reads a bound on the maximum of |S| or |T|, which must be above 1.
 fn bound(table: &Table<'_>, key: &str) -> Result<Option<f64>, InputError> {
     let Some(value) = table.optional(key) else { return Ok(None) };
     let bound = value.number()?;
@@ -345,7 +346,7 @@ fn read_specification(
         }
     };
     let limits = |key: &str| table.optional(key).map_or(Ok(Vec::new()), |value| read_limits(&value));
-    // Bounds on |S| say how much of loads may be left.
+    // Bounds on |S| already limit the effect of loads.
     let says_loads = !structure.terms.integrates() || table.optional("sensitivity").is_some();
     let default = if says_loads { Preference::Robustness } else { Preference::Loads };
     let words = [("loads", Preference::Loads), ("robustness", Preference::Robustness)];
@@ -420,7 +421,7 @@ fn read_rule(
             let words = [("setpoint", Purpose::Setpoint), ("load", Purpose::Load)];
             purpose = Some(table.required("purpose")?.choice(&words)?);
             let share = first.map(|plant| plant.dead_time / (plant.dead_time + plant.time));
-            // What the rule was fitted to.
+            // Structure and range of L/(L + T) that the rule was fitted to.
             if structure.terms != Terms::Pid || !share.is_some_and(|share| (0.05..=0.8).contains(&share)) {
                 return needs(
                     "`structure` = \"pid\" and a plant with `time_constant` T and `dead_time` L, L/(L + T) from 0.05 to 0.8",
@@ -457,7 +458,7 @@ fn read_rule(
     if let Some(value) = table.optional("closed_loop_time") {
         closed_loop_time = Some(value.positive()?);
     } else if name == Rule::Simc && plant.dead_time() == 0.0 {
-        // τ_c = L.
+        // Default τ_c = L.
         table.required("closed_loop_time")?;
     }
     Ok(Specification::Rule { name, ms, purpose, closed_loop_time })

@@ -11,14 +11,14 @@ use std::convert::Infallible;
 use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
 
-/// What a relay experiment tells.
+/// Result of a relay experiment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RelayResult {
     /// The amplitude d of the relay's output.
     pub amplitude: f64,
     /// ω of the oscillation.
     pub frequency: f64,
-    /// Half of the way between its lowest and highest measured value, a.
+    /// Amplitude a of the oscillation: half the difference of the highest and lowest measured value.
     pub oscillation: f64,
     /// 4 d/(π a), the ultimate gain by the describing function.
     pub describing_gain: f64,
@@ -28,20 +28,22 @@ pub struct RelayResult {
     pub phase: f64,
 }
 
-/// Periods that are made, and those at the end that are looked at.
+/// Number of expected periods simulated (`PERIODS`), and of those at the end that are evaluated
+/// (`LOOKED_AT`).
 const PERIODS: f64 = 40.0;
 const LOOKED_AT: usize = 10;
 
-/// Steps of an experiment.
+/// Largest number of steps of an experiment.
 const MOST_STEPS: f64 = 2e7;
 
-/// A proportional gain that leaves nothing between the limits.
+/// Proportional gain of the relay, so large that the output is always at a limit.
 const STEEP: f64 = 1e12;
 
-/// Lets a relay of an amplitude drive the plant, which is expected to oscillate near `expected`.
+/// Simulates the plant under a relay of the given amplitude; `expected` is an estimate of the angular
+/// frequency of the oscillation.
 ///
 /// # Errors
-/// In words: if the scenario cannot be run, fails on the way, or does not oscillate.
+/// A sentence, if the scenario cannot be run, a step fails, or it does not oscillate.
 pub(super) fn experiment(
     plant: &ScenarioPlant,
     (amplitude, sign): (f64, f64),
@@ -56,7 +58,7 @@ pub(super) fn experiment(
             table.insert(key.to_owned(), value);
         }
     };
-    // The first sample sets it going.
+    // A step of the setpoint during the first sample starts the oscillation.
     let kick = format!("{rest:?} + {:?}*step({:?} - t)", (1.0 + rest.abs()) * sign, 0.5 * sample);
     put("setpoint", kick.into());
     put("kp", (STEEP * sign).into());
@@ -85,7 +87,7 @@ pub(super) fn experiment(
         RunEnd::Completed => {}
         other => return Err(format!("the relay experiment ended early: {other:?}")),
     }
-    // Upward passages of the measured value, between samples.
+    // Times at which the measured value crosses its rest value upwards, interpolated between samples.
     let passages: Vec<f64> = (1..times.len())
         .filter(|&k| measured[k - 1] < 0.0 && measured[k] >= 0.0)
         .map(|k| times[k - 1] - measured[k - 1] * (times[k] - times[k - 1]) / (measured[k] - measured[k - 1]))
@@ -125,7 +127,7 @@ pub(super) fn experiment(
     })
 }
 
-/// What a problem says that asks for an experiment on a plant that is no scenario.
+/// The error for a relay experiment on a plant that is not given as a scenario.
 pub(super) fn needs_scenario() -> Problem {
     Problem::Incompatible {
         with: "a plant without `scenario`".to_owned(),

@@ -6,7 +6,7 @@ use super::problem::{Purpose, Rule, Structure, Terms};
 use fvi_core::{DerivativeFilter, PidGains};
 use std::f64::consts::PI;
 
-/// a x^b + c
+/// Coefficients a, b, c of a x^b + c.
 type Curve = [f64; 3];
 
 /// Constants of \[PV11\] for K_p of L/(L + T), T_i/T and T_d/T^μ of L/T.
@@ -48,10 +48,10 @@ fn constants(purpose: Purpose, ms: f64) -> Constants {
     }
 }
 
-/// The law that a rule says, for a plant and its ultimate gain and frequency.
+/// The law according to a rule, for a plant and its ultimate gain and frequency.
 ///
 /// # Errors
-/// In words, where the plant has not what the rule is about.
+/// A sentence, where the plant is not of the form that the rule requires.
 pub(super) fn by_rule(
     plant: &Plant,
     structure: &Structure,

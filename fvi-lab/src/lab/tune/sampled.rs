@@ -1,11 +1,12 @@
-//! The loop as it ticks: a plant behind a hold, seen at the samples, and the discrete law.
+//! The sampled loop: the plant behind a zero-order hold, observed at the samples, and the discrete law.
 
 use super::law::Law;
 use super::plant::Plant;
 use nalgebra::Complex;
 use std::f64::consts::PI;
 
-/// Bands on either side that are folded in; the rest is taken from the two halves of them.
+/// Number of aliasing bands summed on either side; the remainder is extrapolated from the sum of half as
+/// many.
 const BANDS: usize = 128;
 
 /// 1 − e^{−z}
@@ -15,14 +16,14 @@ fn fallen(z: Complex<f64>) -> Complex<f64> {
     Complex::new(2.0 * half * half - beside * libm::cos(z.im), (1.0 + beside) * libm::sin(z.im))
 }
 
-/// The plant's answer from sample to sample, the output being held between them,
+/// Transfer function of the plant from sample to sample, with its input held between them,
 ///
 /// ```text
 /// G(e^{sh}) = (1 − e^{−sh})/h Σ_k P(s + 2πik/h) / (s + 2πik/h) ,        Re s ≥ 0, 0 ≤ Im s ≤ π/h .
 /// ```
 ///
-/// For plants that fall like 1/s or faster to some 10⁻⁴ at ω = π/h, and better below. `None` where P has no
-/// value.
+/// For plants that decay like 1/s or faster the relative error is some 10⁻⁴ at ω = π/h, and smaller below.
+/// `None` where P has no value.
 fn held_plant(plant: &Plant, s: Complex<f64>, sample: f64) -> Option<Complex<f64>> {
     let band = 2.0 * PI / sample;
     let term = |bands: f64| {
@@ -39,7 +40,7 @@ fn held_plant(plant: &Plant, s: Complex<f64>, sample: f64) -> Option<Complex<f64
         }
         sum += term(k as f64)? + term(-((k + 1) as f64))?;
     }
-    // What is left out falls like the inverse of the number of bands.
+    // The truncation error is inversely proportional to the number of bands.
     Some(fallen(s * sample) / sample * (sum * 2.0 - half))
 }
 
@@ -49,7 +50,7 @@ pub(super) fn sampled_loop(plant: &Plant, law: &Law, sample: f64, s: Complex<f64
     Some(held_plant(plant, s, sample)? * law.response(fallen(s * sample) / sample).measured)
 }
 
-/// The end of the band, within rounding below π/h.
+/// Upper end of the frequency band: π/h, reduced by rounding.
 pub(super) fn band(sample: f64) -> f64 {
     PI / sample * (1.0 - 1e-13)
 }

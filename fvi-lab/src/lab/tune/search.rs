@@ -11,31 +11,39 @@ use fvi_core::PidGains;
 use nalgebra::Complex;
 use std::f64::consts::PI;
 
-/// Orders that are tried where they are free.
+/// Range of the orders, where they are free.
 const ORDERS: (f64, f64) = (0.02, 1.98);
 
-/// Slopes d arg L/d ln ω that are tried where the phase need not be flat.
+/// Range of the slope d arg L/d ln ω, where the phase need not be flat.
 const SLOPES: (f64, f64) = (-3.0, 1.0);
 
-/// Ms and Mt where a specification leaves a choice and says nothing.
+/// Bound on Ms and Mt where a specification has free parameters and no bound of its own.
 const DEFAULT_MS: f64 = 2.0;
 const DEFAULT_MT: f64 = 1.3;
 
-/// Among how many candidates a stable one is looked for to show what is missed.
+/// Number of candidates among which a stable one is sought for the error message, if none meets the
+/// specification.
 const SHOWN_FROM: usize = 300;
 
-/// How far e^{−iωL} may turn between points at which a bound is looked at, and over a whole band: beyond, the
-/// bound holds at any phase.
+/// Largest phase change of e^{−iωL}, in radians, between points at which a bound is checked; where the dead
+/// time would need too many points, the bound is required for any phase.
 const TURN: f64 = 0.5;
 const MOST_TURNS: f64 = 2000.0;
 
-/// How much closer bounds are kept in the search, which looks at points.
+/// Relative safety margin of bounds in the search, which checks them at discrete points only.
 const CLOSER: f64 = 1e-4;
 
-/// By how many decibels, or by what part, a bound may be missed and count as met.
+/// Violation of a bound, in decibels or relative, up to which it counts as met.
 const SLACK: f64 = 1e-6;
 
-/// What is still free.
+/// Largest ratio of the sum of magnitudes of the parts of a law to the magnitude of their sum, at the
+/// crossover: beyond, a relative change of a gain by 10⁻³ changes the loop by more than 100 %.
+const MOST_CANCELLED: f64 = 1e3;
+
+/// Number of stable loops violating a bound that the search tries to improve.
+const IMPROVED: usize = 4;
+
+/// The free parameters of the search: orders and slope of the phase.
 #[derive(Clone, Copy, Debug)]
 struct Point {
     lambda: f64,
@@ -58,7 +66,7 @@ impl Merit {
     }
 }
 
-/// What a bound is on.
+/// The bounded quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Bounded {
     S,
@@ -84,21 +92,21 @@ pub(super) struct Search<'a> {
     /// P(iω_c) and d arg P/d ln ω there.
     at: Complex<f64>,
     plant_slope: f64,
-    /// Frequencies at which bounds are looked at, with P.
+    /// Frequencies at which bounds are checked, with P(iω).
     points: Vec<(f64, Complex<f64>)>,
     ms: Option<f64>,
     mt: Option<f64>,
     sign: f64,
 }
 
-/// What a bound was and what came of it.
+/// A bound and the value reached.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bound {
     /// What is bounded, in words.
     pub what: String,
     /// The bound.
     pub allowed: f64,
-    /// The value.
+    /// The value reached.
     pub found: f64,
 }
 
@@ -106,7 +114,7 @@ impl<'a> Search<'a> {
     /// Prepares a search.
     ///
     /// # Errors
-    /// In words, where the plant has no value at the crossover.
+    /// A sentence, where the plant has no value at the crossover.
     pub(super) fn new(
         plant: &'a Plant,
         structure: &'a Structure,
@@ -153,7 +161,7 @@ impl<'a> Search<'a> {
         let equations = usize::from(wanted.flat_phase && structure.terms != Terms::Pid);
         let has_choice = free.iter().filter(|&&free| free).count() > equations;
         let ms = wanted.ms.or(has_choice.then_some(DEFAULT_MS));
-        // At the crossover |T| is 1/(2 sin φ_m/2) whatever is done.
+        // At the crossover |S| = |T| = 1/(2 sin(φ_m/2)) for every law.
         let there = 0.5 / libm::sin(0.5 * wanted.phase_margin.to_radians());
         let mt = wanted.mt.or(has_choice.then_some(DEFAULT_MT.max(1.1 * there)));
         let sign = plant.sign();
@@ -198,7 +206,8 @@ impl<'a> Search<'a> {
             .iter()
             .zip(used)
             .all(|(gain, used)| if used { gain * sign > 0.0 && gain.is_finite() } else { *gain == 0.0 });
-        right.then_some(Law {
+        let parts = proportional.abs() + ki.abs() * integral.0.norm() + kd.abs() * derivative.0.norm();
+        (right && parts <= MOST_CANCELLED * needed.norm()).then_some(Law {
             gains: PidGains::Parallel { proportional, integral: ki, derivative: kd },
             lambda: point.lambda,
             mu: point.mu,
@@ -218,7 +227,7 @@ impl<'a> Search<'a> {
         (4.0 * turn(step) - turn(2.0 * step)) / 3.0 + self.plant_slope
     }
 
-    /// The bounds of the specification, and what a law makes of them.
+    /// The bounds of the specification with the values that a law reaches.
     pub(super) fn bounds(&self, law: &Law) -> Vec<Bound> {
         let open: &Loop<'_> = &|omega| {
             let s = Complex::new(0.0, omega);
@@ -306,7 +315,7 @@ impl<'a> Search<'a> {
     /// The best law that `stable` accepts.
     ///
     /// # Errors
-    /// In words: that there is none, and what the nearest one misses.
+    /// A sentence: that there is none, and which bounds the nearest one violates.
     pub(super) fn best(&self, stable: &dyn Fn(&Law) -> bool) -> Result<Law, String> {
         let Self { structure, wanted, .. } = self;
         let orders = |count: usize| {
@@ -356,7 +365,7 @@ impl<'a> Search<'a> {
         }
         let free = [lambdas.len() > 1, mus.len() > 1, slopes.len() > 1];
         let is_fixed = free == [false; 3] || (wanted.flat_phase && is_line);
-        // The best of a few starts, which a stable loop is among.
+        // The best of the stable loops that are found from a few starts.
         let mut best: Option<(Law, Merit)> = None;
         for (start, merit) in candidates.iter().take(if is_fixed { candidates.len() } else { 4 }) {
             let (point, merit) = if is_fixed { (*start, *merit) } else { self.improve(*start, free) };
@@ -378,14 +387,35 @@ impl<'a> Search<'a> {
         if let Some((law, _)) = best {
             return Ok(law);
         }
-        if candidates[0].1.missed <= SLACK {
-            return Err("every loop with this crossover and phase margin that keeps the bounds is unstable"
-                .to_owned());
+        // If unstable loops satisfy the bounds they are ranked first; a stable loop that satisfies them may
+        // be near a stable one that does not yet.
+        let among = if candidates[0].1.missed <= SLACK { candidates.len() } else { SHOWN_FROM };
+        let mut shown: Option<(Law, Merit)> = None;
+        let near = candidates
+            .iter()
+            .take(among)
+            .filter(|candidate| self.law(candidate.0).is_some_and(|law| stable(&law)));
+        for &(start, merit) in near.take(if is_fixed { 1 } else { IMPROVED }) {
+            let (point, merit) = if is_fixed { (start, merit) } else { self.improve(start, free) };
+            let improved = self.law(point).filter(|law| stable(law)).map(|law| (law, merit));
+            if shown.as_ref().is_none_or(|shown| merit.number() < shown.1.number()) {
+                shown = improved.or(shown);
+            }
         }
-        // The nearest one that is stable says more than one that is not.
-        let shown =
-            candidates.iter().take(SHOWN_FROM).filter_map(|candidate| self.law(candidate.0)).find(stable);
-        let Some(law) = shown.or_else(|| self.law(candidates[0].0)) else { return Err(self.nothing()) };
+        // For the error message a stable candidate is more informative than an unstable one.
+        let law = match shown {
+            Some((law, merit)) if merit.missed <= SLACK => return Ok(law),
+            Some((law, _)) => law,
+            None if candidates[0].1.missed <= SLACK => {
+                return Err(
+                    "every loop with this crossover and phase margin that was tried is unstable".to_owned()
+                );
+            }
+            None => match self.law(candidates[0].0) {
+                Some(law) => law,
+                None => return Err(self.nothing()),
+            },
+        };
         let missed: Vec<String> = self
             .bounds(&law)
             .iter()
@@ -445,7 +475,7 @@ impl<'a> Search<'a> {
         found
     }
 
-    /// Follows a candidate to a better one, by the simplices of Nelder and Mead.
+    /// Improves a candidate by the simplex method of Nelder and Mead.
     fn improve(&self, start: Point, free: [bool; 3]) -> (Point, Merit) {
         let axes: Vec<usize> = (0..3).filter(|&axis| free[axis]).collect();
         let get = |point: &Point, axis: usize| [point.lambda, point.mu, point.slope][axis];
@@ -508,18 +538,18 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Whether the dead time turns L more often in a band than can be followed.
+/// Whether the dead time turns the phase of L too often within a band to be resolved by points.
 fn turns_too_often(plant: &Plant, limit: &Limit) -> bool {
     plant.dead_time() * (limit.to - limit.from) > MOST_TURNS
 }
 
 /// The largest integral gain (of a PI^λ), or proportional gain (of a PD^μ), with |S| ≤ Ms and |T| ≤ Mt.
 ///
-/// Along each ratio of the two gains |1 + k G| meets its bound first at the smallest positive root k of a
-/// quadratic, over all frequencies; the ratio is then sought in one dimension. \[APH98\]
+/// For a fixed ratio of the two gains, the largest admissible gain k is the smallest positive root of a
+/// quadratic, over all frequencies; the ratio is then optimised in one dimension. \[APH98\]
 ///
 /// # Errors
-/// In words, if any gain keeps the bounds.
+/// A sentence, if the bounds hold for any gain.
 pub(super) fn by_sensitivity(
     plant: &Plant,
     structure: &Structure,
@@ -580,7 +610,7 @@ pub(super) fn by_sensitivity(
         };
         least.min(-summit(&negative, low, high).1)
     };
-    // What is largest: K_i along PI, K_p along PD.
+    // The gain to be maximised: K_i for PI, K_p for PD.
     let merit = |ratio: f64| {
         let gain = gain_of(ratio);
         match structure.terms {

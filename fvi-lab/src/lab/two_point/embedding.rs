@@ -1,7 +1,7 @@
 //! Direct discrete embeddings of the Euler–Lagrange equation.
 //!
-//! A direct embedding replaces each derivative in the *equation* by its discrete analogue; it knows nothing
-//! of the functional. Where it gives the same equations as the variational integrator
+//! A direct embedding replaces each derivative in the *equation* by its discrete analogue; it does not use
+//! the functional. Where it gives the same equations as the variational integrator
 //! ([`Functional::gradient`](super::Functional::gradient)), the embedding is called coherent.
 
 use super::grid::{Grid, Sigma};

@@ -26,7 +26,7 @@ pub struct Term {
 
 /// The differential equation O(x) = Σ_i f_i · (d/dt)^i ∘ g_i = 0 of order two, and its embedding by FDEσ:
 /// each d/dt becomes −σ Δ_σ, which gives an equation at k = 2…N for σ = − and k = 0…N−2 for σ = +. See
-/// [`Embedding`] for the other one.
+/// [`Embedding`] for the asymmetric one.
 ///
 /// The embedding depends on how the operator is written, not only on the equation. Source: \[BCGI\]
 /// Definition 4; its example, ẍ + ẋ + x = 0, is their eq. NE and NE_h.
@@ -55,11 +55,12 @@ pub enum Embedding {
     #[default]
     Symmetric,
     /// d/dt ∘ d/dt becomes −Δ_{−σ} ∘ Δ_σ, the central second difference, the equation at k = 1…N−1; with it
-    /// an equation of Euler and Lagrange gives the variational integrator's: \[BCGI\] Proposition 3.
+    /// an Euler–Lagrange equation gives the equations of the variational integrator: \[BCGI\] Proposition 3.
     Asymmetric,
 }
 
-/// Highest order of a derivative; with it there are as many equations as points between the ends.
+/// Order of the equation, the highest order of a derivative: for it there are as many equations as points
+/// between the ends.
 pub(super) const ORDER: usize = 2;
 
 impl OperatorEquation {
@@ -123,8 +124,8 @@ impl OperatorEquation {
 }
 
 impl Embedding {
-    /// The point k where the equation holds and the two others that it meets, of the equation that is counted
-    /// as the `equation`-th of 1…N−1: the three surround the point with that number.
+    /// For the equation with number `equation`, 1…N−1: the point k where it holds, and the two other points
+    /// of its stencil. The three are the point with that number and its two neighbours.
     fn points(self, sigma: Sigma, equation: usize) -> [usize; 3] {
         match (self, sigma) {
             (Self::Symmetric, Sigma::Minus) => [equation + 1, equation, equation - 1],
@@ -134,7 +135,7 @@ impl Embedding {
         }
     }
 
-    /// Coefficients of the derivative of an order at those points.
+    /// Coefficients of the derivative of the given order at the three [`points`](Self::points).
     fn stencil(self, sigma: Sigma, order: usize, step: f64) -> [f64; 3] {
         let sign = sigma.derivative_sign();
         match (order, self) {
@@ -194,14 +195,14 @@ impl<'a> EmbeddedProblem<'a> {
     /// Starts from these positions, (N + 1) d numbers, instead of the straight line between the ends.
     ///
     /// # Errors
-    /// If there are not as many finite numbers.
+    /// If `positions` does not consist of that many finite numbers.
     pub fn with_guess(mut self, positions: Vec<f64>) -> Result<Self, ProblemError> {
         check_guess(&positions, (self.grid.steps() + 1) * self.equation.coordinates)?;
         self.guess = Some(positions);
         Ok(self)
     }
 
-    /// The positions at which the embedded equations hold; `observe` is told the number of Newton steps and
+    /// The positions at which the embedded equations hold; `observe` receives the number of Newton steps and
     /// the relative residual before each step.
     ///
     /// # Errors
@@ -240,14 +241,15 @@ impl<'a> EmbeddedProblem<'a> {
     }
 }
 
-/// One equation's derivatives by the positions of the point before, at and after the one with its number.
+/// Derivatives of the equation with number k with respect to the positions at the points k − 1, k and k + 1.
 struct Row([DMatrix<f64>; 3]);
 
 struct Tridiagonal<'a> {
     problem: &'a EmbeddedProblem<'a>,
     rows: Vec<Row>,
     gradient: Vec<f64>,
-    /// Largest sum of the sizes of an equation's terms and of what a rounding of the positions changes in it.
+    /// Largest sum, over the equations, of the magnitudes of an equation's terms and of its changes by
+    /// rounding the positions.
     largest_term: f64,
 }
 
@@ -256,7 +258,7 @@ impl Tridiagonal<'_> {
         [self.problem.ends.start.as_slice(), unknowns, &self.problem.ends.end].concat()
     }
 
-    /// Derivatives of one equation, and the sizes of its terms.
+    /// Derivatives of one equation, and the magnitudes of its terms.
     fn row(&self, equation: usize, positions: &[f64]) -> (Row, Vec<f64>) {
         let EmbeddedProblem { equation: operator, grid, sigma, .. } = self.problem;
         let d = operator.coordinates;

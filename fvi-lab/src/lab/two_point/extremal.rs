@@ -24,13 +24,13 @@ pub enum Method {
 }
 
 impl Method {
-    /// The method for a grid of `steps` steps and `coordinates` coordinates when none is asked for.
+    /// The default method for a grid of `steps` steps and `coordinates` coordinates.
     pub fn fitting(steps: usize, coordinates: usize) -> Self {
         if steps * coordinates <= 128 { Self::Dense } else { Self::Krylov }
     }
 }
 
-/// A coarser grid has fewer steps by this factor, and at least [`COARSEST`].
+/// A coarser grid has fewer steps by this factor, but at least [`COARSEST`].
 const COARSENING: usize = 4;
 const COARSEST: usize = 16;
 
@@ -70,7 +70,7 @@ pub struct ExtremalProblem<'a> {
 /// A two-point problem that cannot be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ProblemError {
-    /// A number is outside what is allowed.
+    /// A parameter is outside its range.
     #[error("{0}")]
     Parameter(ParameterError),
     /// An end point is not a vector of as many finite numbers as the Lagrangian has coordinates.
@@ -94,7 +94,7 @@ impl From<ParameterError> for ProblemError {
 }
 
 /// A discrete extremal or the solution of an embedded equation, or the best iterate on the way to one, with
-/// what is known of its quality.
+/// measures of its accuracy.
 #[derive(Clone, Debug)]
 pub struct Solution {
     /// Q_k, k = 0…N: coordinate i at t_k is entry k·d + i.
@@ -109,18 +109,18 @@ pub struct Solution {
     pub krylov_iterations: usize,
     /// Relative residual (see [`NewtonOptions::tolerance`]) after 0, 1, 2, … Newton steps.
     pub history: Vec<f64>,
-    /// Its last value.
+    /// Last entry of `history`.
     pub relative_residual: f64,
-    /// max_k of the left side of the discrete equation, (1/h) ∂L_h/∂Q_k for a Lagrangian, in its own units.
+    /// max_k of the magnitude of the left side of the discrete equation, which for a Lagrangian is (1/h)
+    /// ∂L_h/∂Q_k, in the units of that equation.
     pub residual: f64,
-    /// What rounding the positions to double precision alone may leave in that residual: ε times the largest
-    /// Σ|w|(|∂L/∂v| + |∂²L/∂v²| Σ|w||Q|) and the like, which grows like h^(−2α).
+    /// Residual that rounding the positions to double precision alone may cause: ε times the largest
+    /// Σ|w|(|∂L/∂v| + |∂²L/∂v²| Σ|w||Q|) plus similar terms; it grows like h^(−2α).
     pub rounding_level: f64,
 }
 
 impl Solution {
-    /// Whether all its numbers are finite: where one is not, because something between input and result
-    /// overflows, there is no solution to speak of.
+    /// Whether all its numbers are finite. If an intermediate result has overflowed, it is not a solution.
     pub(super) fn is_finite(&self) -> bool {
         let numbers = self.positions.iter().chain(&self.velocities).chain(&self.history).chain(&self.value);
         let measures = [self.relative_residual, self.residual, self.rounding_level];
@@ -138,7 +138,7 @@ pub enum Status {
     NotConverged,
 }
 
-/// Newton's method found no extremal, or one with numbers that are not finite.
+/// Newton's method found no extremal, or one with values that are not finite.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error(
     "no convergence: after {} Newton steps the relative residual is {:.1e}",
@@ -200,12 +200,6 @@ impl<'a> ExtremalProblem<'a> {
         self
     }
 
-    /// Forms Toeplitz products this way.
-    pub fn with_product(mut self, product: Product) -> Self {
-        self.product = product;
-        self
-    }
-
     /// Sets tolerance and numbers of iterations.
     pub fn with_options(mut self, options: NewtonOptions) -> Self {
         self.options = options;
@@ -217,7 +211,7 @@ impl<'a> ExtremalProblem<'a> {
     /// points.
     ///
     /// # Errors
-    /// If there are not as many finite numbers.
+    /// If `positions` does not consist of that many finite numbers.
     pub fn with_guess(mut self, positions: Vec<f64>) -> Result<Self, ProblemError> {
         check_guess(&positions, (self.grid.steps() + 1) * self.lagrangian.coordinates())?;
         self.guess = Some(positions);
@@ -232,7 +226,7 @@ impl<'a> ExtremalProblem<'a> {
         self.solve_observed(&mut |_, _| ())
     }
 
-    /// [`solve`](Self::solve); `observe` is told the number of Newton steps and the relative residual before
+    /// [`solve`](Self::solve); `observe` receives the number of Newton steps and the relative residual before
     /// each step.
     ///
     /// # Errors
@@ -270,8 +264,8 @@ impl<'a> ExtremalProblem<'a> {
         Functional::with_operator(self.lagrangian, self.grid, operator)
     }
 
-    /// The extremal of the same problem on a coarser grid, itself found from a coarser one, with straight
-    /// lines between its points: from there Newton's method needs about as many steps on every grid.
+    /// The extremal of the same problem on a coarser grid, itself started from a coarser one, interpolated
+    /// linearly: with this start the number of Newton steps hardly depends on the grid.
     fn coarse_solution(&self) -> Option<Vec<f64>> {
         let (d, steps) = (self.lagrangian.coordinates(), self.grid.steps());
         if steps < COARSENING * COARSEST {

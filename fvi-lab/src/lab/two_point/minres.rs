@@ -1,6 +1,6 @@
 //! The minimal-residual method for symmetric systems, with a positive definite preconditioner.
 
-/// Where the iteration ended.
+/// Result of the iteration.
 #[derive(Clone, Debug)]
 pub(super) struct Solution {
     pub(super) unknowns: Vec<f64>,
@@ -9,7 +9,7 @@ pub(super) struct Solution {
     pub(super) reduction: f64,
 }
 
-/// When to stop.
+/// Stopping criteria.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits {
     pub(super) reduction: f64,
@@ -17,8 +17,8 @@ pub(super) struct Limits {
 }
 
 /// Solves A x = b for symmetric A, which may be indefinite, by Lanczos vectors of M⁻¹A: each iterate
-/// minimises the residual in the norm of M⁻¹ over a Krylov space that grows by one dimension an iteration, at
-/// one product with A and one with M⁻¹. Memory: nine vectors.
+/// minimises the residual in the norm of M⁻¹ over a Krylov space that grows by one dimension an iteration,
+/// with one product with A and one with M⁻¹ in each iteration. Memory: nine vectors.
 ///
 /// Source: \[PaigeSaunders75\].
 pub(super) fn solve(

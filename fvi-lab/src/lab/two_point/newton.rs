@@ -6,7 +6,7 @@ use serde::Serialize;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct NewtonOptions {
     /// Residual, relative to the size of the terms that cancel in it, at which an iterate counts as a
-    /// solution. The iteration goes on below it as long as it gains.
+    /// solution. Below it the iteration continues as long as it reduces the residual.
     pub tolerance: f64,
     /// Largest number of Newton steps.
     pub iterations: usize,
@@ -97,7 +97,7 @@ pub(super) struct Iterate {
 }
 
 impl Iterate {
-    /// Where the equations cannot be evaluated at the start.
+    /// Result if the equations cannot be evaluated at the start.
     pub(super) fn untouched() -> Self {
         Self {
             unknowns: Vec::new(),
@@ -110,22 +110,22 @@ impl Iterate {
     }
 }
 
-/// Least part of a step that a line search tries.
+/// Smallest fraction of a step that a line search tries.
 const SHORTEST_STEP: f64 = 1.0 / (1 << 20) as f64;
-/// Least part of a Newton step that must reduce the residual, where the functional can be decreased instead.
+/// Smallest fraction of a Newton step that is tried where the functional can be decreased instead.
 const SHORTEST_NEWTON_STEP: f64 = 1.0 / 8.0;
-/// Part of the decrease that the linear model promises which a step must bring.
+/// Fraction of the decrease predicted by the linear model that a step must achieve.
 const SUFFICIENT_DECREASE: f64 = 1e-4;
 /// A converged iterate is improved further as long as a step reduces the residual by this factor.
 const WORTHWHILE_GAIN: f64 = 0.25;
-/// Below this relative residual nothing is left to gain.
+/// Below this relative residual only rounding errors are left.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
 /// Newton's method from `start`: full steps where they reduce the residual, shortened ones otherwise. Where
-/// even those do not, and the equations are the gradient of a functional, a step that decreases the
-/// functional.
+/// shortened steps do not reduce it either, and the equations are the gradient of a functional, a step that
+/// decreases the functional.
 ///
-/// `observe` sees the number of steps and the relative residual before each step. `None` if the equations
+/// `observe` receives the number of steps and the relative residual before each step. `None` if the equations
 /// cannot be evaluated at the start.
 pub(super) fn minimise_residual(
     equations: &mut impl Stationarity,

@@ -35,7 +35,7 @@ pub struct ExtremalSummary {
     pub residual_history: Vec<f64>,
     /// The last relative residual.
     pub relative_residual: f64,
-    /// Largest left side of the discrete Euler–Lagrange equation.
+    /// Largest magnitude of the left side of the discrete Euler–Lagrange equation.
     pub residual: f64,
     /// Residual that rounding of the positions alone may leave there.
     pub rounding_level: f64,
@@ -78,10 +78,10 @@ pub enum OutputError {
     /// The problem cannot be set up.
     #[error(transparent)]
     Problem(#[from] ProblemError),
-    /// There is no room for the grid.
+    /// The solution on this grid would not fit into memory.
     #[error("interval.steps = {steps}: {no_room}")]
     NoRoom {
-        /// Its number of steps.
+        /// Number of steps of the grid.
         steps: usize,
         /// Bytes that would be needed.
         no_room: NoRoom,
@@ -99,8 +99,8 @@ const COARSER_GRIDS: u32 = 3;
 
 /// Solves the problem and writes `extremal.csv`, pictures and `summary.json` into `directory`.
 ///
-/// An iteration that does not converge is no error here: the best iterate is written, and the summary says
-/// so. `observe` hears the number of Newton steps and the relative residual before each.
+/// An iteration that does not converge is not an error here: the best iterate is written, and the summary
+/// records it. `observe` receives the number of Newton steps and the relative residual before each.
 ///
 /// # Errors
 /// [`OutputError`].
@@ -121,7 +121,8 @@ pub fn solve_and_write(
         Status::NotConverged => Vec::new(),
     };
 
-    // A summary stands for the files beside it: the old one goes before they do, the new one comes last.
+    // A summary vouches for the files beside it: the old one is removed before they are replaced, the new one
+    // is written last.
     remove(&directory.join(SUMMARY))?;
     write_table(file, &extremal, &directory.join("extremal.csv"))?;
     #[cfg_attr(not(feature = "pictures"), expect(unused_mut))]
@@ -157,7 +158,7 @@ pub fn solve_and_write(
 /// [`OutputError::NoRoom`].
 pub fn require_room(file: &ProblemFile) -> Result<(), OutputError> {
     let (steps, d) = (file.grid.steps(), file.coordinates());
-    // Measured: 700 bytes a step with one coordinate, 1000 with two; with room to spare.
+    // Measured: 700 bytes a step with one coordinate, 1000 with two; the bound includes a margin.
     let linear = steps.saturating_mul(640 + 320 * d + 48 * d * d);
     let unknowns = steps.saturating_mul(d);
     let dense = match file.method {

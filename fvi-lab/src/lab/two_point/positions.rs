@@ -8,7 +8,7 @@ use super::newton::{Descent, Direction, Formulation, Residual, Stationarity};
 use crate::numerics::dense::symmetric_eigen;
 use nalgebra::{DMatrix, DVector};
 
-/// An eigenvalue is raised to this part of the largest one where only descent is sought.
+/// For a descent direction, eigenvalues are raised to at least this fraction of the largest one.
 const LEAST_CURVATURE: f64 = 1e-8;
 
 /// The discrete Euler–Lagrange equations at the points 1…N−1, written with the matrix D of −σ Δ_σ^α (rows
@@ -31,7 +31,7 @@ pub(super) struct Positions<'a> {
 }
 
 impl<'a> Positions<'a> {
-    /// From the weights w₀…w_N of Δ_σ^α.
+    /// The equations with the weights w₀…w_N of Δ_σ^α.
     pub(super) fn new(
         lagrangian: &'a dyn Lagrangian,
         grid: Grid,
@@ -102,7 +102,7 @@ impl Stationarity for Positions<'_> {
         let first = self.sigma.points(steps).start;
         let mut first_derivatives = vec![0.0; 2 * d];
         let mut second_derivatives = vec![0.0; 4 * d * d];
-        // D and the selection of positions below each other, multiplied by the second derivatives of each
+        // D and the selection matrix of the positions, stacked, multiplied by the second derivatives at each
         // point.
         let mut by_velocity = DMatrix::zeros(steps * d, (steps + 1) * d);
         let mut by_position = DMatrix::zeros((steps + 1) * d, (steps + 1) * d);
@@ -169,7 +169,8 @@ impl Descent for Positions<'_> {
         self.gradient.iter().zip(step).map(|(g, s)| g * s).sum()
     }
 
-    /// With the sizes of the eigenvalues of the second derivative in place of the eigenvalues.
+    /// Descent direction: Newton step with the eigenvalues of the second derivative replaced by their
+    /// magnitudes.
     fn steepest(&mut self) -> Vec<f64> {
         let eigen = symmetric_eigen(self.jacobian.clone());
         let floor = LEAST_CURVATURE * eigen.eigenvalues.amax();

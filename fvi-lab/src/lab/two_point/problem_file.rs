@@ -31,13 +31,13 @@ pub struct ProblemFile {
     pub end: Vec<f64>,
     /// The interval and its grid.
     pub grid: Grid,
-    /// Where Newton's method starts, as functions of t; absent: its own start.
+    /// Start of Newton's method, as functions of t; `None`: the default start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guess: Option<Vec<Expression>>,
-    /// How the equations of an extremal are solved; embedded ones have one way.
+    /// How the equations of an extremal are solved; for an embedded equation there is no choice.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub method: Option<Method>,
-    /// When they count as solved.
+    /// Tolerance and numbers of iterations of the solver.
     pub solver: NewtonOptions,
     /// Known extremal to compare with.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -86,7 +86,7 @@ pub enum KnownPositions {
 
 impl KnownPositions {
     /// The positions at `time` on a grid of step `step`, which may be infinite or not a number where they are
-    /// expressions; `None` where a table says nothing.
+    /// expressions; `None` where a table has no row for it.
     pub fn at(&self, time: f64, step: f64) -> Option<Vec<f64>> {
         match self {
             Self::Expressions { position } => {
@@ -111,7 +111,7 @@ impl ProblemFile {
         Self::from_document(Document::read(path)?)
     }
 
-    /// Checks a problem that is at hand.
+    /// Checks a problem already read.
     ///
     /// # Errors
     /// The first thing in the document that cannot be used, with its place.
@@ -212,12 +212,12 @@ impl ProblemFile {
         })
     }
 
-    /// Solves the problem on a grid of the same interval; `observe` is told the number of Newton steps and
+    /// Solves the problem on a grid of the same interval; `observe` receives the number of Newton steps and
     /// the relative residual before each step.
     ///
     /// # Errors
-    /// A guess that is not finite on another grid than the file's. The inner result is the solution or the
-    /// best iterate.
+    /// If the guess is not finite on the given grid, when it differs from the file's. The inner result is the
+    /// solution or the best iterate.
     pub fn solve(
         &self,
         grid: Grid,
@@ -410,7 +410,7 @@ fn read_reference(
         let entries = value.list("a list of expressions in quotes")?;
         for (entry, expression) in entries.iter().zip(&position) {
             let finite = |k: usize| expression.value::<f64>(Moment::inside(grid.time(k)), &[]).is_finite();
-            // At the ends the position is given: nothing is learned there.
+            // At the ends the positions are given, so there is nothing to compare.
             if !(1..grid.steps()).any(finite) {
                 let place = "any grid point between the ends".to_owned();
                 return Err(entry.error(Problem::NotFinite { what: "the reference", place }));

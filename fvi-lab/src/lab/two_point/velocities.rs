@@ -31,9 +31,10 @@ use super::toeplitz::{LowerToeplitz, Product};
 use crate::numerics::dense;
 use nalgebra::{DMatrix, DVector};
 
-/// Reduction of the residual in one solution of the linear system; Newton's method makes up for the rest.
+/// Reduction of the residual in one solution of the linear system; Newton's method corrects the remainder.
 const KRYLOV_REDUCTION: f64 = 1e-10;
-/// An eigenvalue of ∂²L/∂v² is raised to this part of the largest one, in the preconditioner only.
+/// In the preconditioner only, eigenvalues of ∂²L/∂v² are raised to at least this fraction of the largest
+/// one.
 const LEAST_CURVATURE: f64 = 1e-6;
 
 pub(super) struct Velocities<'a> {
@@ -109,7 +110,7 @@ impl<'a> Velocities<'a> {
         -self.monic[self.grid.steps() - 1 - inner]
     }
 
-    /// Positions and velocities at the points 1…N of the reversed or plain time.
+    /// Positions and velocities at the points 1…N, in reversed time for σ = +.
     fn state(&mut self, unknowns: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let (d, steps) = (self.coordinates, self.grid.steps());
         let mut positions = unknowns.to_vec();
@@ -168,7 +169,7 @@ impl<'a> Velocities<'a> {
         residual
     }
 
-    /// Of numbers (a, b) at the points 1…N, d each: b_k + s_k b_N + (Jᵀ a)_k.
+    /// b_k + s_k b_N + (Jᵀ a)_k, for `pairs` (a, b) at the points 1…N, d numbers each.
     fn collect(&mut self, pairs: &[f64]) -> Vec<f64> {
         let (d, inner) = (self.coordinates, self.inner_points());
         let mut result: Vec<f64> =
@@ -220,8 +221,8 @@ impl<'a> Velocities<'a> {
         result
     }
 
-    /// Norm, without the rank-d part, of the terms of r without their signs, and of what a rounding of the
-    /// unknowns changes in them.
+    /// Norm of the sum of magnitudes of the terms of r, and of their changes by rounding the unknowns,
+    /// without the rank-d part.
     fn scale(&mut self, unknowns: &[f64]) -> f64 {
         let d = self.coordinates;
         let (positions, velocities) = self.state(unknowns);
@@ -242,7 +243,7 @@ impl<'a> Velocities<'a> {
         self.preconditioner.diagonal_norm(&sizes)
     }
 
-    /// [`collect`](Self::collect) with the sizes of s.
+    /// [`collect`](Self::collect) with |s_k| in place of s_k.
     fn collect_sizes(&mut self, pairs: &[f64]) -> Vec<f64> {
         let (d, inner) = (self.coordinates, self.inner_points());
         let mut flipped = pairs.to_vec();

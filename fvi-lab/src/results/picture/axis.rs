@@ -3,16 +3,17 @@
 use core::ops::Range;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
-/// How values are spread along an axis.
+/// Scale of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
-    /// Evenly.
+    /// Linear.
     Linear,
-    /// By their logarithm; values ≤ 0 are left out.
+    /// Logarithmic; values ≤ 0 are left out.
     Logarithmic,
 }
 
-/// Largest and smallest numbers that a linear axis tells apart from infinity and zero.
+/// Largest and smallest magnitude on a linear axis: larger numbers are left out, smaller ones are drawn at
+/// zero.
 pub(super) const LARGEST_PLACE: f64 = 1e290;
 const SMALLEST_PLACE: f64 = 1e-280;
 
@@ -50,10 +51,11 @@ impl Axis {
         &self.label
     }
 
-    /// The place of a value along the axis: itself, or its decimal logarithm; `None` if it has no place.
+    /// The position of a value along the axis: the value itself, or its decimal logarithm; `None` if it
+    /// cannot be drawn.
     ///
-    /// On a linear axis the smallest numbers lie at zero and the largest have no place: widths and ticks of
-    /// what is left neither overflow nor lose digits.
+    /// On a linear axis the smallest numbers lie at zero and the largest are left out, so that widths and
+    /// ticks neither overflow nor lose digits.
     pub(super) fn place(&self, value: f64) -> Option<f64> {
         match self.scale {
             _ if !value.is_finite() => None,
@@ -114,7 +116,7 @@ impl Ticks {
         };
         let step = round_step((high - low) / count as f64);
         let margin = if fixed { 0.0 } else { 0.03 * (high - low) };
-        // A boundary that is nearly a tick becomes one.
+        // An end of the range close to a tick is moved to it.
         let snap = |edge: f64, moved: f64| {
             let tick = (edge / step).round() * step;
             if (tick - edge).abs() < 1e-6 * step { tick } else { moved }
@@ -133,7 +135,7 @@ impl Ticks {
         let stride = number.div_ceil(count.max(1)).max(1) as i64;
         let mut bold: Vec<(f64, String)> = Vec::new();
         let mut light = Vec::new();
-        // With few decades in view the digits between them carry labels too, as many as there is room for.
+        // On a short logarithmic range, intermediate digits are labelled too.
         let labelled = |digit: i32| number <= 2 && (digit == 2 || digit == 5 || high - low < 0.8);
         for decade in (low.floor() as i64)..=(high.ceil() as i64) {
             if decades.contains(&decade) {
@@ -229,7 +231,7 @@ fn linear_label(index: i64, step: f64) -> String {
     if index == 0 && exponent < -4 {
         return "0".to_owned();
     }
-    // Beyond these magnitudes a label with all its zeros would be wider than it says anything.
+    // Beyond these magnitudes labels use a power of ten instead of many zeros.
     if exponent < -4 || value.abs() >= 1e6 {
         let leading = value.abs().log10().floor() as i64;
         let digits = usize::try_from(leading - exponent).unwrap_or(0);
@@ -242,7 +244,7 @@ fn linear_label(index: i64, step: f64) -> String {
     if value.abs() < 1e4 {
         return label;
     }
-    // Digits in groups of three, apart by a thin space.
+    // Digits in groups of three, separated by a thin space.
     let grouped = |(place, letter): (usize, char)| {
         let space =
             (1 + usize::from(value < 0.0)..whole).contains(&place) && (whole - place).is_multiple_of(3);
@@ -251,7 +253,7 @@ fn linear_label(index: i64, step: f64) -> String {
     label.chars().enumerate().flat_map(grouped).collect()
 }
 
-/// A power as labels show it, with a raised exponent: h², 10⁻³.
+/// A power as text with a superscript exponent: h², 10⁻³.
 pub fn power(base: &str, exponent: i64) -> String {
     const RAISED: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let raise = |letter: char| letter.to_digit(10).map_or('⁻', |digit| RAISED[digit as usize]);

@@ -7,14 +7,14 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// Size of a picture as it is shown, in pixels.
 const SIZE: (i32, i32) = (900, 560);
-/// Finer pixels that the library's whole-numbered coordinates count.
+/// Subdivision of a pixel: the library's integer coordinates count these finer units.
 const FINE: i32 = 4;
 
 const FONT: &str = "Helvetica, Arial, DejaVu Sans, sans-serif";
 const INK: RGBColor = RGBColor(40, 40, 40);
 const FAINT: RGBColor = RGBColor(90, 90, 90);
 
-/// Colours that people who see colours differently can tell apart (after Okabe and Ito).
+/// Colours that can be distinguished with colour-vision deficiency (after Okabe and Ito).
 const COLOURS: [RGBColor; 10] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -39,9 +39,9 @@ pub enum Style {
     Points,
     /// A line with markers at its points.
     LineWithPoints,
-    /// A thin dashed black line over the others: what the others should be.
+    /// A thin dashed black line over the other series: the exact or reference curve.
     Reference,
-    /// Black rings over the others: what the others should be, where it is known.
+    /// Black rings over the other series: known points of the exact solution.
     ReferencePoints,
     /// A dotted grey line with its label at its end, such as a slope to compare with; not in the legend.
     Guide,
@@ -90,8 +90,8 @@ pub struct Series {
 }
 
 impl Series {
-    /// A series; points without a place on the axes (not finite, or ≤ 0 on a logarithmic one) are left out
-    /// and interrupt its line.
+    /// A series; points that cannot be drawn (not finite, or ≤ 0 on a logarithmic axis) are left out and
+    /// interrupt its line.
     pub fn new(label: impl Into<String>, style: Style, points: Vec<(f64, f64)>) -> Self {
         Self { label: label.into(), style, marker: Marker::default(), points, colour: None }
     }
@@ -126,7 +126,7 @@ pub struct Chart {
     map: Option<ColourMap>,
 }
 
-/// The plotting library failed, and why.
+/// Error message of the plotting library.
 #[derive(Debug, thiserror::Error)]
 #[error("the picture cannot be drawn: {0}")]
 pub struct PictureError(String);
@@ -159,7 +159,7 @@ impl Chart {
         self
     }
 
-    /// Lays a map of colours under the series.
+    /// Draws a colour map below the series.
     pub fn with_map(mut self, map: ColourMap) -> Self {
         self.map = Some(map);
         self
@@ -193,7 +193,7 @@ impl Chart {
         let rectangles = self.map.as_ref().map_or_else(Vec::new, |map| map.rectangles(&self.x, &self.y));
         let corners = || rectangles.iter().flatten().filter(|corner| corner.0.is_finite());
         let (x, y) = match &self.map {
-            // A map fills its frame.
+            // The axes of a map end with its data.
             Some(map) if map.cells => (
                 self.x.ticks_over(corners().map(|at| at.0), 10),
                 self.y.ticks_over(corners().map(|at| at.1), 8),
@@ -265,7 +265,8 @@ impl Chart {
                 self.draw_markers(&mut chart, index, pieces)?;
             }
             if let (Style::Guide, Some(&end)) = (series.style, pieces.iter().flatten().last()) {
-                // Inside the frame: to the left of an end at the right edge, to the right of others.
+                // The label stays inside the frame: left of an end point at the right edge, right of any
+                // other.
                 let (low, high) = x.ends();
                 let side = if (high - end.0) < 0.12 * (high - low) { HPos::Right } else { HPos::Left };
                 let style = (FONT, 13 * FINE).into_font().color(&FAINT).pos(Pos::new(side, VPos::Bottom));
@@ -410,7 +411,7 @@ impl Chart {
         self.colour(index).stroke_width(width as u32)
     }
 
-    /// The series on the axes, interrupted where a point has no place.
+    /// The series in axis coordinates, interrupted at points that cannot be drawn.
     fn pieces(&self, series: &Series) -> Vec<Piece> {
         let place = |&(x, y): &(f64, f64)| Some((self.x.place(x)?, self.y.place(y)?));
         let places: Vec<Option<(f64, f64)>> = series.points.iter().map(place).collect();
@@ -419,10 +420,10 @@ impl Chart {
     }
 }
 
-/// The colour of a value without a place on the scale.
+/// Colour of a value that the scale does not contain.
 const UNKNOWN: RGBColor = RGBColor(214, 214, 214);
 
-/// Colours from low to high, of even steps for every eye (Matplotlib's viridis, in the public domain).
+/// Perceptually uniform colours from low to high (Matplotlib's viridis, in the public domain).
 const VIRIDIS: [(u8, u8, u8); 9] = [
     (68, 1, 84),
     (71, 44, 122),

@@ -1,8 +1,8 @@
-//! Values over two axes as colours, with a bar that says what they mean.
+//! Values over two axes as colours, with a colour bar.
 
 use super::axis::Axis;
 
-/// Values at places of a chart.
+/// Values at points of a chart.
 #[derive(Clone, Debug)]
 pub struct ColourMap {
     /// Label of the colour scale.
@@ -14,8 +14,8 @@ pub struct ColourMap {
 }
 
 impl ColourMap {
-    /// Values on a grid, each of which fills the cell around its place. One that has no place on the scale is
-    /// grey.
+    /// Values on a grid, each of which fills the cell around its place. Values outside of the colour scale
+    /// are grey.
     pub fn cells(quantity: Axis, values: impl IntoIterator<Item = ((f64, f64), f64)>) -> Self {
         Self { quantity, values: values.into_iter().collect(), cells: true }
     }
@@ -40,7 +40,7 @@ impl ColourMap {
     }
 }
 
-/// Where the cells around places along one axis end: halfway to the next.
+/// Boundaries of the cells along one axis: midpoints between neighbouring places.
 struct Edges {
     places: Vec<f64>,
 }

@@ -1,4 +1,4 @@
-//! A map: a number over two axes, as colours.
+//! A map: values over coordinate and time, as colours.
 
 use core::fmt::Write;
 
@@ -17,14 +17,14 @@ pub struct Map {
     height: usize,
 }
 
-/// Most cells along either axis.
+/// Largest number of cells along either axis.
 const MOST: usize = 160;
 
-/// Steps of colour on either side of zero.
+/// Number of colours on either side of zero.
 const SHADES: i32 = 12;
 
 impl Map {
-    /// The map of so many coordinates at these times, which are still zero.
+    /// A map of zeros for `coordinates` coordinates at these times.
     pub fn new(title: &str, times: &[f64], coordinates: usize) -> Self {
         let (count, height) = (times.len(), coordinates.clamp(1, MOST));
         let cells = vec![0.0_f64; count.clamp(1, MOST) * height];
@@ -32,7 +32,7 @@ impl Map {
         Self { title: title.to_owned(), times: ends, count, coordinates, cells, height }
     }
 
-    /// Takes the coordinates at a time; each cell shows the number in it that is farthest from zero.
+    /// Adds the row at time `index`; each cell keeps the value of largest magnitude.
     pub fn take(&mut self, index: usize, row: &[f64]) {
         let width = self.cells.len() / self.height;
         let column = index * width / self.count.max(1);
@@ -109,7 +109,7 @@ impl Map {
     }
 }
 
-/// From blue over white to red.
+/// Colour of a shade: from blue through white to red.
 fn colour(shade: i32) -> String {
     let part = f64::from(shade.abs()) / f64::from(SHADES);
     let mix = |end: f64| (255.0 + (end - 255.0) * part).round() as u8;

@@ -3,7 +3,7 @@
 use fvi_core::Real;
 use special::Gamma;
 
-/// A scalar with the functions that expressions know.
+/// A scalar with the functions of expressions.
 ///
 /// nalgebra's own functions come from the platform when it is built for a host; these never do.
 pub trait Elementary: Real {

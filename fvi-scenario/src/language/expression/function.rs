@@ -73,7 +73,7 @@ impl Function {
         }
     }
 
-    /// Whether it jumps, so that the side from which its argument is approached matters.
+    /// Whether the function jumps, so that the side from which its argument is approached matters.
     pub(super) fn jumps(self) -> bool {
         matches!(self, Self::Step | Self::Sign)
     }
@@ -133,7 +133,7 @@ impl Function {
             Self::Tanh => {
                 let tangent = v.hyperbolic_tangent();
                 x.chain(tangent, || {
-                    // 1/cosh² keeps its digits where 1 − tanh² has lost them all.
+                    // 1/cosh² is accurate where 1 − tanh² has cancelled.
                     let cosine = v.hyperbolic_cosine();
                     let slope = one / (cosine * cosine);
                     (slope, -two * tangent * slope)
@@ -151,9 +151,9 @@ impl Function {
         }
     }
 
-    /// `min` or `max` of two numbers with their derivatives: those of the one that is taken.
+    /// `min` or `max` of two numbers, with the derivatives of the selected one.
     ///
-    /// Not-a-number is handed on from either side.
+    /// If either number is not a number, so is the result.
     pub(super) fn choose<T: Elementary, J: Jet<T>>(self, left: J, right: J) -> J {
         match left.value().partial_cmp(&right.value()) {
             None => left.add(right),

@@ -1,4 +1,4 @@
-//! Numbers that carry their derivatives: forward differentiation to order zero, one and two.
+//! Numbers with their derivatives: forward differentiation to order zero, one and two.
 
 use super::Elementary;
 use nalgebra::{SMatrix, SVector};
@@ -13,7 +13,7 @@ pub(crate) trait Jet<T: Elementary>: Copy {
     fn multiply(self, other: Self) -> Self;
     fn divide(self, other: Self) -> Self;
 
-    /// f(self), given f and, where they are wanted, (f′, f″) at the value.
+    /// f(self), from f and, where they are needed, (f′, f″) at the value.
     fn chain(self, value: T, slopes: impl FnOnce() -> (T, T)) -> Self;
 }
 

@@ -1,4 +1,4 @@
-//! From text to tree, with errors that say what is wrong and where.
+//! The parser of expressions, with errors that state the fault and its place.
 
 use super::Symbols;
 use super::function::Function;
@@ -10,24 +10,24 @@ use core::ops::Range;
 /// terms it has.
 const MAX_DEPTH: usize = 128;
 
-/// An expression that cannot be used: what is wrong, and which bytes of its text are to blame.
+/// Error of an expression: the fault, and the bytes of its text that cause it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{fault} (column {})", self.column())]
 pub struct ExpressionError {
     /// The problem.
     pub fault: ExpressionFault,
-    /// The bytes of the text that are to blame; empty at the end of the text.
+    /// The bytes of the text that cause the fault; empty at the end of the text.
     pub span: Range<usize>,
     column: usize,
 }
 
 impl ExpressionError {
-    /// Column of the first character to blame, counted from 1 in characters.
+    /// Column of the first of these characters, counted from 1 in characters.
     pub fn column(&self) -> usize {
         self.column
     }
 
-    /// Allowed instead, where that can be said.
+    /// Allowed alternatives, if they can be stated.
     pub fn advice(&self) -> Option<String> {
         match &self.fault {
             ExpressionFault::UnknownName { suggestion: Some(near), allowed, .. } => {
@@ -53,27 +53,27 @@ impl ExpressionError {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExpressionFault {
-    /// There is nothing in it.
+    /// The text is empty.
     #[error("the expression is empty")]
     Empty,
-    /// A character that no expression has at this place.
+    /// A character that is not allowed at this place.
     #[error("unexpected character `{}`", excerpt(&character.to_string()))]
     UnexpectedCharacter {
         /// The character.
         character: char,
     },
-    /// Digits that do not make a number.
+    /// Digits that do not form a number.
     #[error("`{text}` is not a number")]
     BadNumber {
         /// The digits.
         text: String,
     },
-    /// A name that means nothing here.
+    /// A name that is not defined.
     #[error("unknown name `{name}`")]
     UnknownName {
         /// The name.
         name: String,
-        /// The known name nearest to it, if one is near.
+        /// The most similar known name, if there is a similar one.
         suggestion: Option<String>,
         /// The known names, separated by commas; of many variables only some.
         allowed: String,
@@ -83,7 +83,7 @@ pub enum ExpressionFault {
     UnknownFunction {
         /// The name.
         name: String,
-        /// The function nearest to it, if one is near.
+        /// The most similar function, if there is a similar one.
         suggestion: Option<&'static str>,
     },
     /// A function without its bracket.
@@ -97,9 +97,9 @@ pub enum ExpressionFault {
     ArgumentCount {
         /// The function.
         name: String,
-        /// How many it takes.
+        /// Number of arguments that it takes.
         expected: usize,
-        /// How many are there.
+        /// Number of arguments found.
         found: usize,
     },
     /// An opening bracket that is never closed.
@@ -125,12 +125,12 @@ pub enum ExpressionFault {
     TooDeep,
 }
 
-/// Whether a name can begin with it.
+/// Whether a name can begin with the character.
 pub(super) fn starts_name(letter: char) -> bool {
     letter.is_alphabetic() || letter == '_'
 }
 
-/// Whether a name can go on with it.
+/// Whether a name can continue with the character.
 pub(super) fn continues_name(letter: char) -> bool {
     letter.is_alphanumeric() || letter == '_'
 }
@@ -272,7 +272,7 @@ impl Parser<'_> {
     }
 
     fn sum(&mut self) -> Parsed<Part> {
-        // Brackets recurse through here: the parser itself must not run out of stack either.
+        // Brackets recurse through here: the parser must not overflow the stack either.
         self.nesting += 1;
         if self.nesting > MAX_DEPTH {
             let span = self.peek().map_or(self.text.len()..self.text.len(), |(_, span)| span);
@@ -371,7 +371,7 @@ impl Parser<'_> {
             (Some(function), Some((_, opening))) => self.call(function, span, opening),
             (Some(_), None) => Err((ExpressionFault::MissingArgument { name: excerpt(name) }, span)),
             (None, called) => match self.symbols.resolve(name) {
-                // A known name in front of a bracket: the product's sign was left out.
+                // A known name before a bracket: the multiplication sign is missing.
                 Some(_) if called.is_some() => {
                     Err((ExpressionFault::MissingOperator, span.end..span.end + 1))
                 }
@@ -414,15 +414,15 @@ impl Parser<'_> {
     }
 }
 
-/// The candidate most like `name`, if one is like it at all.
+/// The candidate most similar to `name`, if one is similar enough.
 pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let letters = name.chars().count();
     candidates
         .filter_map(|candidate| {
             let length = candidate.chars().count();
             let most = 1 + length / 4;
-            // Words whose lengths differ by more are farther apart than that: the search, quadratic in the
-            // length, is spared.
+            // The edit distance is at least the difference of the lengths: the search, quadratic in the
+            // length, is skipped.
             if letters.abs_diff(length) > most {
                 return None;
             }

@@ -287,9 +287,9 @@ fn sums_and_products_may_have_any_number_of_terms() {
     assert_eq!((value, first, second), (200_003.0, 100_001.0, 0.0));
     let product = format!("q0{}", "*2/2".repeat(100_000));
     assert_eq!(second_order(&product, 3.0), (3.0, 1.0, 0.0));
-    // From left to right, as without brackets: 1e16 + 1 + 1 loses both ones.
+    // Evaluated from left to right, as without brackets: 1e16 + 1 + 1 loses both ones.
     assert_eq!(second_order("q0 + 1 + 1 - q0", 1e16).0, 0.0);
-    // What holds no variable is worked out before: no derivative of √t at t = 0.
+    // A part without variables is evaluated as a number: no derivative of √t at t = 0.
     let root = Expression::parse("t^0.5 + t*2 + q0*q0", &coordinates(1)).unwrap();
     assert_eq!(
         root.gradient(Moment::inside(0.0), &SVector::<f64, 1>::new(3.0)),
@@ -299,7 +299,7 @@ fn sums_and_products_may_have_any_number_of_terms() {
 
 #[test]
 fn a_number_made_before_a_variable_comes_has_no_derivative() {
-    // 1/t is infinite; carried along with derivatives, it would turn that of q0 into 0·∞.
+    // 1/t is infinite; evaluated with derivatives, it would make the derivative by q0 0·∞.
     let expression = Expression::parse("1/t*q0", &coordinates(1)).unwrap();
     let (_, gradient) = expression.gradient(Moment::inside(0.0), &SVector::<f64, 1>::new(1.0));
     assert_eq!(gradient[0], f64::INFINITY);
@@ -308,7 +308,8 @@ fn a_number_made_before_a_variable_comes_has_no_derivative() {
 #[test]
 fn sine_and_cosine_in_one_are_those_computed_alone() {
     for step in -40_000..40_000 {
-        // From below the smallest argument that is not its own sine to beyond every branch of the reduction.
+        // From below the smallest argument that differs from its sine to beyond every branch of the argument
+        // reduction.
         let x = f64::from(step % 40) * 1.37 * 10f64.powf(f64::from(step / 1000) * 0.25);
         let (sine, cosine) = x.sine_cosine();
         assert_eq!((sine.to_bits(), cosine.to_bits()), (x.sine().to_bits(), x.cosine().to_bits()), "{x}");

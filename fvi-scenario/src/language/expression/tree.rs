@@ -77,7 +77,8 @@ impl Node {
         Self { kind: Kind::Negation(Box::new(inner)), varies }.folded()
     }
 
-    /// `left` joined with `right`: one more operand of `left` where it is a chain that can take it.
+    /// `left` and `right` joined by `operator`: `right` becomes another operand of `left` if that is a
+    /// suitable chain.
     pub fn join(operator: Operator, mut left: Self, right: Self) -> Self {
         if left.takes(operator, &right)
             && let Kind::Chain(_, operands) = &mut left.kind
@@ -89,8 +90,8 @@ impl Node {
         Self { kind: Kind::Chain(Box::new(left), vec![(operator, right)]), varies }.folded()
     }
 
-    /// Whether [`join`](Self::join) makes the chain longer and not the tree deeper. A beginning without
-    /// variables stays a part of its own, which is evaluated as a plain number.
+    /// Whether [`join`](Self::join) extends the chain and does not make the tree deeper. A chain that begins
+    /// without variables is kept as a separate part, which is evaluated as a plain number.
     pub(super) fn takes(&self, operator: Operator, right: &Self) -> bool {
         match &self.kind {
             Kind::Chain(_, operands) => {
@@ -129,7 +130,7 @@ impl Node {
         &self.kind
     }
 
-    /// Whether a test holds of it or of a part of it.
+    /// Whether a test holds for the node or one of its descendants.
     pub fn any(&self, test: &dyn Fn(&Self) -> bool) -> bool {
         test(self)
             || match &self.kind {
@@ -142,12 +143,12 @@ impl Node {
             }
     }
 
-    /// Whether the variable of this number occurs in it.
+    /// Whether the variable of this index occurs in it.
     pub fn has_variable(&self, index: usize) -> bool {
         self.any(&|node| matches!(node.kind, Kind::Variable(own) if own == index))
     }
 
-    /// Whether a variable of this number or a higher one occurs in it.
+    /// Whether a variable of this index or a higher one occurs in it.
     pub fn has_variable_from(&self, first: usize) -> bool {
         self.any(&|node| matches!(node.kind, Kind::Variable(own) if own >= first))
     }
@@ -169,7 +170,7 @@ impl Node {
         }
     }
 
-    /// A number in place of a part all of whose parts are numbers.
+    /// A number instead of a part whose operands are all numbers.
     fn folded(self) -> Self {
         let constant = match &self.kind {
             Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => false,
@@ -185,7 +186,7 @@ impl Node {
         if constant { Self::number(self.plain(0.0, 0.0)) } else { self }
     }
 
-    /// Puts the sided time in place of the time.
+    /// Replaces the time by the sided time.
     fn take_sides(&mut self) {
         match &mut self.kind {
             Kind::Time => self.kind = Kind::SidedTime,
@@ -204,7 +205,7 @@ impl Node {
         self.branch::<T, T>(time, sided, &[])
     }
 
-    /// The value with the derivatives that `J` carries.
+    /// The value with the derivatives of the jet `J`.
     pub(super) fn evaluate<T: Elementary, J: Jet<T>>(&self, time: T, sided: T, variables: &[J]) -> J {
         if self.varies {
             self.branch(time, sided, variables)
@@ -273,11 +274,11 @@ fn varying_power<T: Elementary, J: Jet<T>>(base: J, exponent: J, base_varies: bo
     exponent.multiply(logarithm).chain(value, || (value, value))
 }
 
-/// Largest whole exponent that is taken by multiplication.
+/// Largest integer exponent for which a power is computed by multiplication.
 pub const LARGEST_MULTIPLIED: u32 = 8;
 
-/// x^e: by multiplication for small whole exponents, which is exact where it can be and what anyone writing
-/// the formula out would compute; otherwise from `libm`. Negative bases take whole exponents only.
+/// x^e: by multiplication for small integer exponents, as in the written-out formula and without rounding
+/// where possible; otherwise from `libm`. Negative bases need integer exponents.
 pub fn power<T: Elementary>(x: T, exponent: T) -> T {
     let mut whole = 0;
     let mut count = T::zero();

@@ -216,7 +216,7 @@ fn forged_archives_are_refused() {
     }
 }
 
-/// An archive of one number, and where the central directory speaks of the array `data`.
+/// An archive of arrays of one number, and the offset of the directory entry of the array `data`.
 fn of_one_number(names: &[&str], compressed: bool) -> (Vec<u8>, usize) {
     let numbers: [&[f64]; 4] = [&[0.0], &[0.0, 1.0], &[1.0, 1.0], &[1.0]];
     let members: Vec<_> = names.iter().copied().zip(numbers.into_iter().cycle()).collect();
@@ -239,7 +239,7 @@ fn members_that_cannot_be_read_as_they_are_meant_are_refused() {
     let (mut packed, entry) = of_one_number(&CSR, true);
     packed[entry + 10] = 12;
     refused(&packed, "data.npy: compressed by method 12");
-    // A second member that is renamed, wherever its name stands.
+    // A second member renamed to the name of the first, wherever its name occurs.
     let (mut doubled, _) =
         of_one_number(&["indices.npy", "indptr.npy", "shape.npy", "data.npy", "datb.npy"], false);
     while let Some(place) = doubled.windows(8).position(|name| name == b"datb.npy") {
@@ -265,7 +265,7 @@ fn a_changed_byte_is_noticed_or_changes_nothing() {
     }
 }
 
-/// Bytes changed at random, seeded: nothing may panic, and what is read lies within its own bounds.
+/// Bytes changed at random with a fixed seed: nothing may panic, and indices that are read are within bounds.
 #[test]
 fn archives_with_wrong_bytes_do_no_harm() {
     let members: [(&str, &[f64]); 4] = [

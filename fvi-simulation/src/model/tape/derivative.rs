@@ -1,14 +1,14 @@
-//! A tree written into a graph, with as many derivatives as are asked for.
+//! Conversion of an expression tree to a graph, with derivatives up to a given order.
 //!
-//! Differentiation is forward, with only those derivatives that are not zero for every point: a sum of terms
-//! in few variables each costs as much as its terms together.
+//! Differentiation is forward and sparse, with derivatives that are identically zero left out: the cost of a
+//! sum of terms with few variables each is that of its terms.
 
 use super::graph::{Graph, Origin, Value};
 use super::operation::Operation;
 use super::sides::SideArguments;
 use crate::language::expression::{Function, Kind, Node, Operator};
 
-/// How many derivatives are wanted.
+/// Highest order of derivatives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Order {
     Value,
@@ -19,7 +19,7 @@ pub(super) enum Order {
 /// Row and column of an entry of a Hessian's lower triangle.
 pub(super) type Entry = (u32, u32);
 
-/// A value with its derivatives, those that are always zero left out.
+/// A value with its derivatives; those that are identically zero are left out.
 #[derive(Clone, Debug)]
 pub(super) struct Derivatives {
     pub(super) value: Value,
@@ -36,12 +36,12 @@ impl Derivatives {
 }
 
 impl Graph {
-    /// Writes the tree into the graph.
+    /// Adds the tree to the graph.
     pub(super) fn differentiate(&mut self, node: &Node, order: Order) -> Derivatives {
         Differentiation { graph: self, order, sides: None }.node(node)
     }
 
-    /// Likewise, with the sides of jumps and kinks as inputs.
+    /// Adds the tree to the graph, with the sides of jumps and kinks as inputs.
     pub(super) fn differentiate_sided(
         &mut self,
         node: &Node,
@@ -55,7 +55,7 @@ impl Graph {
 struct Differentiation<'a> {
     graph: &'a mut Graph,
     order: Order,
-    /// The jumps and kinks whose sides are inputs, if they are.
+    /// The jumps and kinks whose sides are inputs, if any.
     sides: Option<&'a mut SideArguments>,
 }
 
@@ -119,7 +119,7 @@ impl Differentiation<'_> {
         entries.into_iter().map(|(key, value)| (key, change(self.graph, value))).collect()
     }
 
-    /// A sum or product from left to right.
+    /// A sum or product, evaluated from left to right.
     fn chain(&mut self, first: &Node, operands: &[(Operator, Node)]) -> Derivatives {
         let mut joined = self.node(first);
         if !operands.iter().any(|(operator, _)| operator.is_additive()) {
@@ -132,7 +132,8 @@ impl Differentiation<'_> {
             }
             return joined;
         }
-        // The derivatives of all terms are gathered first: adding term by term would copy them every time.
+        // The derivatives of all terms are collected first: adding them term by term would copy them each
+        // time.
         let Derivatives { mut value, mut gradient, mut hessian } = joined;
         for (operator, operand) in operands {
             let mut term = self.node(operand);
@@ -149,7 +150,8 @@ impl Differentiation<'_> {
         Derivatives { value, gradient: self.gathered(gradient), hessian: self.gathered(hessian) }
     }
 
-    /// Entries of the same place added up in the order they come in, the places ascending, zeros left out.
+    /// Adds entries at the same place in their order; places are ascending in the result, and zeros are left
+    /// out.
     fn gathered<K: Ord + Copy>(&mut self, mut entries: Vec<(K, Value)>) -> Vec<(K, Value)> {
         entries.sort_by_key(|&(key, _)| key);
         let mut sums: Vec<(K, Value)> = Vec::with_capacity(entries.len());
@@ -212,7 +214,7 @@ impl Differentiation<'_> {
         Derivatives { value, gradient, hessian }
     }
 
-    /// f(x), given the values of f, f′ and f″; `None` is a second derivative that is always zero.
+    /// f(x), given the values of f, f′ and f″; `None` if the second derivative is identically zero.
     fn outer(&mut self, x: Derivatives, value: Value, first: Value, second: Option<Value>) -> Derivatives {
         let mut hessian = self.each(x.hessian, |graph, entry| graph.scale(first, entry));
         if let Some(second) = second
@@ -265,7 +267,7 @@ impl Differentiation<'_> {
         self.outer(x, value, first, second)
     }
 
-    /// b^e with an exponent that varies: e^(e·ln b), and derivatives 0 where it is 0.
+    /// b^e with a variable exponent: e^(e·ln b), with derivatives 0 where it is 0.
     fn varying_power(&mut self, base: Derivatives, exponent: Derivatives) -> Derivatives {
         let value = self.graph.power(base.value, exponent.value);
         if base.gradient.is_empty() && exponent.gradient.is_empty() {
@@ -273,7 +275,7 @@ impl Differentiation<'_> {
         }
         let logarithm = self.function(Function::Log, base);
         let mut inner = self.product(exponent, &logarithm);
-        // 0 or 1 in size: ln b is infinite where b^e is 0.
+        // sign(b^e) in absolute value is 0 or 1: ln b is infinite where b^e is 0.
         let sign = self.graph.call(Operation::Call(Function::Sign), value);
         let present = self.graph.call(Operation::Call(Function::Abs), sign);
         inner.gradient = self.each(inner.gradient, |graph, slope| graph.scale(slope, present));
@@ -323,7 +325,7 @@ impl Differentiation<'_> {
             Function::Sinh => (call(self.graph, Function::Cosh), Some(value)),
             Function::Cosh => (call(self.graph, Function::Sinh), Some(value)),
             Function::Tanh => {
-                // 1/cosh² keeps its digits where 1 − tanh² has lost them all.
+                // 1/cosh² is accurate where 1 − tanh² has cancelled.
                 let cosine = call(self.graph, Function::Cosh);
                 let square = self.graph.multiply(cosine, cosine);
                 let slope = self.graph.divide(one, square);
@@ -343,8 +345,8 @@ impl Differentiation<'_> {
         self.outer(x, value, first, second)
     }
 
-    /// Which side of a jump or kink is taken: σ = a + b g with the argument g and two inputs a and b, which
-    /// are 1 and 0 above, 0 and 0 below. `None` where sides are no inputs.
+    /// The side of a jump or kink, σ = a + b g with the argument g and two inputs a and b, which are 1 and 0
+    /// above, 0 and 0 below. `None` if sides are not inputs.
     fn side(&mut self, node: &Node, argument: &Derivatives) -> Option<Derivatives> {
         let [offset, slope] = self.sides.as_mut()?.inputs(node, (argument.value, &argument.gradient));
         let (offset, slope) = (self.graph.insert(offset), self.graph.insert(slope));
@@ -356,7 +358,7 @@ impl Differentiation<'_> {
         })
     }
 
-    /// `step`, `sign` and `abs` on the side that the inputs say: σ, 2σ − 1 and (2σ − 1) g.
+    /// `step`, `sign` and `abs` on the side of the inputs: σ, 2σ − 1 and (2σ − 1) g.
     fn sided_function(&mut self, function: Function, node: &Node, x: Derivatives) -> Derivatives {
         let Some(side) = self.side(node, &x) else { return self.function(function, x) };
         if function == Function::Step {
@@ -372,8 +374,8 @@ impl Differentiation<'_> {
         if function == Function::Sign { sign } else { self.product(sign, &x) }
     }
 
-    /// `min` and `max` on the side that the inputs say, with g = left − right: σ u + (1 − σ) l, where u is
-    /// the one that is taken above. A side that is not taken may be anything.
+    /// `min` and `max` on the side of the inputs, with g = left − right: σ u + (1 − σ) l, where u is the
+    /// result above. The other side may have any value.
     fn sided_choice(
         &mut self,
         function: Function,
@@ -400,7 +402,7 @@ impl Differentiation<'_> {
         self.sum(&above, &below)
     }
 
-    /// σ x, and 0 for σ = 0 whatever x is.
+    /// σ x, and 0 for σ = 0 and any x.
     fn share(&mut self, x: &Derivatives, side: &Derivatives) -> Derivatives {
         let scaled = |graph: &mut Graph, entry| graph.scale(entry, side.value);
         let value = self.graph.scale(x.value, side.value);
@@ -424,7 +426,7 @@ impl Differentiation<'_> {
         }
     }
 
-    /// The one of two that is taken, with its derivatives.
+    /// The selected one of two values, with its derivatives.
     fn choice(&mut self, function: Function, left: Derivatives, right: Derivatives) -> Derivatives {
         let comparison = if function == Function::Min { Operation::LeftIsMin } else { Operation::LeftIsMax };
         let choice = self.graph.compare(comparison, left.value, right.value);

@@ -1,37 +1,37 @@
-//! Bounds of a function of time over a stretch of time, by interval arithmetic: of its value and of its first
+//! Bounds of a function of time over a range of time, by interval arithmetic: of its value and of its first
 //! two derivatives.
 //!
-//! Every operation rounds outwards, so that a bound holds for the function as it is written and not for its
-//! values at a few times. Source: \[MKC09\] ch. 2 and 5.
+//! Every operation rounds outwards, so that bounds hold for the function at all times of the range. Source:
+//! \[MKC09\] ch. 2 and 5.
 
 use crate::language::expression::{Elementary, Function, Kind, Node, Operator, power};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// All numbers from one to another.
+/// A closed interval of numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Bounds {
-    /// The least.
+    /// Lower bound.
     pub(super) low: f64,
-    /// The greatest.
+    /// Upper bound.
     pub(super) high: f64,
 }
 
-/// Bounds of value, first and second derivative. Where a function jumps, has a kink, a root or a pole, or is
-/// not defined, those that do not exist are without bounds.
+/// Bounds of value, first and second derivative. At jumps, kinks, roots, poles, and where the function is not
+/// defined, bounds of quantities that do not exist are infinite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Enclosure {
-    /// Of the function.
+    /// Bounds of the function.
     pub(super) value: Bounds,
-    /// Of its derivative.
+    /// Bounds of its derivative.
     pub(super) slope: Bounds,
-    /// Of its second derivative.
+    /// Bounds of its second derivative.
     pub(super) bend: Bounds,
 }
 
 /// Relative error bound of functions of `libm`.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-/// Arguments of sine and its kin of which no period is told from another.
+/// Largest argument of sine, cosine and tangent that is reduced to a period.
 const MOST_RADIANS: f64 = 1e9;
 
 impl Bounds {
@@ -42,17 +42,17 @@ impl Bounds {
         Self { low: number, high: number }.checked()
     }
 
-    /// Those of an operation that rounds correctly; a difference that is zero is exact.
+    /// Bounds of an operation that rounds correctly; a difference of zero is exact.
     fn rounded(low: f64, high: f64) -> Self {
         let (down, up) = (low.next_down(), high.next_up());
         Self { low: if low == 0.0 { low } else { down }, high: if high == 0.0 { high } else { up } }.checked()
     }
 
-    /// Those of a function of `libm`.
+    /// Bounds of a function of `libm`.
     fn loose(low: f64, high: f64) -> Self {
         let widened = |number: f64| ROUNDING * number.abs() + f64::MIN_POSITIVE;
         let (low, high) = if low <= high { (low, high) } else { (high, low) };
-        // What is infinite stays so.
+        // An infinite bound stays infinite.
         let low = if low.is_infinite() { low } else { low - widened(low) };
         let high = if high.is_infinite() { high } else { high + widened(high) };
         Self { low, high }.checked()
@@ -62,17 +62,17 @@ impl Bounds {
         if self.low.is_nan() || self.high.is_nan() { Self::WHOLE } else { self }
     }
 
-    /// Whether zero is among them.
+    /// Whether zero is in the interval.
     pub(super) fn contains_zero(self) -> bool {
         self.low <= 0.0 && self.high >= 0.0
     }
 
-    /// Whether they are zero and nothing else.
+    /// Whether the interval is the number zero.
     pub(super) fn is_zero(self) -> bool {
         self == Self::ZERO
     }
 
-    /// Whether both are numbers.
+    /// Whether both bounds are finite.
     pub(super) fn is_finite(self) -> bool {
         self.low.is_finite() && self.high.is_finite()
     }
@@ -110,7 +110,7 @@ impl Bounds {
         Self::rounded(self.low + other.low, self.high + other.high)
     }
 
-    /// Zero times whatever is without bounds is zero: a factor that does not change has no derivative.
+    /// Zero times an infinite bound is zero: the derivative of a constant factor.
     fn times(self, other: Self) -> Self {
         if self.is_zero() || other.is_zero() {
             return Self::ZERO;
@@ -138,7 +138,7 @@ impl Bounds {
         Self { low: (least * least).next_down().max(0.0), high: (most * most).next_up() }.checked()
     }
 
-    /// Of a function that rises, or falls, throughout.
+    /// Bounds of a function that is monotonic.
     fn through(self, function: impl Fn(f64) -> f64) -> Self {
         Self::loose(function(self.low), function(self.high))
     }
@@ -150,7 +150,7 @@ impl Bounds {
         Self { low: low.max(0.0), high }
     }
 
-    /// x^n for a whole n and any x.
+    /// x^n for an integer n and any x.
     fn to_whole(self, n: f64) -> Self {
         if n == 0.0 {
             return Self::point(1.0);
@@ -166,13 +166,13 @@ impl Bounds {
         self.through(|x| power(x, n))
     }
 
-    /// Whether a place + k·2π is among them, to be on the safe side.
+    /// Whether the interval may contain place + k·2π for some integer k.
     fn meets(self, place: f64) -> bool {
         let slack = 1e-9;
         ((self.high + slack - place) / TAU).floor() >= ((self.low - slack - place) / TAU).ceil()
     }
 
-    /// Of a sine that is highest at this place.
+    /// Bounds of a sinusoid with its maximum at this place.
     fn wave(self, function: impl Fn(f64) -> f64, highest: f64) -> Self {
         if self.magnitude() >= MOST_RADIANS {
             return Self { low: -1.0, high: 1.0 };
@@ -199,7 +199,7 @@ impl Bounds {
 impl Enclosure {
     const UNKNOWN: Self = Self { value: Bounds::WHOLE, slope: Bounds::WHOLE, bend: Bounds::WHOLE };
 
-    /// Of a part of an expression that depends on time alone, over [`from`, `to`].
+    /// Enclosure of a part of an expression that depends on time alone, over [`from`, `to`].
     pub(super) fn of(node: &Node, from: f64, to: f64) -> Self {
         let of = |node: &Node| Self::of(node, from, to);
         match node.kind() {
@@ -240,7 +240,7 @@ impl Enclosure {
         }
     }
 
-    /// As [`of`](Self::of), with value and slope made narrower by the mean value theorem.
+    /// As [`of`](Self::of), with value and slope tightened by the mean value theorem.
     pub(super) fn centred(node: &Node, from: f64, to: f64) -> Self {
         let mut found = Self::of(node, from, to);
         let middle = 0.5 * (from + to);
@@ -369,7 +369,7 @@ impl Enclosure {
         }
     }
 
-    /// Γ is convex for positive arguments, and so is its second derivative.
+    /// Γ for positive arguments, where it and its second derivative are convex.
     fn gamma(self) -> Self {
         let x = self.value;
         if x.low <= 0.0 {
@@ -386,14 +386,14 @@ impl Enclosure {
             [gamma, gamma * first, gamma * (first * first + second)]
         };
         let (low, high) = (at(x.low), at(x.high));
-        // The least of Γ is 0.8856 at 1.4616. The derivatives' own functions have fewer digits.
+        // The minimum of Γ is 0.8856 at 1.4616. The digamma and trigamma functions are less accurate.
         let least = if x.low < 1.47 && x.high > 1.45 { 0.885 } else { low[0].min(high[0]) * (1.0 - 1e-12) };
         let value = Bounds { low: least, high: low[0].max(high[0]) * (1.0 + 1e-12) }.checked();
         let loose = |low: f64, high: f64| {
             let slack = 1e-9 * (low.abs() + high.abs());
             Bounds { low: low - slack, high: high + slack }.checked()
         };
-        // From 2 on it rises.
+        // The second derivative increases from 2 on.
         let least = if x.low >= 2.0 { low[2] } else { 0.0 };
         self.chain(value, loose(low[1], high[1]), loose(least, low[2].max(high[2])))
     }
@@ -429,7 +429,7 @@ mod tests {
         Expression::parse(text, &Symbols::new().with_time()).unwrap()
     }
 
-    /// Every function, on both sides of what is special about it.
+    /// Every function, on both sides of its special points.
     const SAMPLES: [&str; 27] = [
         "gamma(t - 3.417)",
         "3 - 2*t + t^2/7",
@@ -481,7 +481,7 @@ mod tests {
                     if t + h > from + width || h < 1e-5 {
                         continue;
                     }
-                    // A mean of the derivative is one of its values.
+                    // A difference quotient of the function is a value of its derivative.
                     let quotient = (value(t + h) - value(t)) / h;
                     let slack = 1e-9 * (1.0 + quotient.abs());
                     for Bounds { low, high } in [found.slope, centred.slope] {
@@ -509,7 +509,7 @@ mod tests {
                 assert!(high - low < 1e-3, "{text}: {low} to {high}");
             }
         }
-        // Where it is not there are none.
+        // Unbounded functions have infinite bounds.
         assert!(!Enclosure::of(expression("1/(t - 1.03)").root(), 1.0, 1.1).value.is_finite());
         assert!(!Enclosure::of(expression("tan(t)").root(), 1.5, 1.6).value.is_finite());
         assert!(!Enclosure::of(expression("abs(t - 1)").root(), 0.9, 1.1).bend.is_finite());

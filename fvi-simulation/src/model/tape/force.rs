@@ -1,4 +1,4 @@
-//! F(t, q) compiled.
+//! Compiled forces F(t, q).
 
 use super::derivative::{Entry, Order};
 use super::graph::Graph;
@@ -7,9 +7,9 @@ use super::program::Program;
 use super::sides::{CompiledSides, SideArguments};
 use crate::language::expression::{Elementary, Expression, Moment, Node};
 
-/// A force as the sum of a constant, a matrix times q, a function of t alone and a rest.
+/// A force as the sum of a constant, a matrix times q, a function of t alone and a remainder.
 ///
-/// A component whose dependence on q is linear with constant coefficients has no rest.
+/// A component that depends on q linearly with constant coefficients has no remainder.
 #[derive(Clone, Debug)]
 pub struct CompiledForce<T> {
     constant: Vec<(u32, T)>,
@@ -27,21 +27,21 @@ struct Rest<T> {
 }
 
 impl<T: Elementary> CompiledForce<T> {
-    /// Compiles F, one expression for each coordinate; none at all is no force.
+    /// Compiles F, one expression for each coordinate; an empty slice is a zero force.
     pub fn compile(components: &[Expression]) -> Self {
         Self::compile_of(components, variables(components))
     }
 
-    /// As [`compile`](Self::compile), of so many variables: the coordinates, and velocities behind them, by
-    /// which it is differentiated as well. Positions are then followed by velocities.
+    /// As [`compile`](Self::compile), with `variables` variables: the coordinates, followed by velocities,
+    /// with respect to which it is differentiated as well. Positions are then followed by velocities.
     pub fn compile_of(components: &[Expression], variables: usize) -> Self {
         let (mut force, rest) = Self::without_rest(components);
         force.rest = Rest::new(&rest, variables);
         force
     }
 
-    /// As [`compile_of`](Self::compile_of), with the sides of jumps and kinks in the position as inputs,
-    /// where there are any: positions have two numbers for each of them behind the variables.
+    /// As [`compile_of`](Self::compile_of), with the sides of jumps and kinks in the position as inputs, if
+    /// there are any: positions then have two additional numbers for each after the variables.
     pub fn compile_sided(components: &[Expression], variables: usize) -> (Self, Option<CompiledSides>) {
         let (mut force, rest) = Self::without_rest(components);
         match Rest::sided(&rest, (components.len(), variables)) {
@@ -53,7 +53,7 @@ impl<T: Elementary> CompiledForce<T> {
         }
     }
 
-    /// All but the rest, and the components of that.
+    /// All parts except the remainder, and the components of the remainder.
     fn without_rest(components: &[Expression]) -> (Self, Vec<(u32, &Node)>) {
         let (mut constant, mut linear, mut timed, mut rest) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -87,17 +87,17 @@ impl<T: Elementary> CompiledForce<T> {
         self.is_constant() && self.constant.is_empty()
     }
 
-    /// Whether it depends neither on the time nor on the position.
+    /// Whether the force depends neither on the time nor on the position.
     pub fn is_constant(&self) -> bool {
         !self.depends_on_time() && !self.depends_on_position()
     }
 
-    /// Whether it depends on the time.
+    /// Whether the force depends on the time.
     pub fn depends_on_time(&self) -> bool {
         self.timed.is_some() || self.rest.as_ref().is_some_and(|rest| rest.depends_on_time)
     }
 
-    /// Whether it depends on the position.
+    /// Whether the force depends on the position.
     pub fn depends_on_position(&self) -> bool {
         !self.linear.is_empty() || self.rest.is_some()
     }
@@ -142,7 +142,7 @@ impl<T: Elementary> CompiledForce<T> {
         }
     }
 
-    /// Writes what F is without its rest at q = 0: the constant and the function of t.
+    /// Writes F without its remainder at q = 0: the constant and the function of t.
     pub fn load(&self, moment: Moment<T>, registers: &mut Vec<T>, force: &mut [T]) {
         force.fill(T::zero());
         for &(row, number) in &self.constant {
@@ -210,13 +210,13 @@ pub fn variables(components: &[Expression]) -> usize {
     if moves { 2 * count } else { count }
 }
 
-/// A component of a force by what it depends on.
+/// A component of a force, split by its dependence on time and position.
 pub(super) enum Parts {
     Affine { offset: f64, slopes: Vec<(u32, f64)>, of_time: Option<Node> },
     Nonlinear,
 }
 
-/// Takes a component apart.
+/// Splits a component.
 pub(super) fn parts(component: &Node) -> Parts {
     let (polynomial, rest) = split(component);
     if polynomial.degree() == 2 || rest.as_ref().is_some_and(Node::varies) {

@@ -1,4 +1,4 @@
-//! A function of t and of any variables, compiled whole.
+//! Compiled functions of t and of any variables, without splitting.
 
 use super::derivative::{Entry, Order};
 use super::graph::Graph;
@@ -8,7 +8,7 @@ use crate::language::expression::{Elementary, Expression, Kind, Moment, Node, Op
 
 /// f(t, x) with programs for its value and its first two derivatives in x.
 ///
-/// Every number has the bits that the expression's own evaluation gives it.
+/// Every number has the same bits as in the evaluation of the expression tree.
 #[derive(Clone, Debug)]
 pub struct CompiledFunction<T> {
     value: Program<T>,
@@ -24,8 +24,8 @@ impl<T: Elementary> CompiledFunction<T> {
         }
     }
 
-    /// (row, column) of the entries of the Hessian that are not zero everywhere: lower triangle with the
-    /// diagonal, row by row.
+    /// (row, column) of the structurally nonzero entries of the Hessian: lower triangle with the diagonal,
+    /// row by row.
     pub fn pattern(&self) -> &[(u32, u32)] {
         &self.differentiated.pattern
     }
@@ -59,7 +59,8 @@ impl<T: Elementary> CompiledFunction<T> {
 
 /// The program of a value alone.
 pub(super) fn value<T: Elementary>(expression: &Expression, variables: usize) -> Program<T> {
-    // The terms of a sum do not wait for each other when the program itself adds them, in the same order.
+    // When the program adds the terms of a sum itself, in the same order, the terms are independent of each
+    // other.
     if let Kind::Chain(first, operands) = expression.root().kind()
         && operands.iter().all(|(operator, _)| operator.is_additive())
     {
@@ -79,7 +80,7 @@ pub(super) fn value<T: Elementary>(expression: &Expression, variables: usize) ->
     Program::new(&graph, variables, &[(0, value)], &[])
 }
 
-/// Programs that add a gradient, the second of them with the entries of the Hessian.
+/// Programs that add a gradient; the second also computes the entries of the Hessian.
 #[derive(Clone, Debug)]
 pub(super) struct Differentiated<T> {
     pub(super) pattern: Vec<Entry>,
@@ -98,7 +99,7 @@ impl<T: Elementary> Differentiated<T> {
         Self { pattern, gradient, derivatives }
     }
 
-    /// As [`new`](Self::new), with the sides of jumps and kinks as inputs behind the variables, and with the
+    /// As [`new`](Self::new), with the sides of jumps and kinks as inputs after the variables, and with the
     /// program of the value; `None` if there are no jumps and kinks.
     pub(super) fn sided(
         node: &Node,

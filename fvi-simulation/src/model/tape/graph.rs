@@ -4,11 +4,11 @@ use super::operation::Operation;
 use crate::language::expression::LARGEST_MULTIPLIED;
 use std::collections::HashMap;
 
-/// A value of the graph, by its place.
+/// A value of the graph, by its index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Value(pub(super) u32);
 
-/// How a value is computed.
+/// Definition of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Origin {
     /// A number, by its bits.
@@ -16,14 +16,14 @@ pub(super) enum Origin {
     Time,
     SidedTime,
     Variable(u32),
-    /// An operation on earlier values; those beyond its arity are `Value(0)`.
+    /// An operation on earlier values; operands beyond its arity are `Value(0)`.
     Computed(Operation, [Value; 3]),
 }
 
 /// Values in an order in which they can be computed, none of them twice.
 ///
-/// What it simplifies changes no bit of a finite result but the sign of a zero: x·1, x + 0, products and
-/// quotients of negatives, division by a power of two, operations on numbers. It never reorders a sum.
+/// Simplifications change no bit of a finite result except the sign of a zero: x·1, x + 0, products and
+/// quotients of negatives, division by a power of two, operations on numbers. Sums are never reordered.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Graph {
     origins: Vec<Origin>,
@@ -44,7 +44,7 @@ impl Graph {
         self.origins[value.0 as usize]
     }
 
-    /// The number, if it is one.
+    /// The number, if the value is a constant.
     pub(super) fn number(&self, value: Value) -> Option<f64> {
         match self.origin(value) {
             Origin::Constant(bits) => Some(f64::from_bits(bits)),
@@ -79,7 +79,7 @@ impl Graph {
         }
     }
 
-    /// Its negative, if it is made as one.
+    /// The operand, if the value is a negation.
     fn negated(&self, value: Value) -> Option<Value> {
         match self.origin(value) {
             Origin::Computed(Operation::Negate, [inner, ..]) => Some(inner),
@@ -168,7 +168,7 @@ impl Graph {
         self.without_signs(slope, x, |graph, slope, x| graph.compute(Operation::Scale, &[slope, x]))
     }
 
-    /// A product or quotient of two values that may be negatives.
+    /// A product or quotient of two values that may be negations.
     fn without_signs(
         &mut self,
         x: Value,
@@ -180,7 +180,7 @@ impl Graph {
         if positive_x.is_some() == positive_y.is_some() { made } else { self.negate(made) }
     }
 
-    /// x^e, with the multiplications written out that a small whole exponent takes.
+    /// x^e, with multiplications for a small integer exponent.
     pub(super) fn power(&mut self, x: Value, exponent: Value) -> Value {
         let Some(number) = self.number(exponent) else {
             return self.compute(Operation::Power, &[x, exponent]);
@@ -216,7 +216,8 @@ impl Graph {
     }
 }
 
-/// Whether dividing by it is multiplying by its reciprocal, to the bit, in single precision too.
+/// Whether division by the number equals multiplication by its reciprocal, bit by bit, in single precision
+/// too.
 fn is_power_of_two(number: f64) -> bool {
     const MANTISSA: u64 = (1 << 52) - 1;
     number.to_bits() & MANTISSA == 0 && (1e-18..=1e18).contains(&number.abs())

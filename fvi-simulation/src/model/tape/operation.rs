@@ -13,17 +13,17 @@ pub(super) enum Operation {
     Subtract,
     Multiply,
     Divide,
-    /// slope·x, and 0 for x = 0 even where the slope is infinite: the rule of the chain rule here, by which
-    /// √(q²) has the derivative 0 at 0.
+    /// slope·x, and 0 for x = 0 even where the slope is infinite, as in the chain rule here, by which √(q²)
+    /// has the derivative 0 at 0.
     Scale,
     /// x^e.
     Power,
-    /// 1 if the smaller of two numbers is the left one, 0 if the right one, not-a-number if they have no
-    /// order.
+    /// 1 if the smaller of two numbers is the left one, 0 if it is the right one, not-a-number if they are
+    /// not comparable.
     LeftIsMin,
-    /// Likewise for the larger.
+    /// The same for the larger.
     LeftIsMax,
-    /// (choice, left, right): left for 1, right for 0, their sum for not-a-number.
+    /// (choice, left, right): left for 1, right for 0, their sum if the choice is not a number.
     Pick,
     /// A function of one argument.
     Call(Function),
@@ -34,7 +34,7 @@ pub(super) enum Operation {
 }
 
 impl Operation {
-    /// How many numbers it takes.
+    /// Number of operands.
     pub(super) fn arity(self) -> usize {
         match self {
             Self::Negate | Self::Call(_) | Self::Digamma | Self::Trigamma => 1,

@@ -1,4 +1,4 @@
-//! The part of an expression that is a polynomial of the second degree, split off exactly.
+//! The quadratic polynomial in an expression, split off exactly.
 
 use crate::language::expression::{Kind, Node, Operator};
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ pub(super) struct Polynomial {
 }
 
 impl Polynomial {
-    /// The polynomial of a part, if it is one of at most the second degree with constant coefficients.
+    /// The polynomial of a part, if it is a polynomial of degree two or less with constant coefficients.
     pub(super) fn of(node: &Node) -> Option<Self> {
         match node.kind() {
             Kind::Number(number) => Some(Self::number(*number)),
@@ -109,10 +109,10 @@ fn add<K: Ord>(to: &mut BTreeMap<K, f64>, terms: impl IntoIterator<Item = (K, f6
     }
 }
 
-/// A part as the sum of a polynomial and a rest.
+/// A part as the sum of a polynomial and a remainder.
 ///
-/// Terms of a sum that are polynomials, also of a sum that is multiplied with numbers, go to the polynomial;
-/// numbers stay with the rest where there is one, so that 1 − cos q0 remains what it is.
+/// Polynomial terms of a sum, also of a sum multiplied by numbers, go to the polynomial; if there is a
+/// remainder, constants stay with it, so that 1 − cos q0 is unchanged.
 pub(super) fn split(node: &Node) -> (Polynomial, Option<Node>) {
     if let Some(polynomial) = Polynomial::of(node)
         && polynomial.is_finite()
@@ -162,7 +162,7 @@ fn split_sum(first: &Node, operands: &[(Operator, Node)]) -> Option<(Polynomial,
     remaining.map(|rest| (sum, rest))
 }
 
-/// A product of numbers and one part that is none and can be split.
+/// Splits a product of numbers and one other part that can be split.
 fn split_product(first: &Node, operands: &[(Operator, Node)]) -> Option<(Polynomial, Node)> {
     let mut polynomial = Polynomial::default();
     let mut product: Option<Node> = None;

@@ -1,4 +1,4 @@
-//! U(q) compiled.
+//! Compiled potentials U(q).
 
 use super::function::{Differentiated, value};
 use super::polynomial::{Polynomial, split};
@@ -52,16 +52,16 @@ impl<T: Elementary> QuadraticPart<T> {
     }
 }
 
-/// A potential as the sum of a quadratic part and a rest, with programs for what the schemes ask for.
+/// A potential as the sum of a quadratic part and a remainder, with programs for value, gradient and Hessian.
 ///
-/// The split is exact but for the rounding of coefficients such as k·1·(−1). The value is computed from the
-/// expression as it was written, not from the parts: expanding (q1 − q0)² would cost it digits.
+/// The split is exact except for the rounding of coefficients such as k·1·(−1). The value is computed from
+/// the expression as written, not from the parts: expanding (q1 − q0)² would lose digits.
 #[derive(Clone, Debug)]
 pub struct CompiledPotential<T> {
     quadratic: QuadraticPart<T>,
     value: Program<T>,
     rest: Option<Differentiated<T>>,
-    /// The value of the rest, where the sides of its jumps and kinks are inputs.
+    /// Value of the remainder, with the sides of its jumps and kinks as inputs.
     sided_rest: Option<Program<T>>,
 }
 
@@ -78,8 +78,8 @@ impl<T: Elementary> CompiledPotential<T> {
     }
 
     /// As [`compile`](Self::compile), with the sides of jumps and kinks as inputs of the derivatives of the
-    /// rest, where there are any: positions for it have two numbers for each of them behind the coordinates,
-    /// which messages call by the letter and their numbers.
+    /// remainder, if there are any: positions for it then have two additional numbers for each after the
+    /// coordinates. Messages name coordinates by the letter and their indices.
     pub fn compile_sided(
         potential: &Expression,
         (coordinates, letter): (usize, char),
@@ -97,7 +97,7 @@ impl<T: Elementary> CompiledPotential<T> {
         }
     }
 
-    /// The rest of U on the sides that are given behind the coordinates; zero where there are none.
+    /// The remainder of U on the sides given after the coordinates; zero without jumps and kinks.
     pub fn sided_rest(&self, point: &[T], registers: &mut Vec<T>) -> T {
         let mut value = [T::zero()];
         if let Some(rest) = &self.sided_rest {
@@ -106,7 +106,7 @@ impl<T: Elementary> CompiledPotential<T> {
         value[0]
     }
 
-    /// Operations of the gradient and the Hessian of the rest.
+    /// Number of operations of the gradient and the Hessian of the remainder.
     #[cfg(test)]
     pub(super) fn operations(&self) -> usize {
         self.rest.as_ref().map_or(0, |rest| rest.derivatives.operations())
@@ -117,13 +117,13 @@ impl<T: Elementary> CompiledPotential<T> {
         &self.quadratic
     }
 
-    /// Whether the quadratic part is all there is.
+    /// Whether there is no remainder.
     pub fn is_quadratic(&self) -> bool {
         self.rest.is_none()
     }
 
-    /// (row, column) of the entries of the rest's Hessian that are not zero everywhere: lower triangle with
-    /// the diagonal, row by row.
+    /// (row, column) of the structurally nonzero entries of the remainder's Hessian: lower triangle with the
+    /// diagonal, row by row.
     pub fn pattern(&self) -> &[(u32, u32)] {
         self.rest.as_ref().map_or(&[], |rest| &rest.pattern)
     }
@@ -135,8 +135,8 @@ impl<T: Elementary> CompiledPotential<T> {
         value[0]
     }
 
-    /// U at several points, whose coordinates `place` writes; the bits of each by itself. `registers` serve
-    /// this potential only.
+    /// U at several points, whose coordinates `place` writes, with the same bits as one by one. `registers`
+    /// must be used for this potential only.
     pub(in crate::model) fn values_along(
         &self,
         registers: &mut LaneRegisters<T>,
@@ -152,14 +152,14 @@ impl<T: Elementary> CompiledPotential<T> {
         self.add_rest_gradient(position, registers, gradient);
     }
 
-    /// Adds the gradient of the rest to `gradient`.
+    /// Adds the gradient of the remainder to `gradient`.
     pub fn add_rest_gradient(&self, position: &[T], registers: &mut Vec<T>, gradient: &mut [T]) {
         if let Some(rest) = &self.rest {
             rest.gradient.evaluate(moment(), position, registers, gradient, &mut []);
         }
     }
 
-    /// As [`add_rest_gradient`](Self::add_rest_gradient), with registers that serve nothing else.
+    /// As [`add_rest_gradient`](Self::add_rest_gradient), with registers used for this program only.
     #[inline]
     pub(in crate::model) fn add_rest_gradient_again(
         &self,
@@ -172,7 +172,7 @@ impl<T: Elementary> CompiledPotential<T> {
         }
     }
 
-    /// Writes ∇U(q), of both parts together, and the entries of the rest's Hessian in the order of
+    /// Writes ∇U(q), of both parts together, and the entries of the remainder's Hessian in the order of
     /// [`pattern`](Self::pattern).
     pub fn derivatives(&self, position: &[T], registers: &mut Vec<T>, gradient: &mut [T], hessian: &mut [T]) {
         gradient.fill(T::zero());
@@ -180,7 +180,7 @@ impl<T: Elementary> CompiledPotential<T> {
         self.add_rest_derivatives(position, registers, gradient, hessian);
     }
 
-    /// Adds the gradient of the rest to `gradient` and writes the entries of its Hessian.
+    /// Adds the gradient of the remainder to `gradient` and writes the entries of its Hessian.
     pub fn add_rest_derivatives(
         &self,
         position: &[T],
@@ -193,8 +193,8 @@ impl<T: Elementary> CompiledPotential<T> {
         }
     }
 
-    /// As [`add_rest_derivatives`](Self::add_rest_derivatives), with registers that serve nothing else; the
-    /// entries are added to the values of a matrix, each at its slot and at that of its mirror image.
+    /// As [`add_rest_derivatives`](Self::add_rest_derivatives), with registers used for this program only;
+    /// the entries are added to the values of a matrix, each at its slot and at that of its mirror image.
     #[inline]
     pub(in crate::model) fn add_rest_derivatives_again(
         &self,
@@ -209,7 +209,7 @@ impl<T: Elementary> CompiledPotential<T> {
     }
 }
 
-/// A potential does not depend on the time.
+/// Any moment: a potential does not depend on the time.
 fn moment<T: Elementary>() -> Moment<T> {
     Moment::inside(T::zero())
 }

@@ -1,10 +1,10 @@
-//! A graph as a program: straight-line code in which equal operations stand together.
+//! A graph as a program: straight-line code in which equal operations are consecutive.
 //!
-//! The values that the outputs need are put in order, each after those it is made of and close to where it is
-//! used, and cut into windows. Within a window, operations that do not wait for each other are sorted by
-//! kind, so that the interpreter decides once for a whole run of equal operations what to do. A window's
-//! values lie in the registers that every window uses, close enough together to stay in the fastest cache;
-//! only what later windows need is copied to a register of its own.
+//! The values that the outputs need are ordered, each after its operands and close to its use, and divided
+//! into windows. Within a window, independent operations are sorted by kind, so that the interpreter
+//! dispatches once for a whole run of equal operations. The values of a window are stored in registers that
+//! every window reuses, few enough to stay in the fastest cache; only values needed by later windows are
+//! copied to registers of their own.
 
 mod assembly;
 mod lanes;
@@ -19,17 +19,17 @@ use core::ops::Range;
 /// Operations in a window: their values take 8 KB in double precision.
 const WINDOW: usize = 1024;
 
-/// Operations of a run from which on it is worth preparing, and those with the same constant worth a run.
+/// Length of a run from which its preparation is worth while, and number of operations with a common constant
+/// that form a run.
 const SHORT: usize = 4;
 
-/// Registers, at most, of a program that is interpreted operation by operation.
+/// Largest number of registers of a program that is interpreted operation by operation.
 const SMALL: usize = 64;
 
-/// Room for them: an index of eight bits needs no check.
+/// Length of its register file: an index of eight bits needs no bounds check.
 const ALL_OF_A_BYTE: usize = 256;
 
-/// Numbers of a row that are taken at a time. What lies behind the last one of a run is computed too, and
-/// overwritten.
+/// Numbers of a row processed at a time. Numbers beyond the end of a run are computed too, and overwritten.
 const STRIDE: usize = 8;
 
 /// A program with inputs t and q and two lists of outputs.
@@ -41,8 +41,8 @@ pub(super) struct Program<T> {
 
 /// The operations of a program, independent of the scalar type.
 ///
-/// The registers hold, in this order, the constants, t, t as seen from its side, q, what crosses from window
-/// to window, and the values of the current window.
+/// The registers hold, in this order, the constants, t, the sided t, q, values needed across windows, and the
+/// values of the current window.
 #[derive(Clone, Debug, Default)]
 struct Plan {
     /// Number of constants.
@@ -51,27 +51,27 @@ struct Plan {
     registers: usize,
     windows: Vec<Window>,
     runs: Vec<Run>,
-    /// The operations of all runs one by one, where those are too short to be worth their preparations and
-    /// the registers are few; else nothing.
+    /// The operations of all runs one by one, if the runs are too short for their preparation and the
+    /// registers are few; empty otherwise.
     singles: Vec<Single>,
-    /// The registers that the runs read, operation by operation.
+    /// The registers read by the runs, operation by operation.
     operands: Vec<u32>,
-    /// (from, to) of what later windows need.
+    /// (from, to) of the values needed by later windows.
     exports: Vec<(u32, u32)>,
     /// (register, place in the output) of the outputs that are added.
     sums: Vec<(u32, u32)>,
-    /// Likewise of those that are set.
+    /// The same for the outputs that are set.
     entries: Vec<(u32, u32)>,
 }
 
-/// Equal operations whose values go to neighbouring registers.
+/// Equal operations whose results are in neighbouring registers.
 #[derive(Clone, Debug)]
 struct Run {
     work: Work,
     target: usize,
     count: usize,
     operands: usize,
-    /// The same as an operation on rows.
+    /// The run as an operation on rows, if possible.
     row: Option<Row>,
 }
 
@@ -81,13 +81,13 @@ struct Row {
     kind: RowKind,
     count: u32,
     target: u32,
-    /// Where the left numbers begin, and the right ones; operations on one number read those on the left.
+    /// First register of the left operands, and of the right ones; operations on one operand use the left.
     left: u32,
     right: u32,
 }
 
-/// What a row does. Where the numbers of one side are all the same one, that is told by `By` and `Of`: one
-/// number on the right, one on the left.
+/// Operation of a row. `By` and `Of` variants have one number as the operand on one side, the right one for
+/// `By` and the left one for `Of`.
 #[derive(Clone, Copy, Debug)]
 enum RowKind {
     Negate,
@@ -105,12 +105,12 @@ enum RowKind {
     ScaleOf,
 }
 
-/// Where the numbers lie that a run reads at one side of its operations.
+/// Registers of the operands of a run on one side of its operations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Places {
-    /// In neighbouring registers from this one on.
+    /// Neighbouring registers from this one on.
     Row(u32),
-    /// All in one.
+    /// The same register for all.
     One(u32),
 }
 
@@ -128,7 +128,7 @@ impl Places {
 }
 
 impl Row {
-    /// The run as a row, if its numbers lie like that.
+    /// The run as a row, if its operands are arranged suitably.
     fn of(run: &Run, operands: &[u32]) -> Option<Self> {
         use RowKind as R;
         let Work::One(operation) = run.work else { return None };
@@ -194,12 +194,12 @@ impl Row {
         self.put(registers, |registers, start| Some(at(registers, self.right, start)?.map(|y| of(x, y))));
     }
 
-    /// Writes the values of the row, some at a time; `values` makes those from an index on.
+    /// Writes the values of the row, several at a time; `values` computes those from an index on.
     #[inline(always)]
     fn put<T: Copy>(&self, registers: &mut [T], values: impl Fn(&[T], u32) -> Option<[T; STRIDE]>) {
         let mut start = 0;
         while start < self.count {
-            // One question after the other: asked together, the values would go by way of the stack.
+            // Separate checks: combined ones would pass the values through the stack.
             let Some(values) = values(registers, start) else { return };
             let target = self.target as usize + start as usize;
             let Some(places) = registers.get_mut(target..target + STRIDE) else { return };
@@ -210,7 +210,7 @@ impl Row {
     }
 }
 
-/// Some numbers from a register on.
+/// Numbers from a register on.
 #[inline(always)]
 fn at<T: Copy>(registers: &[T], first: u32, start: u32) -> Option<[T; STRIDE]> {
     let place = first as usize + start as usize;
@@ -222,7 +222,7 @@ fn at<T: Copy>(registers: &[T], first: u32, start: u32) -> Option<[T; STRIDE]> {
 struct Single {
     kind: Kind,
     target: u8,
-    /// The registers it reads; beyond the arity, repetitions.
+    /// The registers of its operands; repetitions beyond the arity.
     x: u8,
     y: u8,
     z: u8,
@@ -230,7 +230,7 @@ struct Single {
     other: Operation,
 }
 
-/// Kind of an operation, for dispatch; the most frequent operations have a kind of their own.
+/// Kind of an operation, for dispatch; the most frequent operations have separate kinds.
 #[derive(Clone, Copy, Debug)]
 enum Kind {
     Negate,
@@ -240,11 +240,11 @@ enum Kind {
     Scale,
     Sine,
     SineAndCosine,
-    /// The product of a sine with the number at y.
+    /// The product of a sine and the number at y.
     SineBy,
-    /// The product of another function with the number at y.
+    /// The product of another function and the number at y.
     OtherBy,
-    /// Those of a sine with the number at y, and of the cosine with that at z.
+    /// The products of a sine and the number at y, and of the cosine and the number at z.
     SineAndCosineBy,
     Other,
 }
@@ -264,13 +264,13 @@ impl Kind {
     }
 }
 
-/// Work of a run on each of its operands.
+/// Computation of a run for each of its operands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Work {
     One(Operation),
-    /// Sines, and behind all of them the cosines of the same numbers: reducing the argument is half the work.
+    /// Sines, followed by the cosines of the same numbers: argument reduction is half the work.
     SineAndCosine,
-    /// Sums of which each adds a number to the one before: the terms of a long sum.
+    /// Partial sums, each of which adds a number to the previous one: the terms of a long sum.
     RunningSum,
 }
 
@@ -296,20 +296,20 @@ impl<T: Elementary> Program<T> {
         Self { constants, plan }
     }
 
-    /// Operations of an evaluation, sums included.
+    /// Number of operations of an evaluation, sums included.
     #[cfg(test)]
     pub(super) fn operations(&self) -> usize {
         self.plan.runs.iter().map(|run| run.count).sum::<usize>() + self.plan.sums.len()
     }
 
-    /// Whether outputs for the same place of `sums` are added in the order in which they were given.
+    /// Whether outputs for the same place of `sums` are added in the given order.
     pub(super) fn keeps_the_order_of_sums(&self) -> bool {
         self.plan.windows.len() == 1
     }
 
     /// Adds the first outputs to `sums` and writes the others to `entries`.
     ///
-    /// `registers` is room to work in: it may hold anything, and grows if it is too small.
+    /// `registers` is scratch: its contents are arbitrary, and it grows if it is too small.
     pub(super) fn evaluate(
         &self,
         moment: Moment<T>,
@@ -330,9 +330,9 @@ impl<T: Elementary> Program<T> {
         self.plan.execute(registers, position, sums, |place, value| entries[place] = value);
     }
 
-    /// As [`evaluate`](Self::evaluate) at t = 0, but that each entry is added to the values of a matrix at
-    /// its slot, and at that of its mirror image if it has another. The registers have served this program
-    /// before, or none: its constants are in them.
+    /// As [`evaluate`](Self::evaluate) at t = 0, except that each entry is added to the values of a matrix at
+    /// its slot, and at that of its mirror image if it has another. The registers must be new or have been
+    /// used for this program only: they contain its constants.
     pub(super) fn evaluate_again(
         &self,
         registers: &mut OwnRegisters<T>,
@@ -361,17 +361,17 @@ impl<T: Elementary> Program<T> {
 }
 
 impl Plan {
-    /// The register behind the constants and the two times.
+    /// The register after the constants and the two times.
     fn first_variable(&self) -> usize {
         self.constants + 2
     }
 
-    /// Registers that an evaluation needs.
+    /// Number of registers for an evaluation.
     fn room(&self) -> usize {
         if self.singles.is_empty() { self.registers } else { ALL_OF_A_BYTE }
     }
 
-    /// Evaluates at a position, with constants and time in their registers.
+    /// Evaluates at a position, with constants and time already in their registers.
     #[inline(always)]
     fn execute<T: Elementary>(
         &self,
@@ -390,7 +390,7 @@ impl Plan {
         self.execute_windows(registers, sums, set);
     }
 
-    // Out of line: what it keeps at hand would burden the few operations of others.
+    // Out of line, so that its registers do not burden programs with few operations.
     #[inline(never)]
     fn execute_windows<T: Elementary>(
         &self,
@@ -414,7 +414,7 @@ impl Plan {
     }
 }
 
-/// Registers of one program.
+/// Registers used for one program only.
 #[derive(Clone, Debug)]
 pub(in crate::model) struct OwnRegisters<T>(Vec<T>);
 
@@ -424,7 +424,7 @@ impl<T> Default for OwnRegisters<T> {
     }
 }
 
-/// Adds registers to sums, and hands others to `set`.
+/// Adds registers to sums, and calls `set` with others.
 #[inline(always)]
 fn hand_out<T: Elementary>(
     registers: &[T],
@@ -445,7 +445,7 @@ fn copy<T: Copy>(place: &mut [T], numbers: &[T]) {
     if numbers.len() > 8 {
         return place.copy_from_slice(numbers);
     }
-    // Calling the copy of the platform takes longer than a few numbers do.
+    // A call of the platform's copy takes longer than copying a few numbers.
     let ((fours, place), (of_fours, numbers)) = (place.as_chunks_mut::<4>(), numbers.as_chunks::<4>());
     for (four, &numbers) in fours.iter_mut().zip(of_fours) {
         *four = numbers;
@@ -502,7 +502,7 @@ impl Single {
 }
 
 impl Run {
-    /// Its operations one by one, if it has no more than one pair of a sine and a cosine.
+    /// Its operations one by one, if it has at most one pair of a sine and a cosine.
     fn singles(&self, operands: &[u32]) -> Option<Vec<Single>> {
         let arity = match self.work {
             Work::One(operation) => operation.arity(),
@@ -516,69 +516,9 @@ impl Run {
         operands.zip(targets).map(|(read, target)| Single::new(self.work, target, read)).collect()
     }
 
-    // Out of line: it would burden the registers of the rows.
+    // Out of line, so that it does not occupy the registers of the rows.
     #[inline(never)]
     fn evaluate<T: Elementary>(&self, registers: &mut [T], operands: &[u32]) {
-        if self.work == Work::RunningSum {
-            let pairs = &operands.as_chunks::<2>().0[..self.count];
-            let Some(&[first, _]) = pairs.first() else { return };
-            let mut sum = registers[first as usize];
-            for (place, &[_, term]) in (self.target..).zip(pairs) {
-                sum += registers[term as usize];
-                registers[place] = sum;
-            }
-            return;
-        }
-        // What a run reads was written before: it lies in front of what it writes.
-        let (known, new) = registers.split_at_mut(self.target);
-        let operation = match self.work {
-            Work::One(operation) => operation,
-            Work::SineAndCosine => {
-                let (sines, cosines) = new.split_at_mut(self.count);
-                for ((sine, cosine), &x) in sines.iter_mut().zip(cosines).zip(operands) {
-                    (*sine, *cosine) = known[x as usize].sine_cosine();
-                }
-                return;
-            }
-            Work::RunningSum => return,
-        };
-        let new = &mut new[..self.count];
-        match operation {
-            Operation::Negate => unary(known, new, operands, |x| -x),
-            Operation::Add => binary(known, new, operands, |x, y| x + y),
-            Operation::Subtract => binary(known, new, operands, |x, y| x - y),
-            Operation::Multiply => binary(known, new, operands, |x, y| x * y),
-            Operation::Divide => binary(known, new, operands, |x, y| x / y),
-            Operation::Scale => binary(known, new, operands, scale),
-            Operation::Call(Function::Sin) => unary(known, new, operands, T::sine),
-            Operation::Call(Function::Cos) => unary(known, new, operands, T::cosine),
-            Operation::Call(Function::Exp) => unary(known, new, operands, T::exponential),
-            other => match other.arity() {
-                1 => unary(known, new, operands, |x| other.of([x, x, x])),
-                2 => binary(known, new, operands, |x, y| other.of([x, y, y])),
-                _ => ternary(known, new, operands, |x, y, z| other.of([x, y, z])),
-            },
-        }
-    }
-}
-
-#[inline]
-fn unary<T: Copy>(known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T) -> T) {
-    for (new, &x) in new.iter_mut().zip(operands) {
-        *new = of(known[x as usize]);
-    }
-}
-
-#[inline]
-fn binary<T: Copy>(known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T, T) -> T) {
-    for (new, &[x, y]) in new.iter_mut().zip(operands.as_chunks().0) {
-        *new = of(known[x as usize], known[y as usize]);
-    }
-}
-
-#[inline]
-fn ternary<T: Copy>(known: &[T], new: &mut [T], operands: &[u32], of: impl Fn(T, T, T) -> T) {
-    for (new, &[x, y, z]) in new.iter_mut().zip(operands.as_chunks().0) {
-        *new = of(known[x as usize], known[y as usize], known[z as usize]);
+        self.evaluate_along(registers.as_chunks_mut::<1>().0, operands);
     }
 }

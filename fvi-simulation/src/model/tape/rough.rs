@@ -1,5 +1,4 @@
-//! Where the part of a force that depends on time alone is rough: jumps, kinks and roots, from its
-//! expressions.
+//! Rough points of the part of a force that depends on time alone: jumps, kinks and roots in its expressions.
 
 use super::derivative::Order;
 use super::enclosure::Enclosure;
@@ -16,28 +15,28 @@ pub struct RoughArguments {
     values: Program<f64>,
 }
 
-/// Two zeros of an argument closer than this, in parts of the stretch in which they are sought, may be
-/// overlooked: 10⁻¹⁰ of it.
+/// Smallest distance of two zeros of an argument, as a fraction of the searched range, 10⁻¹⁰, at which both
+/// are certainly found.
 const CLOSEST: f64 = 1.0 / (1_u64 << 33) as f64;
 
-/// Enclosures that a search may take.
+/// Largest number of enclosures in a search.
 const MOST_LOOKS: usize = 16_384;
 
-/// Halvings of the stretch that lead to a zero.
+/// Number of halvings of the range to reach a zero.
 const HALVINGS: i32 = 63;
 
-/// An argument that makes a force rough where it vanishes.
+/// An argument at whose zeros a force is rough.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoughArgument {
-    /// Where it vanishes, if it is linear in t.
+    /// Its zero, if it is linear in t.
     pub zero: Option<f64>,
-    /// Whether it is under a root, a logarithm or a power that is not whole, which are rough near zero too
-    /// and not only across it.
+    /// Whether it is under a root, a logarithm or a power with a noninteger exponent, with which the force is
+    /// rough near the zero too and not only across it.
     pub root: bool,
 }
 
 impl RoughArguments {
-    /// The arguments of a force with one expression for each coordinate; none if it is smooth.
+    /// The arguments of a force with one expression for each coordinate; empty if it is smooth.
     pub fn of(components: &[Expression]) -> Self {
         let mut found = Vec::new();
         for component in components {
@@ -48,8 +47,7 @@ impl RoughArguments {
         Self::compile(found)
     }
 
-    /// All arguments that depend on time alone, wherever in these expressions they are; `None` if there are
-    /// none.
+    /// All arguments that depend on time alone, at any depth of these expressions; `None` if there are none.
     pub fn anywhere_in<'e>(expressions: impl IntoIterator<Item = &'e Expression>) -> Option<Self> {
         let mut found = Vec::new();
         for expression in expressions {
@@ -83,21 +81,21 @@ impl RoughArguments {
         &self.arguments
     }
 
-    /// Whether an argument has the same sign throughout, or is zero throughout.
+    /// Whether an argument has a constant sign over the range, or is zero.
     pub fn keeps_sign(&self, index: usize, from: f64, to: f64) -> bool {
         let found = Enclosure::centred(&self.nodes[index], from, to);
         !found.value.contains_zero() || found.slope.is_zero()
     }
 
-    /// Calls `found` with each place, in parts of the stretch of time from `start` on, where an argument
+    /// Calls `found` with each place, as a fraction of the range of time from `start`, where an argument
     /// changes its sign (`true`), or where one under a root may touch zero (`false`), in ascending order
-    /// until it answers `false`.
+    /// until `found` returns `false`.
     ///
-    /// The stretch is halved until the argument has no zero in a part, or one at most because it rises or
-    /// falls throughout, both by the bounds of interval arithmetic, or the part is next to nothing.
+    /// The range is halved until in each part the argument has no zero, or at most one because it is
+    /// monotonic, both by the bounds of interval arithmetic, or the part is negligibly short.
     ///
     /// # Errors
-    /// The time up to which all are known, where there are more than the search may look at.
+    /// The time up to which all are known, if the search exceeds its limit.
     pub fn changes(
         &self,
         index: usize,
@@ -153,7 +151,7 @@ impl RoughArguments {
     }
 }
 
-/// Adds the arguments under a node, with whether they are under a root.
+/// Adds the arguments in a node, each with whether it is under a root.
 fn collect(node: &Node, found: &mut Vec<(Node, bool)>) {
     match node.kind() {
         Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => {}
@@ -166,7 +164,7 @@ fn collect(node: &Node, found: &mut Vec<(Node, bool)>) {
             let [base, exponent] = sides.as_ref();
             collect(base, found);
             collect(exponent, found);
-            // Whole powers are smooth, and what grows like 1/t has no integral.
+            // Integer powers are smooth, and a function that grows like 1/t is not integrable.
             let rough =
                 exponent.as_number().is_none_or(|exponent| exponent > -1.0 && exponent.fract() != 0.0);
             if rough {
@@ -190,7 +188,7 @@ fn collect(node: &Node, found: &mut Vec<(Node, bool)>) {
     }
 }
 
-/// (a, b) of a node that is a + b t.
+/// (a, b) if the node is a + b t.
 pub(super) fn linear(node: &Node) -> Option<[f64; 2]> {
     match node.kind() {
         Kind::Number(value) => Some([*value, 0.0]),

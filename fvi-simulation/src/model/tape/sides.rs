@@ -1,32 +1,32 @@
-//! Jumps and kinks in the position: their arguments, and the sides on which they are taken as inputs of a
-//! program.
+//! Jumps and kinks in the position: their arguments, and their sides as inputs of a program.
 //!
-//! A function is smooth between its jumps and kinks. With the side of each of them an input the program goes
-//! on smoothly where an argument passes zero, so that a step across finds when it does, to the order of the
-//! scheme; a step that ends there and one that begins there with the other side have that order too.
+//! A function is smooth between its jumps and kinks. With the side of each as an input, the program continues
+//! smoothly where an argument passes zero, so that a step across it determines the time of the crossing to
+//! the order of the scheme; a step that ends there, followed by one on the other side, has that order too.
 
 use super::graph::{Graph, Origin, Value};
 use super::program::Program;
 use crate::language::expression::{Function, Kind, Moment, Node, Operator};
 use std::collections::HashMap;
 
-/// The arguments of jumps and kinks that have been met in an expression.
+/// The arguments of jumps and kinks found in an expression.
 #[derive(Debug)]
 pub(super) struct SideArguments {
-    /// Variables before the sides.
+    /// Number of variables before the sides.
     coordinates: u32,
-    /// Variables that turn with the position: none from this one on.
+    /// Index of the first variable that is not a position; only jumps and kinks in positions become switches.
     positions: usize,
     /// Prefix of the names of variables.
     letter: char,
     names: Vec<String>,
     derivatives: Vec<(Value, Vec<(u32, Value)>)>,
-    /// Arguments that are the same value are one.
+    /// Index of each argument by its value; equal values are one argument.
     known: HashMap<Value, usize>,
 }
 
 impl SideArguments {
-    /// None, of functions of so many coordinates that are called by this letter and their numbers.
+    /// An empty collection for functions of `coordinates` coordinates, named by this letter and their
+    /// indices.
     pub(super) fn new(coordinates: usize, letter: char) -> Self {
         let positions = coordinates;
         let coordinates = u32::try_from(coordinates).expect("fewer than 2³² coordinates");
@@ -40,14 +40,14 @@ impl SideArguments {
         }
     }
 
-    /// As they are, where there are further variables behind the coordinates, so many in all, of which jumps
-    /// and kinks are left as they are.
+    /// The same with `count` variables in all, of which those after the coordinates do not make jumps and
+    /// kinks switches.
     pub(super) fn with_variables(self, count: usize) -> Self {
         let coordinates = u32::try_from(count).expect("fewer than 2³² variables");
         Self { coordinates, ..self }
     }
 
-    /// Whether the sides of a jump or kink in this part are inputs.
+    /// Whether the sides of a jump or kink with this argument are inputs.
     pub(super) fn take(&self, node: &Node) -> bool {
         node.varies() && !node.has_variable_from(self.positions)
     }
@@ -67,7 +67,7 @@ impl SideArguments {
         [Origin::Variable(first), Origin::Variable(first + 1)]
     }
 
-    /// Coordinates, and two inputs for each side.
+    /// Number of coordinates plus two inputs for each side.
     pub(super) fn inputs_in_all(&self) -> usize {
         self.coordinates as usize + 2 * self.names.len()
     }
@@ -107,24 +107,24 @@ pub struct CompiledSides {
 }
 
 impl CompiledSides {
-    /// The functions with their arguments, as they are written but for numbers, which are worked out.
+    /// The functions with their arguments, as written except that numbers are evaluated.
     pub fn names(&self) -> &[String] {
         &self.names
     }
 
-    /// Number of coordinates, before the inputs that say the sides.
+    /// Number of coordinates, which precede the inputs for the sides.
     pub fn coordinates(&self) -> usize {
         self.coordinates
     }
 
-    /// Writes the values of the arguments at a time and a point, behind whose coordinates are the inputs a
-    /// and b of each side.
+    /// Writes the values of the arguments at a time and a point, whose coordinates are followed by the inputs
+    /// a and b of each side.
     pub fn values(&self, time: f64, point: &[f64], registers: &mut Vec<f64>, values: &mut [f64]) {
         values.fill(0.0);
         self.values.evaluate(Moment::inside(time), point, registers, values, &mut []);
     }
 
-    /// Likewise of each argument (Σ_i |∂g/∂q_i|, Σ_i |q_i ∂g/∂q_i|).
+    /// Writes (Σ_i |∂g/∂q_i|, Σ_i |q_i ∂g/∂q_i|) for each argument at such a point.
     pub fn scales(&self, time: f64, point: &[f64], registers: &mut Vec<f64>, scales: &mut [[f64; 2]]) {
         let mut values = vec![0.0; self.names.len()];
         let mut slopes = vec![0.0; self.pattern.len()];
@@ -138,7 +138,7 @@ impl CompiledSides {
     }
 }
 
-/// Characters of a part in a message.
+/// Largest number of characters of a part in a message.
 const LONGEST: usize = 80;
 
 /// A part of an expression as text.
@@ -151,10 +151,10 @@ fn text(node: &Node, letter: char) -> String {
     text
 }
 
-/// Writes a part, in brackets where it binds no tighter than `outer`: 1 in a sum, 2 in a product, 3 in a
+/// Writes a part, in brackets if it does not bind tighter than `outer`: 1 in a sum, 2 in a product, 3 in a
 /// power.
 fn write(node: &Node, (letter, outer): (char, u8), text: &mut String) {
-    // What is behind the end is not read.
+    // The text is cut off at this length anyway.
     if text.len() > 8 * LONGEST {
         return;
     }

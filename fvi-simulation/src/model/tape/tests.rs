@@ -37,7 +37,8 @@ fn dual<T: Elementary, const N: usize>(text: &str, q: [T; N]) -> (T, SVector<T, 
     parse(text, N).hessian(Moment::inside(T::zero()), &SVector::from(q))
 }
 
-/// Whether two numbers are the same, to `tolerance` of the largest there is, or the same special value.
+/// Whether two numbers are equal, to `tolerance` of the largest number of the result, or are the same special
+/// value.
 fn agree(found: f64, expected: f64, tolerance: f64) -> bool {
     found == expected || (found.is_nan() && expected.is_nan()) || (found - expected).abs() <= tolerance
 }
@@ -83,7 +84,7 @@ fn values_along_many_points_have_the_bits_of_each_by_itself() {
         "0.5*(q1 - q0)^2 + 0.25*0.7*(q1 - q0)^4 + 0.5*(q2 - q1)^2",
         "max(q0, q1)^3 - min(q0^2, q2) + exp(q1)/(1 + q0^2) + (2 + q0)^(1 + q1)",
         "7",
-        // More than a window.
+        // A sum longer than a window.
         &long.join(" + "),
     ];
     for text in texts {
@@ -313,7 +314,7 @@ fn a_jump_of_a_force_is_seen_from_the_side_it_is_approached_from() {
     assert_eq!(at(Moment::from_right(0.3)), [0.3, 2.0]);
 }
 
-/// Random expressions in q0, q1, q2, nested to some depth, mostly regular where q is between 0.2 and 1.
+/// Random expressions in q0, q1, q2 with nested functions, mostly regular for q between 0.2 and 1.
 fn expressions() -> impl Strategy<Value = String> {
     let leaf = prop_oneof![
         3 => (0..3).prop_map(|i| format!("q{i}")),
@@ -348,10 +349,11 @@ proptest! {
         let (value, gradient, hessian) = expression.hessian(Moment::inside(0.0), &SVector::from(q));
         let found = compiled(&text, q);
         prop_assert!(agree(found.0, value, 0.0), "{} {} {}", text, found.0, value);
-        // Forward differentiation goes through what is no number even where it does not matter: √(−1) to the
-        // power 0.
+        // Forward differentiation passes through values that are not numbers even where they do not matter:
+        // √(−1) to the power 0.
         prop_assume!(gradient.iter().chain(&hessian).all(|number| number.is_finite()));
-        // A quadratic part that is split off is rounded elsewhere, a difference of two large ones badly.
+        // A quadratic part that is split off is rounded differently; the difference of two large ones
+        // cancels.
         let size = gradient.amax().max(hessian.amax());
         prop_assume!(size < 1e6);
         for (found, expected) in found.1.iter().chain(&found.2).zip(gradient.iter().chain(&hessian)) {

@@ -1,4 +1,4 @@
-//! Where functions of time alone live: whether steps of some length see what they do.
+//! Resolution of functions of time by steps of a given length.
 
 use super::derivative::Order;
 use super::enclosure::Enclosure;
@@ -8,48 +8,48 @@ use super::program::Program;
 use super::rough::linear;
 use crate::language::expression::{Expression, Kind, Moment, Node, Operator};
 
-/// The terms of forces that depend on time alone, one by one, so that a small one is not hidden by a large
-/// one.
+/// The terms of forces that depend on time alone, treated separately, so that a small term is not hidden by a
+/// large one.
 #[derive(Clone, Debug)]
 pub struct TimeTerms {
     terms: Vec<Term>,
     end: f64,
-    /// What is smaller than this throughout counts for nothing: [`NEGLIGIBLE`] of the mean of Σ |f|.
+    /// Size below which a term is neglected: [`NEGLIGIBLE`] of the mean of Σ |f|.
     floor: f64,
     /// A lower bound of ∫ Σ |f| over the run.
     impulse: f64,
     registers: Vec<f64>,
 }
 
-/// One of them.
+/// A single term.
 #[derive(Clone, Debug)]
 pub(super) struct Term {
     node: Node,
     value: Program<f64>,
 }
 
-/// Part of the impulse that may be lost.
+/// Fraction of the impulse that may be lost.
 const NEGLIGIBLE: f64 = 1e-10;
 
-/// Pieces that the impulse is estimated from.
+/// Number of pieces from which the impulse is estimated.
 const PIECES: usize = 160;
 
-/// A term is described by nodes h apart where h²/24 |f″|, by which the midpoint rule misses its mean, is at
-/// most this part of what |f| adds up to over nine steps.
+/// A term is resolved by nodes at distance h if h²/24 |f″|, the error of the midpoint rule for its mean, is
+/// at most this fraction of the sum of |f| over nine steps.
 const MISSED: f64 = 0.01;
 
-/// Steps on either side of one that are looked at beside it.
+/// Number of steps on either side that are included in this sum.
 const BESIDE: i32 = 4;
 
-/// Within a piece of a step the same against the largest |f|, where the quadrature is one of 15 nodes.
+/// The same criterion within a piece of a step, relative to the largest |f|, for a quadrature of 15 nodes.
 const MISSED_IN_PIECE: f64 = 0.5;
 
-/// An adaptive step is cut into eighths to look for peaks of f that its nodes would miss. There is none where
-/// f lies, between neighbouring points, within this part of the largest |f| of the straight line through
-/// them.
+/// An adaptive step is divided into eighths to find peaks of f between its nodes. There is none if f, between
+/// neighbouring points, differs from the straight line through them by at most this fraction of its largest
+/// |f|.
 const BETWEEN_EIGHTHS: f64 = 0.125;
 
-/// Looks at a step that is proposed.
+/// Largest number of checks of a proposed step.
 const MOST_LOOKS: usize = 400;
 
 impl TimeTerms {
@@ -65,7 +65,7 @@ impl TimeTerms {
         Self::compile(nodes, end)
     }
 
-    /// The largest parts of these expressions, wherever they are, that depend on time alone.
+    /// The largest parts of these expressions, at any depth, that depend on time alone.
     pub fn anywhere_in<'e>(expressions: impl IntoIterator<Item = &'e Expression>, end: f64) -> Option<Self> {
         let mut nodes = Vec::new();
         for expression in expressions {
@@ -96,7 +96,7 @@ impl TimeTerms {
         self.terms.iter().map(|term| &term.node)
     }
 
-    /// A lower bound of ∫ Σ |f|, from the pieces in which it is least known.
+    /// A lower bound of ∫ Σ |f|, by refining the pieces with the least accurate bounds.
     fn least_impulse(&self) -> f64 {
         let piece = |index: usize, from: f64, to: f64| {
             let value = Enclosure::of(&self.terms[index].node, from, to).value;
@@ -117,7 +117,7 @@ impl TimeTerms {
         pieces.iter().map(|piece| piece.3).sum()
     }
 
-    /// Whether nodes a step apart describe every term all through a stretch of several steps.
+    /// Whether nodes at distance `step` resolve every term all over a range of several steps.
     pub fn is_described(&mut self, (from, to): (f64, f64), step: f64) -> bool {
         let Self { terms, floor, registers, .. } = self;
         terms.iter().all(|term| {
@@ -130,7 +130,8 @@ impl TimeTerms {
         })
     }
 
-    /// The same within a step, beside those before and after it. A term may jump within `slack` of its ends.
+    /// The same within a step, including the steps before and after it. A term may jump within `slack` of its
+    /// ends.
     pub fn is_described_in_step(&mut self, start: f64, length: f64, slack: f64) -> bool {
         let Self { terms, floor, end, registers, .. } = self;
         let beside = |steps: i32| start + length * f64::from(steps);
@@ -151,7 +152,7 @@ impl TimeTerms {
             }
             own.bend.is_finite()
                 && bends_little(start, own.bend.magnitude())
-                // What reaches here from a narrow peak beside it belongs to that.
+                // The tail of a narrow peak in a neighbouring step belongs to that step.
                 && (-BESIDE..=BESIDE).map(beside).filter(|&start| start >= 0.0).all(|start| {
                     let other = enclosure(start);
                     let counts =
@@ -161,7 +162,7 @@ impl TimeTerms {
         })
     }
 
-    /// Whether a quadrature of many nodes describes every term within a piece of a step. A term may jump
+    /// Whether a quadrature of many nodes resolves every term within a piece of a step. A term may jump
     /// within `slack` of its ends.
     pub fn is_described_in_piece(&mut self, from: f64, to: f64, slack: f64) -> bool {
         let (from, to) = (from + slack, to - slack);
@@ -178,15 +179,15 @@ impl TimeTerms {
             })
     }
 
-    /// How far, no farther than `to`, a step that is chosen on the way may go without running over what
-    /// none of its nodes would see, a part `tolerance` of the impulse apart.
+    /// The end, at most `to`, of the longest step from `from` whose nodes would not miss a contribution of
+    /// more than `tolerance` of the impulse.
     pub fn reach(&mut self, from: f64, to: f64, tolerance: f64) -> f64 {
         const SEARCHES: usize = 12;
         let floor = self.floor.max(0.01 * tolerance * self.impulse / self.end);
         if self.is_visible(from, to, floor) {
             return to;
         }
-        // The farthest that is known to be good, if there is one.
+        // The longest step known to be acceptable, if any.
         let (mut good, mut bad) = (from, to);
         let mut shorter = 0;
         while good == from && shorter < 40 {
@@ -205,15 +206,15 @@ impl TimeTerms {
         if good > from { good } else { to }
     }
 
-    /// Whether eighths of a step show every term.
+    /// Whether the eighths of a step resolve every term.
     fn is_visible(&mut self, from: f64, to: f64, floor: f64) -> bool {
         let Self { terms, registers, .. } = self;
         let eighth = 0.125 * (to - from);
-        // Rough points are at the ends.
+        // Rough points are at the ends only.
         let slack = 8.0 * f64::EPSILON * to.abs();
         terms.iter().all(|term| {
             let mut seen = None;
-            // A pole that has an integral is at an end, and has its impulse by other means.
+            // An integrable pole is at an end, and its impulse is computed separately.
             let is_pole = |low: f64, high: f64| !Enclosure::of(&term.node, low, high).value.is_finite();
             let poles = [is_pole(from, from + eighth), is_pole(to - eighth, to)];
             let mut parts: Vec<_> = (0..8)
@@ -244,7 +245,7 @@ impl TimeTerms {
                 if (poles[0] && high <= from + eighth) || (poles[1] && low >= to - eighth) {
                     continue;
                 }
-                // Towards a root, whose second derivative has no bound.
+                // Towards a root the second derivative is unbounded.
                 if high - low < eighth / 4096.0 {
                     if bounds.value.magnitude() <= 4.0 * seen {
                         continue;
@@ -274,7 +275,7 @@ impl Term {
     }
 }
 
-/// The largest |f| at so many parts of a stretch.
+/// The largest |f| at `parts` equidistant points of a range.
 fn largest(term: &Term, (from, to): (f64, f64), parts: u32, registers: &mut Vec<f64>) -> f64 {
     (0..=parts)
         .map(|part| term.at(from + (to - from) * f64::from(part) / f64::from(parts), registers).abs())
@@ -316,7 +317,7 @@ fn add_terms(node: &Node, terms: &mut Vec<Node>) {
     }
 }
 
-/// The largest parts that depend on time alone; of a sum or product that does not, its operands that do.
+/// The largest parts that depend on time alone; for a sum or product that does not, those of its operands.
 fn factors_of_time(node: &Node, found: &mut Vec<Node>) {
     if !node.varies() {
         return add_terms(node, found);

@@ -1,4 +1,4 @@
-//! Where a function of time grows without bound, and whether it has an integral there.
+//! Times at which a function of time is unbounded, and whether it is integrable there.
 
 use super::enclosure::Enclosure;
 use super::time_terms::Term;
@@ -9,43 +9,43 @@ use crate::language::expression::Node;
 pub struct Singularity {
     /// c.
     pub time: f64,
-    /// e before c and after it, 0 where the function is bounded; below zero and close to it for a logarithm.
+    /// e before c and after it; 0 if the function is bounded, negative and close to 0 for a logarithm.
     pub exponents: [f64; 2],
 }
 
-/// Below this exponent there is no integral, or none that could be told from that.
+/// Exponent below which the function is not integrable, or cannot be distinguished from such a function.
 const SMALLEST_EXPONENT: f64 = -0.99;
 
 /// Result of a search.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Unbounded {
-    /// Ascending; no one behind the first that has no integral.
+    /// Singularities, ascending, up to the first that is not integrable.
     pub found: Vec<Singularity>,
-    /// Up to where they are known, if not to the end.
+    /// Time up to which they are known, if not the end.
     pub known_to: Option<f64>,
 }
 
-/// Enclosures that a search may take.
+/// Largest number of enclosures in a search.
 const MOST_LOOKS: usize = 20_000;
 
-/// A stretch from 0 on of this part of the run is a point.
+/// Length of a range at 0, as a fraction of the run, below which it is treated as a point.
 const SMALLEST: f64 = 1e-27;
 
 impl Singularity {
-    /// Whether the function has an integral there.
+    /// Whether the function is integrable there.
     pub fn has_integral(&self) -> bool {
         self.exponents.iter().all(|&exponent| exponent > SMALLEST_EXPONENT)
     }
 
-    /// The more singular of both sides.
+    /// The smaller of both exponents.
     pub fn exponent(&self) -> f64 {
         self.exponents[0].min(self.exponents[1])
     }
 }
 
 impl Unbounded {
-    /// Of one term over [0, `end`]: the stretch is halved until interval arithmetic bounds the term in every
-    /// part but for the shortest, where the growth of its values decides.
+    /// The singularities of a term over [0, `end`]: the range is halved until interval arithmetic bounds the
+    /// term in every part except the shortest, where the growth of its values decides.
     pub fn of(node: &Node, end: f64) -> Self {
         let (mut parts, mut looks) = (vec![(0.0, end)], 0);
         let mut result = Self::default();
@@ -75,7 +75,7 @@ impl Unbounded {
             let time = if is_start { 0.0 } else { highest(from, to, &mut value) };
             match growth(time, end, &mut value) {
                 None => {
-                    // It is no number there: the run will say so.
+                    // The term is not a number there: the run will fail with a message.
                     result.known_to = None;
                     return result;
                 }
@@ -94,7 +94,7 @@ impl Unbounded {
     }
 }
 
-/// The number between two close ones at which a function is largest, or not finite.
+/// The place between two close ones where a function is largest, or not finite.
 fn highest(from: f64, to: f64, value: &mut impl FnMut(f64) -> f64) -> f64 {
     let (mut time, mut best, mut largest) = (from.next_down(), from, 0.0);
     while time <= to.next_up() {
@@ -110,9 +110,9 @@ fn highest(from: f64, to: f64, value: &mut impl FnMut(f64) -> f64) -> f64 {
     best
 }
 
-/// e before and after a time; `None` where the function is no number there.
+/// e before and after a time; `None` if the function is not a number there.
 fn growth(time: f64, end: f64, value: &mut impl FnMut(f64) -> f64) -> Option<[f64; 2]> {
-    // From far enough away for the rounding of the time.
+    // Distances large enough for the rounding of the time.
     let distances = if time == 0.0 { [1e-20 * end, 1e-24 * end] } else { [1e-7 * time, 1e-9 * time] };
     let mut exponents = [0.0; 2];
     for (side, exponent) in [-1.0, 1.0].into_iter().zip(&mut exponents) {
@@ -137,7 +137,7 @@ fn growth(time: f64, end: f64, value: &mut impl FnMut(f64) -> f64) -> Option<[f6
     Some(exponents)
 }
 
-/// The fraction with a small denominator that is meant.
+/// The nearest fraction with a small denominator.
 fn rounded(exponent: f64) -> f64 {
     let candidates = [1000.0, 12.0].map(|parts: f64| (exponent * parts).round() / parts);
     let near = candidates.into_iter().find(|candidate| (candidate - exponent).abs() < 1e-5);

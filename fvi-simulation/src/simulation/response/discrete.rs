@@ -1,4 +1,4 @@
-//! The equations of a step for harmonic motions, of every scheme on equal steps.
+//! The equations of a step for harmonic motions, for every scheme on equal steps.
 
 use crate::numerics::dense;
 use crate::numerics::transfer::TransferFunction;
@@ -8,8 +8,8 @@ use crate::simulation::stability::{DampingForm, discretisation, stages_of_family
 use fvi_core::BdfOrder;
 use nalgebra::{Complex, DMatrix};
 
-/// The factors of M, K and the ρ_m in the equations of a harmonic motion, those of the force, and which of
-/// the unknown vectors is the answer.
+/// The coefficients of M, K and the ρ_m in the equations of a harmonic motion, those of the force, and the
+/// index of the unknown vector that is the response.
 pub(super) struct SchemeFactors {
     pub(super) mass: DMatrix<Complex<f64>>,
     pub(super) stiffness: DMatrix<Complex<f64>>,
@@ -19,7 +19,7 @@ pub(super) struct SchemeFactors {
 }
 
 impl SchemeFactors {
-    /// Adds the matrices with their factors to one given row by row.
+    /// Adds the matrices, multiplied by their coefficients, to a matrix given row by row.
     pub(super) fn add_to(
         &self,
         matrix: &mut [Complex<f64>],
@@ -38,7 +38,7 @@ impl SchemeFactors {
 
 /// The equations of a step.
 pub(super) enum StepEquations {
-    /// On polynomials, by the characteristic function of the stability check.
+    /// On polynomials, with the characteristic function of the stability check.
     Polynomials { characteristic: Box<Characteristic>, degree: usize },
     /// M Δ(z)²/h² + K + Σ ρ_m K_m(Δ(z)/h) at the stages of a Runge–Kutta method.
     Collocation { inverse: DMatrix<f64>, nodes: Vec<f64>, transfers: Vec<TransferFunction> },
@@ -47,10 +47,10 @@ pub(super) enum StepEquations {
 }
 
 impl StepEquations {
-    /// Those of a scenario.
+    /// The equations for a scenario.
     ///
     /// # Errors
-    /// In words, on steps that differ.
+    /// A message, for different steps.
     pub(super) fn of(scenario: &Scenario, transfers: &[TransferFunction]) -> Result<Self, String> {
         if scenario.time.grid.is_some() {
             return Err("a scheme has a frequency response on equal steps only".to_owned());
@@ -83,7 +83,7 @@ impl StepEquations {
         }
     }
 
-    /// Unknown vectors of a step.
+    /// Number of unknown vectors of a step.
     pub(super) fn nodes(&self) -> usize {
         match self {
             Self::Polynomials { degree, .. } => *degree,
@@ -92,7 +92,7 @@ impl StepEquations {
         }
     }
 
-    /// The factors at a frequency and step.
+    /// The coefficients at a frequency and step.
     pub(super) fn factors(&self, step: f64, omega: f64) -> SchemeFactors {
         let turned = |fraction: f64| {
             let angle = omega * step * fraction;

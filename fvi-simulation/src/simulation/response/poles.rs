@@ -1,4 +1,4 @@
-//! Poles of a damped structure: zeros of its characteristic function, counted and found.
+//! Poles of a damped structure: zeros of its characteristic function, counted and computed.
 
 use crate::numerics::transfer::TransferFunction;
 use crate::simulation::stability::Part;
@@ -15,7 +15,7 @@ pub struct SystemPole {
 }
 
 impl SystemPole {
-    /// |s|, the angular frequency of the undamped motion that it stands for.
+    /// s|, the angular frequency of the corresponding undamped motion.
     pub fn frequency(&self) -> f64 {
         self.place.norm()
     }
@@ -26,29 +26,30 @@ impl SystemPole {
     }
 }
 
-/// Zeros are sought from this part of the largest frequency on.
+/// Lower bound of |s| in the search, as a fraction of the largest frequency.
 const SLOWEST: f64 = 1e-9;
 
-/// On a side of a cell.
+/// For a side of a cell.
 const FINENESS: Fineness = Fineness { followed: 0.7, parts: 8, halvings: 40 };
 
-/// Most values of the function that a search may take.
+/// Largest number of evaluations of the function in a search.
 const MOST_VALUES: usize = 4_000_000;
 
-/// The zeros of det(s² + K + Σ ρ_m K_m(s)) of one part on the principal sheet, those of the upper half-plane
-/// and of the real axis.
+/// The zeros of det(s² + K + Σ ρ_m K_m(s)) of one part on the principal sheet, in the upper half-plane and on
+/// the real axis.
 ///
-/// In w = ln s the sheet is a strip. It is cut into cells, in each of which the argument principle counts,
-/// until a cell has one zero, which the secant method finds. Where no kernel has a cut, zeros and poles may
-/// lie on the negative real axis: the strip reaches beyond it, and the poles of Prony series are taken out.
+/// In w = ln s the sheet is a strip. It is divided into cells, whose zeros are counted by the argument
+/// principle, until a cell has one zero, which is computed by the secant method. If no kernel has a cut,
+/// zeros and poles may lie on the negative real axis: the strip then extends beyond it, and the poles of
+/// Prony series are divided out.
 ///
 /// # Errors
-/// In words, if zeros cannot be told apart.
+/// A message, if zeros cannot be separated.
 pub(super) fn poles_of(part: &Part, transfers: &[TransferFunction]) -> Result<Vec<SystemPole>, String> {
     let search = Search::new(part, transfers);
     let mut found = search.zeros()?;
     found.retain(|s| !search.is_taken_out(*s));
-    // Zeros that lie on the real axis to rounding, and conjugates of those found beyond it.
+    // Zeros on the real axis up to rounding, and conjugates of zeros found beyond it.
     for s in &mut found {
         if s.im.abs() <= 1e-11 * s.re.abs() {
             s.im = 0.0;
@@ -61,11 +62,11 @@ pub(super) fn poles_of(part: &Part, transfers: &[TransferFunction]) -> Result<Ve
 struct Search<'a> {
     part: &'a Part,
     transfers: Vec<(&'a TransferFunction, &'a DMatrix<f64>)>,
-    /// Poles of kernels where no kernel has a cut: s = −λ, as often as the rank of ρ.
+    /// Poles s = −λ of kernels if no kernel has a cut, each with the rank of ρ as its multiplicity.
     taken_out: Vec<(f64, f64)>,
-    /// ln |s| from and to, the angle from and to.
+    /// Bounds of ln |s| and of the angle.
     strip: [(f64, f64); 2],
-    /// Cells that are looked at however few zeros they hold: of formulas whose poles might hide them.
+    /// Depth to which cells are divided whatever their count: the poles of formulas might cancel zeros in it.
     least_depth: u32,
     values: std::cell::Cell<usize>,
 }
@@ -94,7 +95,7 @@ impl<'a> Search<'a> {
                 }
             }
         }
-        // Beyond |s|² = Σ |ρ| |K(s)| + |K|, twice over, there are no zeros.
+        // There are no zeros beyond |s|² = Σ |ρ| |K(s)| + |K|; |s| is doubled as a margin.
         let bound = |radius: f64| {
             let angles = [0.0, 0.25 * PI, 0.5 * PI, 0.75 * PI, PI];
             let size = |transfer: &TransferFunction| {
@@ -125,7 +126,7 @@ impl<'a> Search<'a> {
         self.taken_out.iter().any(|(rate, _)| (s + *rate).norm() <= 1e-7 * rate)
     }
 
-    /// A logarithm of the function at ln s = x + iy.
+    /// A logarithm of the function at s = e^{x + iy}.
     fn logarithm(&self, x: f64, angle: f64) -> Option<Complex<f64>> {
         self.values.set(self.values.get().checked_sub(1)?);
         self.logarithm_at(polar(x, angle))
@@ -172,8 +173,8 @@ impl<'a> Search<'a> {
                 continue;
             }
             if wide.max(high) < 1e-7 {
-                // Zeros that coincide to rounding are one place, as often as counted; a cell of poles has
-                // none.
+                // Zeros that coincide up to rounding are one place with the counted multiplicity; a cell of
+                // poles has none.
                 match count {
                     Some(count) => {
                         let middle = polar(0.5 * (cell.from.0 + cell.to.0), 0.5 * (cell.from.1 + cell.to.1));
@@ -196,7 +197,7 @@ impl<'a> Search<'a> {
         format!("the poles near s = {:.4e} + {:.4e}i cannot be told apart", s.re, s.im)
     }
 
-    /// The halves of a cell across its longer side, cut where no zero is on the line.
+    /// The halves of a cell across its longer side, cut where no zero lies on the line.
     fn halves(&self, cell: Cell) -> [Cell; 2] {
         let Cell { from, to, depth } = cell;
         let depth = depth + 1;
@@ -210,7 +211,7 @@ impl<'a> Search<'a> {
                 [Cell { from, to: (to.0, middle), depth }, Cell { from: (from.0, middle), to, depth }]
             }
         };
-        // Odd places: zeros of undamped structures lie at half the angle.
+        // Irregular fractions: zeros of undamped structures lie at half the angle.
         let places = [0.4871, 0.5293, 0.4419, 0.5617, 0.3907];
         let good = places.into_iter().map(cut).find(|halves| {
             let [first, _] = halves;
@@ -224,7 +225,7 @@ impl<'a> Search<'a> {
         good.unwrap_or_else(|| cut(0.4871))
     }
 
-    /// Zeros less poles in a cell; `None` if that cannot be followed along its edge.
+    /// Zeros minus poles in a cell; `None` if the phase cannot be followed along its edge.
     fn count(&self, cell: &Cell) -> Option<i64> {
         let Cell { from, to, .. } = *cell;
         let corners = [from, (to.0, from.1), to, (from.0, to.1), from];
@@ -234,7 +235,7 @@ impl<'a> Search<'a> {
         ((turned / (2.0 * PI) - count).abs() < 0.1).then_some(count as i64)
     }
 
-    /// The change of the angle of the function along a line.
+    /// The change of the phase of the function along a line.
     fn turned(&self, from: (f64, f64), to: (f64, f64)) -> Option<f64> {
         turned(1.0, &FINENESS, |part| {
             let (x, y) = (from.0 + part * (to.0 - from.0), from.1 + part * (to.1 - from.1));
@@ -288,7 +289,7 @@ fn rank(rho: &DMatrix<f64>) -> f64 {
     eigenvalues.iter().filter(|value| value.abs() > threshold).count() as f64
 }
 
-/// e^{x + iy}, on the upper side of the negative real axis at y = π.
+/// e^{x + iy}; at y = π on the upper side of the negative real axis.
 fn polar(x: f64, angle: f64) -> Complex<f64> {
     let size = libm::exp(x);
     if angle == PI {
@@ -304,7 +305,7 @@ mod tests {
 
     fn part(stiffness: f64, rho: &[f64]) -> Part {
         let damping = rho.iter().map(|&rho| dmatrix![rho]).collect();
-        Part { stiffness: dmatrix![stiffness], resistance: None, damping }
+        Part { mass: None, stiffness: dmatrix![stiffness], resistance: None, damping }
     }
 
     fn places(part: &Part, transfers: &[TransferFunction]) -> Vec<Complex<f64>> {
@@ -367,6 +368,7 @@ mod tests {
     #[test]
     fn coupled_coordinates_have_as_many_poles() {
         let part = Part {
+            mass: None,
             resistance: None,
             stiffness: dmatrix![2.0, -1.0; -1.0, 3.0],
             damping: vec![dmatrix![0.3, 0.0; 0.0, 0.0], dmatrix![0.0, 0.0; 0.0, 0.2]],

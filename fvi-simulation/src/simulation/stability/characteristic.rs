@@ -20,8 +20,7 @@ use std::rc::Rc;
 ///           − Σ_m h^{2−β_m} D^m_νμ(z) ρ_m
 /// ```
 ///
-/// with φ₀ = z(1 − τ) + τ, ψ₀ = 1 − τ + zτ and the bubbles at both places for 0 < μ < S. The damping enters
-/// as
+/// with φ₀ = z(1 − τ) + τ, ψ₀ = 1 − τ + zτ, and φ_μ = ψ_μ a bubble for 0 < μ < S. The damping terms are
 ///
 /// ```text
 /// main nodes:  D_00 = z γ_p(z)^β, all others zero           (h (D^β q)_k in the equation of q_k)
@@ -29,13 +28,14 @@ use std::rc::Rc;
 /// stages:      D_νμ = Σ_i b_i ψ_ν(c_i) Σ_j (Δ(z)^β)_ij φ_μ(c_j)
 /// ```
 ///
-/// Of another transfer function K(s), h² K(γ_p(z)/h) stands in place of h^{2−β} γ_p(z)^β.
+/// For another transfer function K(s), h² K(γ_p(z)/h) replaces h^{2−β} γ_p(z)^β.
 pub(crate) struct Characteristic {
     degree: usize,
     polynomials: Polynomials,
     form: Form,
     transfers: Vec<TransferFunction>,
-    /// What does not depend on h, by the bits of z: the search for a stable step returns to the same places.
+    /// Cache of the factors that do not depend on h, by the bits of z: the search for a stable step returns
+    /// to the same z.
     known: RefCell<HashMap<[u64; 2], Rc<Factors>>>,
 }
 
@@ -45,16 +45,16 @@ enum Form {
     Stages { inverse: DMatrix<f64> },
 }
 
-/// The factors of M, K and the ρ_m at one place z, S×S.
+/// The coefficients of M, K and the ρ_m at one z, S×S.
 struct Factors {
     kinetic: DMatrix<Complex<f64>>,
     viscous: DMatrix<Complex<f64>>,
     elastic: DMatrix<Complex<f64>>,
-    /// Of transfer functions other than powers without their value.
+    /// For transfer functions other than powers without their value.
     damped: Vec<DMatrix<Complex<f64>>>,
 }
 
-/// The factors of M, K and the ρ_m in the equations of a step, S×S each.
+/// The coefficients of M, K and the ρ_m in the equations of a step, S×S each.
 pub(crate) struct MatrixFactors {
     pub(crate) mass: DMatrix<Complex<f64>>,
     pub(crate) stiffness: DMatrix<Complex<f64>>,
@@ -62,7 +62,7 @@ pub(crate) struct MatrixFactors {
 }
 
 impl MatrixFactors {
-    /// Adds the matrices with their factors to one of S·N rows, given row by row.
+    /// Adds the matrices, multiplied by their coefficients, to a matrix of S·N rows given row by row.
     pub(crate) fn add_to(
         &self,
         matrix: &mut [Complex<f64>],
@@ -77,7 +77,7 @@ impl MatrixFactors {
     }
 }
 
-/// Adds a matrix with its factors, S×S, to one of S·N rows.
+/// Adds a matrix, multiplied by its S×S coefficients, to a matrix of S·N rows.
 fn add_product(matrix: &mut [Complex<f64>], factors: &DMatrix<Complex<f64>>, of: &DMatrix<f64>) {
     let (degree, size) = (factors.nrows(), of.nrows());
     let rows = degree * size;
@@ -125,7 +125,10 @@ impl Characteristic {
         let (size, rows) = (part.size(), part.size() * self.degree);
         let mut matrix = vec![Complex::ZERO; rows * rows];
         let factors = self.factors_of_matrices(step, z);
-        factors.add_to(&mut matrix, &DMatrix::identity(size, size), &part.stiffness, &part.damping);
+        let identity = part.mass.is_none().then(|| DMatrix::identity(size, size));
+        if let Some(mass) = part.mass.as_ref().or(identity.as_ref()) {
+            factors.add_to(&mut matrix, mass, &part.stiffness, &part.damping);
+        }
         if let Some(resistance) = &part.resistance {
             let viscous = self.factors(z).viscous.map(|entry| -entry * step);
             add_product(&mut matrix, &viscous, resistance);
@@ -133,7 +136,7 @@ impl Characteristic {
         log_determinant(&mut matrix, rows)
     }
 
-    /// The factors of M, K and the ρ_m in A(z), signs and powers of h included.
+    /// The coefficients of M, K and the ρ_m in A(z), signs and powers of h included.
     pub(crate) fn factors_of_matrices(&self, step: f64, z: Complex<f64>) -> MatrixFactors {
         let factors = self.factors(z);
         let damped = self.transfers.iter().zip(&factors.damped).map(|(transfer, damped)| {
@@ -145,8 +148,8 @@ impl Characteristic {
         MatrixFactors { mass: factors.kinetic.clone(), stiffness: elastic, damping: damped.collect() }
     }
 
-    /// What a force f e^{iωt} adds to the equations at z = e^{−iωh}: A(z) v + h² Σ_i b_i ψ_ν(c_i) z^{1−c_i} f
-    /// = 0.
+    /// Coefficients of a force f e^{iωt} in the equations at z = e^{−iωh}: A(z) v + h² Σ_i b_i ψ_ν(c_i)
+    /// z^{1−c_i} f = 0.
     pub(crate) fn forcing(&self, step: f64, omega: f64) -> Vec<Complex<f64>> {
         let Polynomials { nodes, weights, values, .. } = &self.polynomials;
         let turned = |fraction: f64| {
@@ -199,7 +202,7 @@ impl Characteristic {
         tests.transpose() * matrix * self.wide(values, [z, one])
     }
 
-    /// Of the ends, 0 and 1, ψ₀ and φ₀ are combinations.
+    /// Combines the rows and columns of the ends 0 and 1 to those of ψ₀ and φ₀.
     fn wide(&self, to: &DMatrix<f64>, [left, right]: [Complex<f64>; 2]) -> DMatrix<Complex<f64>> {
         let one = Complex::new(1.0, 0.0);
         DMatrix::from_fn(to.nrows(), self.degree, |row, mu| match mu {
@@ -228,7 +231,7 @@ impl Characteristic {
                 _ => half[(nu + 1, mu)],
             })
         };
-        // φ̇₀ = 1 − z and ψ̇₀ = z − 1, not as sums in which slow motions would lose their digits.
+        // φ̇₀ = 1 − z and ψ̇₀ = z − 1 directly, since sums would lose the digits of slow motions.
         let kinetic = both(kinetic, [Complex::ZERO, one - z], [Complex::ZERO, z - one]);
         let elastic = both(elastic, [z, one], [one, z]);
         let viscous = both(viscous, [Complex::ZERO, one - z], [one, z]);
@@ -243,7 +246,7 @@ impl Characteristic {
                 None => elastic.clone(),
             },
             Form::Stages { inverse } => {
-                // Others depend on the step.
+                // Other transfer functions depend on the step.
                 let power = transfer.exponent().map(|order| symbol::runge_kutta(inverse, order, z));
                 power.map_or_else(|| DMatrix::zeros(0, 0), |power| self.between_stages(power, z))
             }
@@ -253,8 +256,8 @@ impl Characteristic {
     }
 }
 
-/// ln det of a matrix given row by row, by elimination with pivots of a column; `None` for zero and what is
-/// not finite.
+/// ln det of a matrix given row by row, by elimination with column pivots; `None` if it is zero or not
+/// finite.
 pub(crate) fn log_determinant(matrix: &mut [Complex<f64>], rows: usize) -> Option<Complex<f64>> {
     let mut sum = Complex::ZERO;
     for column in 0..rows {

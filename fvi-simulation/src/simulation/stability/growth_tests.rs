@@ -1,5 +1,4 @@
-//! The verdict against the motions themselves, step by step, for random linear systems on every kind of
-//! scheme.
+//! The check of stability against simulated motions of random linear systems, with every kind of scheme.
 
 use super::polynomials::Polynomials;
 use super::*;
@@ -11,7 +10,7 @@ use nalgebra::{DVector, Dyn, LU, dmatrix};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngSeed, TestRunner};
 
-/// A scheme with the weights of its convolution quadrature, plane (i, j) of one term after the other.
+/// A scheme with the weights of its convolution quadrature, one plane (i, j) after another for each term.
 #[derive(Clone)]
 struct Case {
     discretisation: Discretisation,
@@ -68,10 +67,10 @@ fn with_stages<const R: usize>(
     Case { discretisation, weights, name: format!("{name} {R}, degree {degree}") }
 }
 
-/// Number of kinds that [`case`] tells apart.
+/// Number of kinds of [`case`].
 const KINDS: usize = 31;
 
-/// In place of the order of a formula.
+/// Marker of the trapezoidal rule in place of the order of a formula.
 const TRAPEZOIDAL: usize = 7;
 
 fn case(kind: usize, p: usize, kappa: f64) -> Case {
@@ -109,7 +108,7 @@ fn case(kind: usize, p: usize, kappa: f64) -> Case {
     }
 }
 
-/// The motion of a linear system from random positions and momenta, in coordinates where M is the identity.
+/// Simulation of a linear system from random positions and momenta, in coordinates where M is the identity.
 struct Motion<'a> {
     case: &'a Case,
     system: &'a LinearSystem,
@@ -132,7 +131,7 @@ impl<'a> Motion<'a> {
         let mut matrix = DMatrix::zeros(degree * size, degree * size);
         for row in 0..degree {
             for column in 0..degree {
-                // Equations: the start of the step, the bubbles. Unknowns: q_{k+1}, the bubbles.
+                // Equations: the beginning of the step, the bubbles. Unknowns: q_{k+1}, the bubbles.
                 let (nu, mu) = (if row == 0 { 0 } else { row + 1 }, column + 1);
                 let mut block = DMatrix::identity(size, size) * of.kinetic[(nu, mu)]
                     - &system.stiffness * (step * step * of.elastic[(nu, mu)]);
@@ -227,7 +226,7 @@ impl<'a> Motion<'a> {
                     }
                 }
             }
-            // p_{k+1} = D_{S+1} L_d + …, tested with the end of the step.
+            // p_{k+1} = D_{S+1} L_d + …, with the shape of the step's end as test function.
             let mut momentum = DVector::zeros(size);
             for (mu, coefficient) in coefficients.iter().enumerate() {
                 momentum += coefficient * (of.kinetic[(1, mu)] / h);
@@ -262,7 +261,7 @@ fn leading(form: &DampingForm, weights: &[Vec<f64>], nodes: usize, i: usize, j: 
     }
 }
 
-/// Largest size in the last quarter over that of the second.
+/// Largest size in the last quarter divided by that in the second.
 fn growth(sizes: &[f64], steps: usize) -> f64 {
     if sizes.len() < steps {
         return f64::INFINITY;
@@ -315,11 +314,11 @@ fn random() -> impl Strategy<Value = Random> {
 
 const STEPS: usize = 1600;
 
-/// Steps over which growth is looked for; the longer only where the shorter show none.
+/// Numbers of steps over which growth is searched for; the longer ones only if the shorter show none.
 const WATCHED: [usize; 3] = [STEPS, 5 * STEPS, 13 * STEPS];
 
-/// An accepted step makes nothing grow. At a refused one something does, and so it does up to a tenth above
-/// the limit, unless the run with the limit's step has more steps than are watched.
+/// With an accepted step nothing grows. With a refused one some motion does, and also with a step up to a
+/// tenth above the limit, unless the run at the limit has more steps than are simulated.
 fn verdict_holds(random: &Random) -> Result<(), TestCaseError> {
     let case = case(random.kind, random.p, random.kappa);
     let (size, numbers) = (random.size, &random.numbers);
@@ -329,7 +328,7 @@ fn verdict_holds(random: &Random) -> Result<(), TestCaseError> {
         .iter()
         .enumerate()
         .map(|(m, &damping_order)| {
-            // ρ ω^β against ω², some directions undamped.
+            // ρ ω^β of the size of ω², with some directions undamped.
             let scale = random.strong * random.stiff.powf(1.0 - 0.5 * damping_order);
             let strength = |i: usize| scale * (numbers[5 + 4 * m + i] + 0.3).max(0.0);
             LinearDamping {
@@ -343,7 +342,7 @@ fn verdict_holds(random: &Random) -> Result<(), TestCaseError> {
     let what = |h: f64, size: &[f64]| format!("{}: h = {h}, {:?}", case.name, size.last());
     let sizes_over = |h: f64, steps: usize| Motion::new(&case, &system, h, steps).sizes(steps);
     let sizes = |h: f64| sizes_over(h, STEPS);
-    // What grows slowly may take longer than what decays slowly beside it.
+    // A slowly growing motion may be hidden for a while by a slowly decaying one.
     let grows_in = |h: f64, steps: usize| growth(&sizes_over(h, steps), steps) > 1.15;
     match check_stability(&case.discretisation, &system, step, STEPS) {
         Verdict::Stable => {
@@ -359,13 +358,13 @@ fn verdict_holds(random: &Random) -> Result<(), TestCaseError> {
             if let Some(limit) = largest_stable_step {
                 let below = sizes(limit);
                 prop_assert!(growth(&below, STEPS) < 3.0, "the limit, grows: {}", what(limit, &below));
-                // Growth may set in and end again within a short range of steps.
+                // Growth may occur in a short range of steps only.
                 let above =
                     [5e-4, 2e-3, 5e-3, 0.01, 0.02, 0.04, 0.06, 0.08, 0.1].map(|part| (1.0 + part) * limit);
                 let above: Vec<f64> =
                     above.into_iter().filter(|&h| h < step).chain([step.min(1.1 * limit)]).collect();
-                // The limit is that for the time of the run: growth there is by the factor 2 in so many
-                // steps, and may be too slow to be seen.
+                // The limit is for the length of the run: there the growth is a factor of 2 in `STEPS` steps,
+                // which may be too slow to be detected.
                 let of_the_run = step / limit * STEPS as f64;
                 prop_assert!(
                     WATCHED.iter().any(|&steps| above.iter().any(|&h| grows_in(h, steps)))
@@ -379,7 +378,7 @@ fn verdict_holds(random: &Random) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// Cases from a seed; both from the environment, where they are set.
+/// Number of cases and seed; both from the environment if set.
 #[test]
 fn accepted_steps_never_grow_and_refused_ones_do() {
     let number = |variable: &str| std::env::var(variable).ok().and_then(|text| text.parse::<u64>().ok());
@@ -396,8 +395,8 @@ fn accepted_steps_never_grow_and_refused_ones_do() {
 
 #[test]
 fn slow_growth_above_a_limit_is_seen_in_runs_as_long_as_that_with_the_limit() {
-    // At the limit 3.5149 the run has 12 700 steps: growth by 5.5e-5 in a step, while what decays by 1.2e-3
-    // hides it at first.
+    // At the limit 3.5149 the run has 12 700 steps: a growth of 5.5e-5 per step, hidden at first by a motion
+    // that decays by 1.2e-3 per step.
     let mut numbers = vec![0.0; 23];
     let drawn = [(0, -0.38), (2, -0.918), (3, 0.486), (5, -0.847), (6, 0.358), (9, -0.468), (10, -0.447)];
     drawn.iter().for_each(|&(place, number)| numbers[place] = number);
@@ -469,7 +468,7 @@ fn the_midpoint_rule_damped_at_its_node_has_no_limit() {
         for (order, h) in [(0.3, 1e-3), (1.0, 1.0), (1.99, 1e3)] {
             let scheme = case(3, p, 0.5).discretisation;
             assert_eq!(check_stability(&scheme, &one(4.0, 3.0, order), h, 1000), Verdict::Stable);
-            // Counted, not only known.
+            // By counting, without the shortcut for stable schemes.
             let parts = parts(&one(4.0, 3.0, order));
             let check = Check {
                 characteristic: Characteristic::new(&scheme, vec![TransferFunction::power(order).unwrap()]),
@@ -491,7 +490,7 @@ fn what_the_system_itself_makes_grow_is_not_held_against_the_step() {
 
 #[test]
 fn the_margin_follows_the_number_of_steps() {
-    // A motion that grows by one percent in a step.
+    // A motion that grows by one per cent per step.
     let radau = case(24, 1, 0.5);
     let system = one(1.0, 0.02, 1.9);
     let sharp = limit(&radau, &system, 10.0);

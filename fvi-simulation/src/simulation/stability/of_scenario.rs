@@ -1,4 +1,4 @@
-//! The check of a scenario's step.
+//! The stability check of a scenario's step.
 
 use super::large::{self, check_large};
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
@@ -11,18 +11,23 @@ use fvi_core::RungeKutta;
 use fvi_scenario::with_staged_method;
 use nalgebra::{DMatrix, DVector};
 
-/// Refuses a step at which motions near the start grow, unless the scenario allows it; the Euler methods,
-/// baselines that grow by themselves, are not checked.
+/// Refuses a step at which motions near the start grow, unless the scenario allows it. The Euler methods,
+/// which are baselines with growing motions, are not checked.
 ///
-/// `stiffness` and `resistance` are ∂²U/∂q² − ∂F/∂q and, where forces depend on the velocity, −∂F/∂v where
-/// the run begins.
+/// `stiffness` and `resistance` are ∂²U/∂q² − ∂F/∂q and, if forces depend on the velocity, −∂F/∂v at the
+/// start of the run.
 pub(crate) fn check_step(
     scenario: &Scenario,
     (stiffness, resistance): (&DMatrix<f64>, Option<&DMatrix<f64>>),
 ) -> Result<(), InputError> {
     let Some(discretisation) = discretisation(scenario) else { return Ok(()) };
-    // Where steps are chosen on the way, motions that grow make them shorter.
+    // Adaptive steps are shortened by growing motions.
     if scenario.time.allow_unstable || scenario.time.adaptive().is_some() || may_drive(scenario) {
+        return Ok(());
+    }
+    // Stable for any mass; this avoids a Cholesky factor of a possibly large matrix.
+    let massless = !scenario.system.massless().is_empty();
+    if massless && large::is_unconditional(&discretisation, !scenario.system.damping.is_empty()) {
         return Ok(());
     }
     let damping = scenario.system.damping.iter().map(|term| LinearDamping {
@@ -72,7 +77,7 @@ pub(crate) fn check_large_step(scenario: &Scenario) -> Result<(), InputError> {
     }
 }
 
-/// Whether no step makes motions of the scenario grow: a linear one by a scheme that is stable at every step.
+/// Whether no motion of the scenario grows at any step: a linear one with an unconditionally stable scheme.
 pub(crate) fn is_unconditional(scenario: &Scenario) -> bool {
     let system = &scenario.system;
     let damped = !system.damping.is_empty();
@@ -85,8 +90,8 @@ pub(crate) fn is_unconditional(scenario: &Scenario) -> bool {
         && discretisation(scenario).is_some_and(|scheme| large::is_unconditional(&scheme, damped))
 }
 
-/// Whether no step makes linear motions with gyroscopic forces grow: the midpoint rule, and without damping
-/// as many Gauss points as the degree, which is Gauss collocation.
+/// Whether no linear motion with gyroscopic forces grows at any step: for the midpoint rule, and without
+/// damping for as many Gauss points as the degree, which is Gauss collocation.
 pub(crate) fn takes_gyroscopic(scenario: &Scenario) -> bool {
     let damped = !scenario.system.damping.is_empty();
     let gauss = matches!(scenario.scheme, Scheme::Galerkin { degree, quadrature: Some(Quadrature::Gauss(points)) } if points == degree);
@@ -95,7 +100,7 @@ pub(crate) fn takes_gyroscopic(scenario: &Scenario) -> bool {
     !may_drive(scenario) && (unconditional || (gauss && !damped))
 }
 
-/// Whether a kernel of it is not passive: then motions may grow by themselves, at any step.
+/// Whether a kernel is not passive: then motions may grow at any step.
 fn may_drive(scenario: &Scenario) -> bool {
     scenario.system.damping.iter().any(|term| term.active().is_some())
 }
@@ -119,7 +124,7 @@ fn advice(discretisation: &Discretisation, shorter: bool) -> String {
     if ways.is_empty() { runs.to_owned() } else { format!("take {}, or {runs}", ways.join(" or ")) }
 }
 
-/// A positive number cut to three digits.
+/// A positive number rounded down to three digits.
 fn three_digits_below(number: f64) -> f64 {
     let unit = libm::exp10(libm::log10(number).floor() - 2.0);
     (number / unit).floor() * unit
@@ -141,8 +146,8 @@ fn dense(matrix: &SymmetricMatrix) -> DMatrix<f64> {
     }
 }
 
-/// The scheme of a scenario; `None` for the Euler methods, for collocation, which is L-stable, and for shapes
-/// that do not exist.
+/// The scheme of a scenario; `None` for the Euler methods, for collocation, which is L-stable, and for
+/// invalid combinations.
 pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
     let (degree, kappa) = match scenario.scheme {
         Scheme::LowOrder { kappa } => (1, Some(kappa)),
@@ -167,7 +172,7 @@ pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
     Some(Discretisation { degree, nodes, weights, form })
 }
 
-/// Where in a step the scheme of a scenario looks at forces.
+/// Fractions of a step at which the scheme of a scenario evaluates forces.
 pub(crate) fn force_nodes(scenario: &Scenario) -> Vec<f64> {
     let stages = || match scenario.scheme {
         Scheme::Collocation => stages_of_family(scenario.convolution.family).map(|(_, (nodes, _))| nodes),
@@ -182,7 +187,7 @@ pub(crate) fn stages_of_family(family: ConvolutionFamily) -> Option<(DampingForm
     with_staged_method!(family.staged()?, method => stages_of(&method)).ok()
 }
 
-/// Nodes and weights.
+/// Nodes and weights of a quadrature.
 pub(crate) type Rule = (Vec<f64>, Vec<f64>);
 
 fn stages_of<const R: usize>(method: &RungeKutta<R>) -> (DampingForm, Rule) {

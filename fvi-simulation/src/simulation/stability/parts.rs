@@ -1,21 +1,23 @@
-//! A linear system cut into parts that do not act on each other.
+//! Decomposition of a linear system into uncoupled parts.
 
 use super::LinearSystem;
 use crate::numerics::dense::{symmetric_eigen, symmetric_eigenvalues};
 use nalgebra::DMatrix;
 
-/// Coupling between coordinates, relative to the largest entry of its matrix, that counts as none.
+/// Coupling between coordinates, relative to the largest entry of its matrix, below which it is neglected.
 const ROUNDING: f64 = 1e-12;
 
-/// Most coordinates of one part; in larger ones the coupling between the modes is neglected.
+/// Largest number of coordinates of a part; in larger ones the coupling between the modes is neglected.
 pub(crate) const LARGEST_PART: usize = 40;
 
-/// A part of the system, in coordinates where the mass matrix is the identity.
+/// A part of the system, in coordinates where the mass matrix is the identity unless `mass` is given.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Part {
+    /// M, positive semidefinite, if it is not the identity.
+    pub(crate) mass: Option<DMatrix<f64>>,
     /// K.
     pub(crate) stiffness: DMatrix<f64>,
-    /// C, if there is one.
+    /// C, if there are velocity-dependent forces.
     pub(crate) resistance: Option<DMatrix<f64>>,
     /// ρ of each term.
     pub(crate) damping: Vec<DMatrix<f64>>,
@@ -32,7 +34,8 @@ impl Part {
         self.damping.iter().any(|term| term.amax() > 0.0)
     }
 
-    /// The negative of the smallest eigenvalue of the symmetric part of C, if that is negative; else zero.
+    /// The negative of the smallest eigenvalue of the symmetric part of C, if that is negative; otherwise
+    /// zero.
     fn driving(&self) -> f64 {
         let Some(resistance) = &self.resistance else { return 0.0 };
         let smallest = symmetric_eigenvalues((resistance + resistance.transpose()) * 0.5).min();
@@ -40,16 +43,16 @@ impl Part {
         if -smallest > rounding { -smallest } else { 0.0 }
     }
 
-    /// Whether forces of the velocity act on it.
+    /// Whether velocity-dependent forces act on it.
     pub(crate) fn is_resisted(&self) -> bool {
         self.resistance.as_ref().is_some_and(|resistance| resistance.amax() > 0.0)
     }
 
-    /// No motion of the part grows faster than e^{σt}.
+    /// Upper bound σ of the growth rates of the part: no motion grows faster than e^{σt}.
     ///
-    /// Where s² + k + iκ + Σ ρ s^β = 0 with ρ ≥ 0, k and iκ the symmetric and skew parts of K along the
+    /// If s² + k + iκ + Σ ρ s^β = 0 with ρ ≥ 0, where k and iκ are the symmetric and skew parts of K for the
     /// motion, and Re s > 0, then (Re s)² ≤ max(−k, 0) + |κ|/2: the imaginary part of the equation bounds 2
-    /// Re s |Im s| by |κ|, the real part the rest. With forces of the velocity, −γ being the smallest
+    /// Re s |Im s| by |κ|, the real part the rest. With velocity-dependent forces, where −γ is the smallest
     /// eigenvalue of the symmetric part of C if that is negative, the real part of the equation divided by s
     /// is Re s ≤ γ + (max(−k, 0) + |κ|/2)/Re s.
     pub(super) fn growth_rate(&self) -> f64 {
@@ -71,20 +74,20 @@ impl Part {
 /// The parts of a system.
 ///
 /// In the eigenvectors of a combination of all matrices those that commute become diagonal together: then
-/// every mode is a part. What remains coupled stays together. With a stiffness that is not symmetric the
-/// coordinates stay as they are.
+/// every mode is a part. Coordinates that remain coupled form one part. With a nonsymmetric stiffness the
+/// coordinates are not transformed.
 pub(super) fn parts(system: &LinearSystem) -> Vec<Part> {
     let mut parts = match all_parts(system) {
         Ok(parts) => parts,
-        Err(matrices) => return neglecting_coupling(&matrices, system.resistance.is_some()),
+        Err(matrices) => return neglecting_coupling(&matrices, Has::of(system)),
     };
-    // Of equal modes one is enough.
+    // One of several equal modes suffices.
     parts.sort_by(|a, b| order(a).partial_cmp(&order(b)).unwrap_or(std::cmp::Ordering::Equal));
     parts.dedup_by(|a, b| a.size() == 1 && b.size() == 1 && order(a) == order(b));
     parts
 }
 
-/// As [`parts`], equal modes one by one; where one is larger than [`LARGEST_PART`] the matrices instead.
+/// As [`parts`], including repeated modes; if a part is larger than [`LARGEST_PART`], the matrices instead.
 pub(super) fn all_parts(system: &LinearSystem) -> Result<Vec<Part>, Vec<DMatrix<f64>>> {
     let size = system.stiffness.nrows();
     let mut matrices = vec![system.stiffness.clone()];
@@ -93,6 +96,7 @@ pub(super) fn all_parts(system: &LinearSystem) -> Result<Vec<Part>, Vec<DMatrix<
         |matrix: &DMatrix<f64>| (matrix - matrix.transpose()).amax() <= ROUNDING * matrix.amax();
     let symmetric = is_symmetric(&matrices[0]) && system.resistance.as_ref().is_none_or(is_symmetric);
     matrices.extend(system.resistance.clone());
+    matrices.extend(system.mass.clone());
     if symmetric && size > 1 {
         turn(&mut matrices, |index| libm::sqrt(2.0 + index as f64));
     }
@@ -101,11 +105,23 @@ pub(super) fn all_parts(system: &LinearSystem) -> Result<Vec<Part>, Vec<DMatrix<
         return Err(matrices);
     }
     found.iter_mut().for_each(|members| members.sort_unstable());
-    let resists = system.resistance.is_some();
-    Ok(found.iter().map(|members| part(&matrices, members, resists)).collect())
+    Ok(found.iter().map(|members| part(&matrices, members, Has::of(system))).collect())
 }
 
-/// Turns all matrices into the eigenvectors of their combination with these factors.
+/// Which matrices of a system follow K and ρ in a list: C and then M, as far as they exist.
+#[derive(Clone, Copy)]
+struct Has {
+    resistance: bool,
+    mass: bool,
+}
+
+impl Has {
+    fn of(system: &LinearSystem) -> Self {
+        Self { resistance: system.resistance.is_some(), mass: system.mass.is_some() }
+    }
+}
+
+/// Transforms all matrices to the eigenvectors of their combination with these factors.
 fn turn(matrices: &mut [DMatrix<f64>], factor: impl Fn(usize) -> f64) {
     let size = matrices[0].nrows();
     let combination = matrices.iter().enumerate().fold(DMatrix::zeros(size, size), |sum, (index, matrix)| {
@@ -118,7 +134,7 @@ fn turn(matrices: &mut [DMatrix<f64>], factor: impl Fn(usize) -> f64) {
     }
 }
 
-/// The coordinates that are coupled with each other, directly or through others.
+/// The sets of coordinates that are coupled with each other, directly or through others.
 fn components(matrices: &[DMatrix<f64>]) -> Vec<Vec<usize>> {
     let size = matrices[0].nrows();
     let rounding: Vec<f64> = matrices.iter().map(|of| ROUNDING * of.amax()).collect();
@@ -142,27 +158,28 @@ fn components(matrices: &[DMatrix<f64>]) -> Vec<Vec<usize>> {
     found
 }
 
-/// The last of the matrices is C if the system `resists`.
-fn part(matrices: &[DMatrix<f64>], members: &[usize], resists: bool) -> Part {
+fn part(matrices: &[DMatrix<f64>], members: &[usize], has: Has) -> Part {
     let of = |matrix: &DMatrix<f64>| {
         let block = DMatrix::from_fn(members.len(), members.len(), |i, j| matrix[(members[i], members[j])]);
-        // A number that stands for zero is zero, so that undamped modes are known as such.
+        // A block of rounding size becomes zero, so that undamped modes are recognised.
         let rounding = ROUNDING * matrix.amax();
         if block.amax() <= rounding { DMatrix::zeros(members.len(), members.len()) } else { block }
     };
     let (stiffness, rest) = matrices.split_first().map_or((&matrices[0], &[][..]), |split| split);
-    let (damping, resistance) = rest.split_at(rest.len() - usize::from(resists));
+    let (rest, mass) = rest.split_at(rest.len() - usize::from(has.mass));
+    let (damping, resistance) = rest.split_at(rest.len() - usize::from(has.resistance));
     Part {
+        mass: mass.first().map(of),
         stiffness: of(stiffness),
         resistance: resistance.first().map(of),
         damping: damping.iter().map(of).collect(),
     }
 }
 
-/// Every mode of the stiffness, and every mode of the damping, by itself.
-fn neglecting_coupling(matrices: &[DMatrix<f64>], resists: bool) -> Vec<Part> {
+/// Every mode of the stiffness, and every mode of the damping, as a part of its own.
+fn neglecting_coupling(matrices: &[DMatrix<f64>], has: Has) -> Vec<Part> {
     let one_by_one = |matrices: &[DMatrix<f64>]| -> Vec<Part> {
-        (0..matrices[0].nrows()).map(|index| part(matrices, &[index], resists)).collect()
+        (0..matrices[0].nrows()).map(|index| part(matrices, &[index], has)).collect()
     };
     let (mut elastic, mut damped) = (matrices.to_vec(), matrices.to_vec());
     turn(&mut elastic, |index| if index == 0 { 1.0 } else { 0.0 });
@@ -170,13 +187,13 @@ fn neglecting_coupling(matrices: &[DMatrix<f64>], resists: bool) -> Vec<Part> {
     [one_by_one(&elastic), one_by_one(&damped)].concat()
 }
 
-/// Numbers of a part to sort by, to eight digits.
+/// Sort key of a part: its numbers to eight digits.
 fn order(part: &Part) -> Vec<f64> {
     let digits = |number: &f64| {
         let unit = libm::exp10(libm::log10(number.abs()).floor() - 8.0);
         if unit > 0.0 { (number / unit).round() * unit } else { 0.0 }
     };
-    let others = part.damping.iter().chain(&part.resistance);
+    let others = part.damping.iter().chain(&part.resistance).chain(&part.mass);
     let numbers = part.stiffness.iter().chain(others.flat_map(|matrix| matrix.iter()));
     std::iter::once(part.size() as f64).chain(numbers.map(digits)).collect()
 }
@@ -226,7 +243,7 @@ mod tests {
         let of = |stiffness| parts(&system(DMatrix::identity(2, 2), stiffness, DMatrix::zeros(2, 2)));
         let rates: Vec<f64> = of(dmatrix![-4.0, 0.0; 0.0, 9.0]).iter().map(Part::growth_rate).collect();
         assert_eq!(rates, [2.0, 0.0]);
-        // A force that turns: s² = −1 ± 0.5i, Re s = 0.2429.
+        // A circulatory force: s² = −1 ± 0.5i, Re s = 0.2429.
         let rate = of(dmatrix![1.0, 0.5; -0.5, 1.0])[0].growth_rate();
         assert!((0.2429..0.7).contains(&rate), "{rate}");
     }

@@ -1,12 +1,12 @@
-//! The polynomials of a step: its two ends, and bubbles that vanish there.
+//! The basis polynomials of a step: those of its two ends, and bubbles that vanish there.
 
 use nalgebra::DMatrix;
 
 /// Values and slopes of the S + 1 polynomials at the quadrature nodes, and their products.
 ///
-/// First 1 − τ and τ, which carry q_k and q_{k+1}, then the bubbles ∫₀^τ P_μ(2x − 1) dx, μ = 1…S−1, integrals
-/// of Legendre's polynomials: the same space as that of the control points, well conditioned, and without
-/// them.
+/// First 1 − τ and τ, with the coefficients q_k and q_{k+1}, then the bubbles ∫₀^τ P_μ(2x − 1) dx, μ = 1…S−1,
+/// integrals of Legendre polynomials: a well-conditioned basis of the same space as that of the control
+/// points.
 #[derive(Clone, Debug)]
 pub(super) struct Polynomials {
     /// Nodes c_i.
@@ -24,7 +24,7 @@ pub(super) struct Polynomials {
 }
 
 impl Polynomials {
-    /// Degree S with a quadrature; nodes of weight zero take no part.
+    /// Degree S with a quadrature; nodes of weight zero are left out.
     pub(super) fn new(degree: usize, nodes: &[f64], weights: &[f64]) -> Self {
         let (nodes, weights): (Vec<f64>, Vec<f64>) =
             nodes.iter().zip(weights).filter(|&(_, &weight)| weight != 0.0).unzip();
@@ -42,7 +42,7 @@ impl Polynomials {
     }
 }
 
-/// P_{n−1}, P_n and P_{n+1} of Legendre at 2τ − 1, for n ≥ 1.
+/// The Legendre polynomials P_{n−1}, P_n and P_{n+1} at 2τ − 1, for n ≥ 1.
 fn legendre(tau: f64, n: usize) -> [f64; 3] {
     let x = 2.0 * tau - 1.0;
     let mut three = [1.0, x, 0.5 * (3.0 * x * x - 1.0)];

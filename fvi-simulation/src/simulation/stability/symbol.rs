@@ -6,7 +6,7 @@ use nalgebra::{Complex, DMatrix, Schur};
 /// γ(z)^β for |z| < 1.
 ///
 /// The rules are A(ϑ)-stable, so γ takes no value on the negative real axis there, and the principal branch
-/// is the one that continues γ(0)^β > 0.
+/// is the continuation of γ(0)^β > 0.
 pub(crate) fn multistep(rule: MultistepRule, exponent: f64, z: Complex<f64>) -> Complex<f64> {
     scalar_power(rule.symbol(z), exponent)
 }
@@ -29,9 +29,9 @@ pub(crate) fn difference(inverse: &DMatrix<f64>, z: Complex<f64>) -> DMatrix<Com
     })
 }
 
-/// f of a matrix, by the recurrence for that of the triangular factor of Schur's decomposition. \[Higham08\]
+/// f of a matrix, by the recurrence for the triangular factor of its Schur decomposition. \[Higham08\]
 ///
-/// Eigenvalues that nearly coincide take the slope of f.
+/// For eigenvalues that nearly coincide the derivative of f is used.
 pub(crate) fn function_of(
     matrix: &DMatrix<Complex<f64>>,
     function: impl Fn(Complex<f64>) -> Complex<f64>,
@@ -72,8 +72,8 @@ fn scalar_power(base: Complex<f64>, exponent: f64) -> Complex<f64> {
 
 /// Principal power, 0 ≤ exponent < 2, of a matrix without eigenvalues on the negative real axis.
 ///
-/// Square roots of the triangular factor of Schur's decomposition until it is near the identity, the binomial
-/// series, and squares. Eigenvalues may coincide.
+/// Square roots of the triangular factor of the Schur decomposition until it is near the identity, then the
+/// binomial series and repeated squaring. Eigenvalues may coincide.
 fn matrix_power(matrix: &DMatrix<Complex<f64>>, exponent: f64) -> DMatrix<Complex<f64>> {
     let size = matrix.nrows();
     if exponent == 0.0 {
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn the_branch_of_the_formulas_is_the_one_of_the_power_series() {
-        // Σ w_n zⁿ well inside the circle, where arg γ₆ passes 160° towards it.
+        // Σ w_n zⁿ well inside the circle; towards it arg γ₆ exceeds 160°.
         let order = fvi_core::BdfOrder::new(6).unwrap();
         for exponent in [0.5, 1.2, 1.9] {
             let mut weights = vec![0.0; 4000];

@@ -1,34 +1,34 @@
-//! Zeros of an analytic function inside a circle, by the argument principle.
+//! Number of zeros of an analytic function inside a circle, by the argument principle.
 
 use nalgebra::Complex;
 use std::cell::Cell;
 use std::f64::consts::PI;
 
-/// How finely a logarithm is followed.
+/// Resolution with which a logarithm is followed along a path.
 pub(in crate::simulation) struct Fineness {
-    /// Increment between neighbouring points that is taken for followed.
+    /// Largest increment between neighbouring points.
     pub(in crate::simulation) followed: f64,
-    /// Parts of the way to begin with.
+    /// Initial number of parts of the path.
     pub(in crate::simulation) parts: usize,
-    /// How often they are halved at most.
+    /// Largest number of halvings of a part.
     pub(in crate::simulation) halvings: u32,
 }
 
-/// On the half-circle: down to 10⁻¹³.
+/// For the half-circle: down to 10⁻¹³ of it.
 const FINENESS: Fineness = Fineness { followed: 0.5, parts: 16, halvings: 41 };
 
-/// Most values of the function that a count may take: a zero near the circle takes some fifty, noise any
-/// number.
+/// Largest number of evaluations of the function in a count: a zero near the circle takes some fifty, noise
+/// any number.
 const MOST_VALUES: usize = 20_000;
 
 /// Result of a count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Count {
-    /// So many zeros.
+    /// Number of zeros.
     Zeros(usize),
     /// A zero lies on the circle, or the function is not finite.
     Unknown,
-    /// The function turns too often to be followed, as rounding does where its terms cancel.
+    /// The phase changes too often to be followed, as for rounding errors after cancellation.
     Endless,
 }
 
@@ -36,9 +36,9 @@ pub(super) enum Count {
 /// logarithm.
 ///
 /// The phase is followed over the upper half of the circle, from the real axis to the real axis; the
-/// conjugate half turns as much. Intervals are halved until the logarithm, size and phase, changes little
-/// over both halves of each. Unlike the phase alone that cannot miss several zeros that lie together near the
-/// circle: they would turn the phase by a multiple of 2π, but on the way the function is small.
+/// conjugate half contributes equally. Intervals are halved until the logarithm, size and phase, changes
+/// little over both halves of each. Unlike the phase alone this cannot miss several zeros close together near
+/// the circle: they would change the phase by a multiple of 2π, but the function is small on the way.
 pub(super) fn zeros_inside(radius: f64, logarithm: impl Fn(Complex<f64>) -> Option<Complex<f64>>) -> Count {
     let left = Cell::new(MOST_VALUES);
     match turns(radius, &left, logarithm) {
@@ -63,8 +63,8 @@ fn turns(
     (zeros >= 0.0 && (turned / PI - zeros).abs() < 0.1).then_some(zeros as usize)
 }
 
-/// How far the phase of a function turns on the way from 0 to `end`, given any branch of its logarithm there;
-/// `None` where it has none, or cannot be followed.
+/// Change of the phase of a function from 0 to `end`, given any branch of its logarithm; `None` if the
+/// logarithm does not exist or cannot be followed.
 pub(in crate::simulation) fn turned(
     end: f64,
     fineness: &Fineness,

@@ -1,4 +1,4 @@
-//! How the forces at a place depend on a parameter there: ∂G/∂θ with G = ∇U − F at a fixed position.
+//! Explicit dependence of the forces on a parameter: ∂G/∂θ with G = ∇U − F at a fixed position.
 
 use crate::model::tape::{CompiledForce, CompiledPotential};
 use crate::model::{matrix, moment};
@@ -6,34 +6,33 @@ use crate::scenario::{Derivative, Named, Quantity, Scenario};
 use fvi_core::{Block, Instant};
 use nalgebra::SVector;
 
-/// ∂G/∂θ of one parameter.
+/// A part of ∂G/∂θ of one parameter.
 pub(super) enum Direct {
-    None,
-    /// Of an entry of K, and of its mirror image.
+    /// For entries of K, with their mirror images.
     Entries(Vec<(usize, usize, f64)>),
-    /// ∂ρ K(0) (q − q*) of a kernel with a spring.
+    /// ∂(ρ K(0)) (q − q*) for a kernel with a spring.
     Spring {
         entries: Vec<(usize, usize, f64)>,
         rest: Vec<f64>,
     },
-    /// Force of the springs of kernels, where their place of rest is the initial position.
+    /// Force of the springs of kernels, if the parameter is their rest position.
     Constant(Vec<f64>),
     Expressions(Box<Expressions>),
 }
 
-/// Of a constant of expressions.
+/// For a constant of expressions.
 pub(super) struct Expressions {
     value: f64,
     potential: Option<CompiledPotential<f64>>,
     force: Option<CompiledForce<f64>>,
-    /// Whether it depends on the velocity.
+    /// Whether the force depends on the velocity.
     moves: bool,
     elements: Vec<(CompiledPotential<f64>, Vec<Vec<usize>>)>,
     loads: Vec<(crate::language::expression::Expression, Vec<(u32, f64)>)>,
     room: Room,
 }
 
-/// Numbers on the way, kept for the next step.
+/// Buffers.
 #[derive(Default)]
 struct Room {
     registers: Vec<f64>,
@@ -43,13 +42,13 @@ struct Room {
 }
 
 impl Room {
-    /// Numbers and the constant behind them.
+    /// Copies numbers, followed by the constant, to the point.
     fn begin(&mut self, numbers: impl Iterator<Item = f64>, constant: f64) {
         self.point.clear();
         self.point.extend(numbers.chain(std::iter::once(constant)));
     }
 
-    /// Zeros for a gradient and so many second derivatives.
+    /// Zeros a gradient and `second` second derivatives.
     fn derivatives(&mut self, second: usize) {
         self.gradient.clear();
         self.gradient.resize(self.point.len(), 0.0);
@@ -59,25 +58,30 @@ impl Room {
 }
 
 impl Direct {
-    pub(super) fn new(scenario: &Scenario, what: &Quantity) -> Self {
+    /// All parts of ∂G/∂θ of a parameter.
+    pub(super) fn all(scenario: &Scenario, what: &Quantity) -> Vec<Self> {
         let damping = &scenario.system.damping;
         let size = scenario.coordinates();
-        let start = &scenario.initial.position;
+        // Rest position of the spring of a term.
+        let rest = |term: usize| match damping[term].derivative {
+            Derivative::Caputo => scenario.initial.base().to_vec(),
+            Derivative::RiemannLiouville => vec![0.0; size],
+        };
+        let mut parts = Vec::new();
         match what {
             &Quantity::Stiffness(row, column) => {
                 let mirrored = (row != column).then_some((column, row, 1.0));
-                Self::Entries(std::iter::once((row, column, 1.0)).chain(mirrored).collect())
+                parts.push(Self::Entries(std::iter::once((row, column, 1.0)).chain(mirrored).collect()));
             }
             Quantity::Coefficient(term, change) if damping[*term].transfer.spring() != 0.0 => {
                 let spring = damping[*term].transfer.spring();
                 let entries = change.iter().map(|&(row, column, entry)| (row, column, spring * entry));
-                let rest = match damping[*term].derivative {
-                    Derivative::Caputo => start.clone(),
-                    Derivative::RiemannLiouville => vec![0.0; size],
-                };
-                Self::Spring { entries: entries.collect(), rest }
+                parts.push(Self::Spring { entries: entries.collect(), rest: rest(*term) });
             }
-            &Quantity::Position(index) => {
+            // Position at which the motion of the memories begins.
+            &Quantity::Position(index) | &Quantity::Past(0, index)
+                if scenario.initial.past.is_none() || !matches!(what, Quantity::Position(_)) =>
+            {
                 let mut restoring = vec![0.0; size];
                 let mut one = vec![0.0; size];
                 one[index] = 1.0;
@@ -88,11 +92,24 @@ impl Direct {
                         &mut restoring,
                     );
                 }
-                if restoring.iter().all(|&x| x == 0.0) { Self::None } else { Self::Constant(restoring) }
+                if restoring.iter().any(|&x| x != 0.0) {
+                    parts.push(Self::Constant(restoring));
+                }
             }
-            Quantity::Named(named) => Self::Expressions(Box::new(Expressions::new(scenario, named))),
-            _ => Self::None,
+            Quantity::Named(named) => {
+                parts.push(Self::Expressions(Box::new(Expressions::new(scenario, named))));
+            }
+            _ => {}
         }
+        for (term, spring) in (0..damping.len()).filter_map(|term| Some((term, what.kernel(term)?.spring())))
+        {
+            if spring != 0.0 {
+                let entries = matrix::<f64>(&damping[term].coefficient).entries().into_iter();
+                let entries = entries.map(|(row, column, entry)| (row, column, spring * entry));
+                parts.push(Self::Spring { entries: entries.collect(), rest: rest(term) });
+            }
+        }
+        parts
     }
 
     /// Adds ∂G/∂θ at an instant, a position and a velocity.
@@ -103,7 +120,6 @@ impl Direct {
         out: &mut [f64],
     ) {
         match self {
-            Self::None => {}
             Self::Entries(entries) => {
                 entries.iter().for_each(|&(row, column, entry)| out[row] += entry * position[column]);
             }
@@ -127,7 +143,7 @@ impl Expressions {
         let moves = system.force_in_words_depends_on_velocity();
         let variables = if moves { 2 * size } else { size };
         let force = named.force.as_ref().map(|components| {
-            // One variable more, behind those of the force.
+            // One more variable, after those of the force.
             CompiledForce::compile_of(components, variables + 1)
         });
         let elements = named.elements.iter().map(|(group, potential)| {
@@ -185,7 +201,7 @@ impl Expressions {
     }
 }
 
-/// ∂²U/∂x_i∂θ at the point of the room, θ the last variable.
+/// ∂²U/∂x_i∂θ at the point in the buffer, where θ is the last variable.
 fn mixed(potential: &CompiledPotential<f64>, room: &mut Room, mut take: impl FnMut(usize, f64)) {
     room.derivatives(potential.pattern().len());
     let Room { registers, point, gradient, second } = room;
@@ -195,7 +211,7 @@ fn mixed(potential: &CompiledPotential<f64>, room: &mut Room, mut take: impl FnM
     let changing =
         potential.pattern().iter().zip(&*second).map(|(&(row, column), &entry)| (row, column, entry));
     for (row, column, entry) in constant.chain(changing) {
-        // The lower triangle: the last row.
+        // The last row of the lower triangle.
         if row as usize == last && (column as usize) < last {
             take(column as usize, entry);
         }

@@ -1,8 +1,8 @@
 """One large run on many processes: fractional damping in PETSc's distributed systems.
 
-`integrate` takes matrices and vectors as PETSc has distributed them and makes the steps that `fvi.integrate` makes of a large
-linear system. Matrices, products and solutions are PETSc's; each process keeps the memory of its own rows, or of its own dampers,
-and sends nothing of the past to others. The guide is `book/src/use/cluster.md` of the repository.
+`integrate` takes matrices and vectors distributed by PETSc and makes the same steps as `fvi.integrate` for a large linear system.
+Matrices, products and solutions are PETSc's; each process stores the memory of its own rows, or of its own dampers, and
+communicates nothing about the past. The guide is `book/src/use/cluster.md` of the repository.
 
 Needs petsc4py, mpi4py and PETSc with real numbers: Debian's python3-petsc4py and python3-mpi4py, or conda-forge's petsc4py.
 """

@@ -1,7 +1,7 @@
-"""What PETSc's objects have to be, and how they have to be distributed.
+"""Requirements on the PETSc objects and on their distribution.
 
-What a rank judges by itself makes no object of PETSc's: these are numbered, and ranks that made different numbers of them would no
-longer understand each other's messages.
+Checks that a rank makes by itself create no PETSc objects: these are numbered, and ranks that created different numbers of them
+could no longer exchange messages.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ KEYS = ("order", "kernel", "allow_active", "coefficient", "derivative", "attache
 
 @dataclass
 class Term:
-    """A damping term as it was given, checked."""
+    """A damping term as given, checked."""
 
     place: str
     key_of_kernel: str
@@ -49,7 +49,7 @@ class Term:
 
 
 def communicator(candidates: list[tuple[str, Any]]) -> Any:
-    """The largest communicator of the arguments, on which ranks agree about everything else."""
+    """The largest communicator of the arguments, on which the ranks agree on all other arguments."""
     largest = None
     for name, given in candidates:
         if isinstance(given, (PETSc.Mat, PETSc.Vec)) and given.handle:
@@ -63,7 +63,7 @@ def communicator(candidates: list[tuple[str, Any]]) -> Any:
 
 
 class Layout:
-    """Which rows each rank has, as the mass says; all other arguments are held against it."""
+    """The distribution of the rows over the ranks, given by the mass; all other arguments must have the same."""
 
     def __init__(self, together: Together, name: str, given: Any) -> None:
         self.together = together
@@ -95,7 +95,7 @@ class Layout:
         return int(first), int(end)
 
     def check(self, name: str, given: Any) -> Any:
-        """An argument with the rows that the mass has."""
+        """Checks that an argument is distributed like the mass."""
         first, end = self._rows(name, given)
         size = given.getSize()[0] if isinstance(given, PETSc.Mat) else given.getSize()
         if size != self.size:
@@ -110,7 +110,7 @@ class Layout:
         return given
 
     def norm(self, numbers: FloatArray) -> float:
-        """Euclidean norm of the numbers of all ranks; all of them call it."""
+        """Euclidean norm of the numbers of all ranks; collective."""
         with np.errstate(over="ignore"):
             square = float(np.square(numbers).sum())
         return float(np.sqrt(self.together.sum(square)))
@@ -128,7 +128,7 @@ class Layout:
         return given
 
     def numbers(self, name: str, given: Any) -> FloatArray:
-        """This rank's numbers of a vector, or of one number everywhere."""
+        """This rank's numbers of a vector, or of a constant."""
         if isinstance(given, PETSc.Vec):
             return np.array(local_numbers(name, self.check(name, given), self.first))
         if np.ndim(given) == 0 and not isinstance(given, PETSc.Object):
@@ -148,7 +148,7 @@ def local_numbers(name: str, vector: Any, first: int) -> FloatArray:
 
 
 def damping_terms(given: Any, layout: Layout) -> list[Term]:
-    """The damping terms, checked as far as a rank can by itself."""
+    """The damping terms, after the checks that a rank can make by itself."""
     return [
         _damping_term(f"damping[{index}]", term, layout)
         for index, term in enumerate(_arrays.several("damping", given, (Damping, Mapping), "a fvi.Damping"))
@@ -207,7 +207,7 @@ def _damping_term(place: str, term: Any, layout: Layout) -> Term:
 
 
 def _kernel_of(place: str, entries: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Which key says the kernel, and what it says: K(s) with the keys of a scenario."""
+    """The key that gives the kernel, and the kernel K(s) with the keys of a scenario."""
     if ("order" in entries) == ("kernel" in entries):
         message = f"{place}.order: missing" if "order" not in entries else f"{place}.order cannot stand beside kernel"
         raise InputError(message, f"{place}.order")
@@ -260,9 +260,10 @@ def coordinates(name: str, given: Any, layout: Layout) -> Any:
 
 
 def check_symmetric(name: str, matrix: Any, probes: tuple[Any, Any], definite: str) -> float:
-    """Refuses a matrix that is not finite, not symmetric, or negative along a probe; all ranks call it. Returns its Frobenius norm.
+    """Refuses a matrix that is not finite, not symmetric, or negative along a probe vector; collective. Returns its Frobenius
+    norm.
 
-    xᵀA y = yᵀA x for two vectors of random signs: the one number is as large as what differs from the mirror image.
+    xᵀA y = yᵀA x for two vectors of random signs: the difference of the two numbers is of the size of A − Aᵀ.
     """
     try:
         norm = float(matrix.norm(PETSc.NormType.FROBENIUS))
@@ -283,4 +284,10 @@ def check_symmetric(name: str, matrix: Any, probes: tuple[Any, Any], definite: s
         raise InputError(message, name, "not symmetric")
     if definite and along < -SYMMETRY * norm or (definite == "positive definite" and along <= 0.0):
         raise InputError(f"{name}: not {definite}: xᵀAx = {along} for a vector of signs", name, str(along))
+    if definite == "positive definite":
+        diagonal = matrix.getDiagonal()
+        row, smallest = diagonal.min()
+        diagonal.destroy()
+        if not smallest > 0.0:
+            raise InputError(f"{name}: not {definite}: entry ({row}, {row}) is {smallest}", name, str(smallest))
     return norm

@@ -1,4 +1,4 @@
-"""Checkpoints: a file of each rank, and a manifest that makes them one."""
+"""Checkpoints: a file of each rank, and a manifest that lists them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Checkpoints:
     """The last two generations of the state of a run.
 
     Every rank writes a file of its own rows; when all of them are on the disk, rank 0 writes the manifest that names them. Until
-    then the manifest before, and the files that it names, stay.
+    then the previous manifest and its files are kept.
     """
 
     def __init__(self, directory: Directory, layout: Layout) -> None:
@@ -36,13 +36,13 @@ class Checkpoints:
         self.manifest, self.previous = self.place / "manifest.json", self.place / "manifest.previous.json"
 
     def forget(self) -> None:
-        """Removes what an earlier run has left. Rank 0 alone."""
+        """Removes the checkpoints of an earlier run. On rank 0 only."""
         self.place.mkdir(parents=True, exist_ok=True)
         for path in (self.manifest, self.previous, *self.place.glob("step-*")):
             path.unlink(missing_ok=True)
 
     def write(self, step: int, stepper: Stepper, facts: Mapping[str, Any]) -> None:
-        """Writes a generation; all ranks call it, and all raise what one meets."""
+        """Writes a generation; collective. An error on one rank is raised on all."""
         together = self.layout.together
         name, size, error = f"step-{step:012d}.rank-{together.rank:05d}-of-{together.size:05d}.npz", 0, None
         try:
@@ -81,7 +81,7 @@ class Checkpoints:
                 path.unlink()
 
     def newest(self) -> dict[str, Any] | None:
-        """The manifest of the newest generation whose files are all there and whole; `None` without any. All ranks call it."""
+        """The manifest of the newest complete and undamaged generation; `None` if there is none. Collective."""
         damages: list[str] = []
         for path in (self.manifest, self.previous):
             manifest = self._whole(path, damages)
@@ -95,7 +95,8 @@ class Checkpoints:
         return None
 
     def _whole(self, path: Path, damages: list[str]) -> dict[str, Any] | None:
-        """A manifest whose files are whole; the ranks share the work of reading them."""
+        """The manifest, if all its files are undamaged; otherwise `None`, with the reason added to `damages`. The ranks share the
+        reading."""
         together = self.layout.together
         manifest: dict[str, Any] | None = None
         damage = None
@@ -119,7 +120,7 @@ class Checkpoints:
         return None if found else manifest
 
     def read(self, manifest: Mapping[str, Any], stepper: Stepper) -> None:
-        """Takes over the rows of this rank from the files of all ranks that had some of them."""
+        """Restores the rows of this rank from the files of all ranks that had some of them."""
         first, end = self.layout.first, self.layout.end
         vectors = {"position": stepper.position, "momentum": stepper.momentum}
         fresh(stepper.damping)
@@ -139,7 +140,7 @@ class Checkpoints:
 
 
 def _span(index: Any) -> list[int]:
-    """The first of some channels, counted over all ranks, and the end of them."""
+    """First and end index, counted over all ranks, of the channels of a state."""
     return [int(index[0]), int(index[-1]) + 1] if len(index) > 0 else [0, 0]
 
 
@@ -149,7 +150,7 @@ def _meet(span: list[int], index: Any) -> bool:
 
 
 def _look_through(path: Path, size: int) -> None:
-    """Raises where a file is not the one that was written: another size, or numbers whose checksum is wrong."""
+    """Raises if a file is damaged: another size, or a wrong checksum."""
     if path.stat().st_size != size:
         raise ValueError(f"{path.name} has {path.stat().st_size} bytes instead of {size}")
     with zipfile.ZipFile(path) as archive:
@@ -158,7 +159,7 @@ def _look_through(path: Path, size: int) -> None:
 
 
 def differences(saved: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """The names of what a run and the one that it is to go on from differ in; norms of matrices may differ by rounding."""
+    """The names of the values in which a run and its checkpoint differ; norms of matrices may differ by rounding."""
     found = []
     for key in sorted(set(saved) | set(now)):
         one, other = saved.get(key), now.get(key)
@@ -172,7 +173,7 @@ def differences(saved: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
 
 
 class Pace:
-    """When checkpoints are due: after so many steps, or so much time."""
+    """Decides when a checkpoint is due: after a number of steps, or a time."""
 
     def __init__(self, given: int | str | None) -> None:
         self.steps: int | None = None

@@ -1,4 +1,4 @@
-"""Damping terms: the memory of a rank's own rows or dampers, and how its derivatives become forces."""
+"""Damping terms: the memory of a rank's own rows or dampers, and the forces from its derivatives."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ channels that stay zero."""
 
 
 class Kernels(NamedTuple):
-    """What all memories of a run have in common."""
+    """Settings common to all memories of a run."""
 
     step: float
     order: int
@@ -31,7 +31,7 @@ class Kernels(NamedTuple):
 
 
 def memory_of(term: Term, kernels: Kernels, channels: int) -> Memory:
-    """The memory of a term on this rank: the only place that says by which kernel it remembers."""
+    """The memory of a term on this rank; the only place that chooses its kernel."""
     try:
         return Memory(
             kernel=term.kernel,
@@ -91,7 +91,7 @@ class Rows:
         self.index = self.rows + layout.first
 
     def gather(self, vector: Any) -> FloatArray:
-        """What the channels see of a vector."""
+        """The values of a vector in the channels."""
         numbers: FloatArray = vector.getArray(readonly=True)[self.rows]
         return numbers
 
@@ -104,7 +104,7 @@ class Rows:
         self.matrix.multAdd(self.scratch, force, force)
 
     def product(self, channels: FloatArray) -> float:
-        """This rank's share of xᵀρx; all ranks call it."""
+        """This rank's contribution to xᵀρx; collective."""
         if self.matrix is None:
             return float(self.diagonal @ np.square(channels))
         force = self.scratch.duplicate()
@@ -125,7 +125,7 @@ class Rows:
 
 
 def _rows_that_are_not_empty(matrix: Any) -> Any:
-    """The local rows with entries; `None` for a type whose rows cannot be looked at."""
+    """The local rows with entries; `None` for a matrix type whose rows cannot be inspected."""
     if matrix.getType() not in ("seqaij", "mpiaij", "seqbaij", "mpibaij"):
         return None
     starts, _, values = matrix.getValuesCSR()
@@ -147,7 +147,7 @@ class Dampers:
         self.index = np.arange(first, end)
 
     def gather(self, vector: Any) -> FloatArray:
-        """Bᵀ of a vector."""
+        """Bᵀ times a vector."""
         self.matrix.multTranspose(vector, self.scratch)
         return np.array(self.scratch.getArray(readonly=True))
 
@@ -157,7 +157,7 @@ class Dampers:
         self.matrix.multAdd(self.scratch, force, force)
 
     def product(self, channels: FloatArray) -> float:
-        """This rank's share of xᵀB diag(c) Bᵀx, with x seen by the dampers."""
+        """This rank's contribution to xᵀB diag(c) Bᵀx; the argument is Bᵀx."""
         return float(self.strength @ np.square(channels))
 
     def add_to(self, matrix: Any, weight: float) -> None:
@@ -176,13 +176,13 @@ class Damping:
     """One damping term on this rank.
 
     At the midpoint X_k = q_k + e_k/2 of a step the derivative is D X_k = w₀ (s_k + e_k/2) + r_k, where r_k is the memory's term and
-    the sample s_k + e_k/2 is what the memory acts on: the increment X_k − X_{k−1}, with s_k = e_{k−1}/2 known without a
-    subtraction, or the value X_k; less what Caputo's derivative leaves out. All of it lies in the channels of this rank.
+    the sample s_k + e_k/2 is either the increment X_k − X_{k−1}, with s_k = e_{k−1}/2 known without a subtraction, or the value
+    X_k; in both cases minus the terms that Caputo's derivative subtracts. All of these are in the channels of this rank.
     """
 
     def __init__(self, term: Term, kernels: Kernels, layout: Layout, vector: Any, probes: tuple[Any, Any]) -> None:
         self.term = term
-        # Checks of their own come first, on all ranks.
+        # The channels' own checks come first, on all ranks.
         self.channels: Rows | Dampers = Dampers(term, layout) if term.attached is not None else Rows(term, layout, vector, probes)
         error = None
         try:
@@ -198,16 +198,16 @@ class Damping:
         self.subtracts_position = term.derivative == "caputo" and term.kernel != Kernel.power(0.0).keys
 
     def begin(self, position: Any, velocity: Any) -> None:
-        """Notes how the motion starts; the velocity is needed where `subtracts_velocity`."""
+        """Sets the initial position and, needed if `subtracts_velocity`, the initial velocity."""
         count = len(self.channels.index)
         start = np.zeros(count) if self.subtracts_position else self.channels.gather(position)
         self.rest = self.channels.gather(position) - start
         self.rise = self.step * self.channels.gather(velocity) if self.subtracts_velocity else np.zeros(count)
-        # s_0: half a step of v₀ is left out up to the first midpoint, and a whole one from each to the next.
+        # s_0: for Caputo's form h v₀/2 is subtracted up to the first midpoint, and h v₀ between successive midpoints.
         self.known = start - 0.5 * self.rise
 
     def ask(self) -> BaseException | None:
-        """Asks the memory for what is known of D X_k: w₀ s_k + r_k. Returns what went wrong on this rank alone."""
+        """Computes the known part of D X_k: w₀ s_k + r_k. Returns an error of this rank, if any."""
         try:
             self.term_of_step = self.memory.next_term()[: len(self.known)] + self.leading * self.known
         except Exception as raised:
@@ -216,7 +216,7 @@ class Damping:
         return None
 
     def add_known(self, force: Any) -> None:
-        """Adds the force of it."""
+        """Adds the force of the known part."""
         self.channels.add_force(self.term_of_step, force)
 
     def add_force(self, increment: Any, force: Any) -> None:
@@ -225,13 +225,13 @@ class Damping:
         self.channels.add_force(self.term_of_step + self.leading * self.half, force)
 
     def energy(self, position: Any) -> float:
-        """½ K(0) (q − q*)ᵀρ (q − q*), this rank's share, with q* = 0 or, by Caputo's form, q₀; all ranks call it."""
+        """½ K(0) (q − q*)ᵀρ (q − q*), the contribution of this rank, with q* = 0 or, in Caputo's form, q₀; collective."""
         if self.term.spring == 0.0:
             return 0.0
         return 0.5 * self.term.spring * self.channels.product(self.channels.gather(position) - self.rest)
 
     def push(self) -> None:
-        """Takes the sample of the step whose force was asked for last."""
+        """Pushes the sample of the step whose force was computed last."""
         sample = self.known + self.half
         self.memory.push(np.concatenate([sample, np.zeros(self.padding)]))
         if self.on_values:
@@ -240,7 +240,7 @@ class Damping:
             self.known = self.half - self.rise
 
     def state(self) -> dict[str, Any]:
-        """What a checkpoint keeps of this rank."""
+        """The state of this rank for a checkpoint."""
         return {
             "index": self.channels.index,
             "known": self.known,
@@ -251,13 +251,13 @@ class Damping:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Takes over those of this rank's channels that a saved state of any rank has."""
+        """Restores those of this rank's channels that a saved state of any rank contains."""
         mine, saved = self.channels.index, state["index"]
         taken, to, first = np.intersect1d(mine, saved, assume_unique=True, return_indices=True)
         count = len(taken)
         if count == 0:
             return
-        # Both are in order, and what one rank has of another's channels has no gaps in either.
+        # Both are sorted, and the common channels of two ranks are contiguous in both.
         at, into = int(first[0]), int(to[0])
         if int(first[-1]) - at + 1 != count or int(to[-1]) - into + 1 != count:
             raise InputError(f"{self.term.place}: has other channels than in the checkpoint", self.term.place)
@@ -267,7 +267,7 @@ class Damping:
 
 
 def fresh(damping: list[Damping]) -> None:
-    """Room for the states of a checkpoint."""
+    """Empty arrays for the states of a checkpoint."""
     for term in damping:
         count = len(term.channels.index)
         term.known, term.rise, term.rest = np.zeros(count), np.zeros(count), np.zeros(count)

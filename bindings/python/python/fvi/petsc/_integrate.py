@@ -62,7 +62,7 @@ def integrate(
     resume: bool = False,
     progress: Progress | None = None,
 ) -> Result:
-    """Integrates M q̈ + K q = Σ f a(t) − Σ ρ D^β q, distributed by PETSc; every rank calls it.
+    """Integrates M q̈ + K q = Σ f a(t) − Σ ρ D^β q, distributed by PETSc; collective.
 
     The scheme is that of `fvi.integrate` for large systems: the midpoint rule, damped at its node with a backward differentiation
     formula, of order 2 and stable for every step.
@@ -70,32 +70,33 @@ def integrate(
     Parameters
     ----------
     mass : PETSc.Mat or PETSc.Vec
-        M: a symmetric positive definite matrix, or the diagonal of one. It says which rows each rank has; everything else is
-        distributed alike.
+        M: a symmetric positive definite matrix, or the diagonal of one. It determines the rows of each rank; all other arguments
+        must be distributed in the same way.
     stiffness : PETSc.Mat
-        K, symmetric. A near null space that is attached to it (rigid-body modes) goes to the preconditioner.
+        K, symmetric. A near null space attached to it (rigid-body modes) is passed to the preconditioner.
     position : PETSc.Vec or float
         q(0), or one number for all coordinates.
     step, steps, end : number
-        Step size h > 0, and either the number of steps or the end of the time.
+        Step size h > 0, and either the number of steps or the last time.
     momentum, velocity : PETSc.Vec or float, optional
-        p(0) = M v(0) or v(0); at rest without them.
+        p(0) = M v(0) or v(0); default: at rest.
     damping : Damping or list of Damping, optional
-        ρ in `coefficient` as a PETSc.Mat, a PETSc.Vec (the diagonal) or a number; or dampers, B in `attached` as a PETSc.Mat with a
-        column for each and their `strength` as numbers of all of them or a PETSc.Vec distributed as the columns.
+        ρ in `coefficient` as a PETSc.Mat, a PETSc.Vec (the diagonal) or a number; or dampers: B in `attached` as a PETSc.Mat with
+        a column for each, and `strength` as a sequence for all dampers or a PETSc.Vec distributed as the columns.
     loads : Load or list of Load, optional
-        Forces f a(t): the pattern a PETSc.Vec or ``{"coordinate": 17, "value": 1.0}``, the amplitude as in `fvi.Load`, the same on
-        all ranks.
+        Forces f a(t): the pattern is a PETSc.Vec or ``{"coordinate": 17, "value": 1.0}``; the amplitude is as in `fvi.Load` and
+        the same on all ranks.
     parameters : mapping of str to float, optional
         Named constants of the amplitudes.
     order : {1, 2}
         Order of the backward differentiation formula.
     tolerance, states, horizon, threads
-        Of the memory: relative error of its weights (without it, rounding), "f32" to keep its state in single precision, steps
-        that a run may be carried further to, threads of each rank.
+        Settings of the memory: relative error of its weights (default: rounding), "f32" to store its state in single precision,
+        largest number of steps to which the run may later be extended, threads of each rank.
     solver_tolerance : float
-        The residual r of the equations A e = b of each step has ‖r‖₂ ≤ solver_tolerance·‖b‖₂, or what rounding leaves of it where
-        that is more. It is looked at after the solver has ended, from the forces themselves, and corrected by further solutions.
+        The residual r of the equations A e = b of each step has ‖r‖₂ ≤ solver_tolerance·‖b‖₂, or the level of rounding where that
+        is larger. It is computed from the forces themselves after the solver has ended, and reduced by further solutions if
+        necessary.
     ksp : PETSc.KSP, optional
         A solver in place of conjugate gradients with PETSc's algebraic multigrid (GAMG). The latter takes options with the prefix
         ``fvi_``, such as ``-fvi_ksp_type preonly -fvi_pc_type cholesky``; the solver of the mass, for velocities and energies, with
@@ -103,21 +104,21 @@ def integrate(
     near_null_space : PETSc.NullSpace, optional
         Near null space of the step's matrix, in place of that of `stiffness`.
     every : int
-        A row every so many steps, and the last.
+        Number of steps between two rows; the last step always has a row.
     coordinates : iterable of int, optional
-        Which coordinates the rows have, counted over all ranks; without it all of up to 64, none of more.
+        Coordinates contained in the rows, counted over all ranks; default: all if there are at most 64, else none.
     energy : bool
-        Whether rows have the energy, which takes a solution with M for each. NaN otherwise.
+        Whether rows contain the energy, which requires a solution with M for each row; NaN otherwise.
     output : Output or path, optional
-        A directory for files, and which.
+        The output directory, and which files are written.
     checkpoint_every : int or str, optional
-        How often a checkpoint is written to `output`: a number of steps, a duration such as "10min", or "never". Without it every
+        How often a checkpoint is written to `output`: a number of steps, a duration such as "10min", or "never". Default: every
         minute, less often where writing takes more than a hundredth of the time.
     resume : bool
-        Whether to go on from the checkpoint in `output`, where there is one, on this or another number of ranks; `steps` or `end`
-        may be greater than they were.
+        Whether to continue from the checkpoint in `output`, if there is one, on the same or another number of ranks; `steps` or
+        `end` may be greater than they were.
     progress : callable, optional
-        Called on rank 0, about ten times a second, with the number of steps made and of all steps.
+        Called on rank 0, about ten times a second, with the number of steps made and the total number of steps.
 
     Returns
     -------
@@ -127,7 +128,7 @@ def integrate(
     Raises
     ------
     InputError
-        If an argument cannot be used: is not assembled, is distributed otherwise than the mass, differs between ranks, …
+        If an argument cannot be used: is not assembled, is distributed differently from the mass, differs between ranks, …
     StepError
         If the solver diverges or the motion is not finite; what was computed is in its `result`.
     KeyboardInterrupt
@@ -135,10 +136,10 @@ def integrate(
 
     Notes
     -----
-    Every exception is raised on all ranks. A rank that is killed ends the job, by MPI; its checkpoints stay.
+    Every exception is raised on all ranks. If a rank is killed MPI ends the job; checkpoints are kept.
     """
     candidates = [("mass", mass), ("stiffness", stiffness), ("position", position), ("momentum", momentum), ("velocity", velocity)]
-    # A rank that has no object of PETSc's has nobody to agree with: it says so at once.
+    # A rank without any PETSc object has no communicator for a common error, and raises at once.
     together = Together(given_as.communicator(candidates).Dup())
     run = _Run(
         together,
@@ -173,13 +174,13 @@ def integrate(
         result = run.make()
     finally:
         run.close()
-    # Ranks that are not all here would wait for each other in it.
+    # Not freed after an exception: the call is collective, and some ranks may not reach it.
     together.comm.Free()
     return result
 
 
 class _Run:
-    """The arguments, checked on all ranks, and what is made of them."""
+    """The arguments, checked on all ranks, and the objects built from them."""
 
     def __init__(self, together: Together, **given: Any) -> None:
         self.together = together
@@ -199,7 +200,7 @@ class _Run:
 
     @contextmanager
     def _agreeing(self) -> Iterator[None]:
-        """What may fail on one rank alone fails on all."""
+        """Context in which an error of one rank is raised on all."""
         error = None
         try:
             yield
@@ -208,7 +209,7 @@ class _Run:
         self.together.agree(error)
 
     def _check(self, **given: Any) -> None:
-        """Looks at everything that a rank can judge by itself."""
+        """Makes all checks that a rank can make by itself."""
         if not np.issubdtype(PETSc.ScalarType, np.floating) or np.dtype(PETSc.ScalarType) != np.float64:
             message = f"PETSc was built for {np.dtype(PETSc.ScalarType)}; fvi.petsc needs its real numbers in double precision"
             raise InputError(message, "mass", str(np.dtype(PETSc.ScalarType)))
@@ -291,7 +292,7 @@ class _Run:
         }
 
     def _prepare(self, given: Mapping[str, Any]) -> None:
-        """Makes memories, the matrix of the step and its solver: collective from here on."""
+        """Creates memories, the matrix of the step and its solver; collective from here on."""
         layout, together = self.layout, self.together
         self.checkpoints = None if self.directory is None else Checkpoints(self.directory, layout)
         manifest = None
@@ -341,7 +342,7 @@ class _Run:
         self._begin(manifest)
 
     def _length(self, manifest: Mapping[str, Any] | None) -> int:
-        """Samples that memories are made for; a run that is carried further keeps the tables that it began with."""
+        """Number of samples for which memories are made; an extended run keeps the tables that it began with."""
         wanted = max(self.steps + 1, self.horizon)
         if manifest is None:
             return wanted
@@ -358,7 +359,7 @@ class _Run:
         return begun
 
     def _begin(self, manifest: Mapping[str, Any] | None) -> None:
-        """Places the start, or the state of the checkpoint."""
+        """Sets the initial state, or that of the checkpoint."""
         stepper = self.stepper
         stepper.position.setArray(self.position)
         if self.starts_with_velocity:
@@ -483,7 +484,7 @@ class _Run:
         self.pace.written(self.made - self.begun_at, begin, time.perf_counter())
 
     def _result(self, failed: BaseException | None, message: str) -> Result:
-        """The result, the same on all ranks; and the files of the end."""
+        """Returns the result, the same on all ranks, and writes the final files."""
         assert self.rows is not None
         together, stepper = self.together, self.stepper
         seconds = {name: together.largest(value) for name, value in stepper.seconds.items()}
@@ -542,7 +543,7 @@ def _steps(step: float, steps: Any, end: Any) -> int:
 
 
 def _probes(like: Any, layout: Layout) -> tuple[Any, Any]:
-    """Two vectors of signs that do not depend on how rows are distributed."""
+    """Two vectors of random signs that do not depend on the distribution of rows."""
     rows = np.arange(layout.first, layout.end, dtype=np.uint64)
     made = []
     for salt in (0x9E3779B97F4A7C15, 0xD1B54A32D192ED03):

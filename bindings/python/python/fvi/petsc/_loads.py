@@ -1,4 +1,4 @@
-"""Loads: what they give to the momenta at both ends of each step."""
+"""Loads: their impulses on the momenta at both ends of each step."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Pattern:
 
 
 class Loads:
-    """Forces Σ f a(t). Amplitudes are read and taken as on one machine; each rank has its rows of the patterns."""
+    """Forces Σ f a(t). Amplitudes are read and integrated as on one machine; each rank has its rows of the patterns."""
 
     def __init__(self, given: Any, layout: Layout, step: float, parameters: Mapping[str, float] | None) -> None:
         self.step = step
@@ -55,7 +55,7 @@ class Loads:
         self.impulses: FloatArray = np.empty((2, 0))
 
     def take(self, step: int) -> BaseException | None:
-        """Takes the impulses of a step, from those of a block of steps. Returns what is wrong with them."""
+        """Selects the impulses of a step, which are computed for a block of steps. Returns an error, if any."""
         if self.compiled is None:
             return None
         if not self.first <= step < self.first + len(self.block):
@@ -78,12 +78,12 @@ class Loads:
                     numbers[pattern.rows] += impulse * pattern.numbers
 
     def norms(self, layout: Layout) -> list[float]:
-        """Euclidean norms of the patterns; all ranks call it."""
+        """Euclidean norms of the patterns; collective."""
         return [layout.norm(pattern.numbers) for pattern in self.patterns]
 
 
 def _compiled(amplitudes: list[Any], step: float, parameters: Mapping[str, float] | None) -> _fvi.Loads:
-    """The amplitudes, each as the force on a mass of its own."""
+    """The amplitudes, each as the force on one coordinate of a scenario."""
     count = len(amplitudes)
     files: dict[str, bytes] = {}
     loads = [
@@ -107,7 +107,7 @@ def _compiled(amplitudes: list[Any], step: float, parameters: Mapping[str, float
 
 
 def _text(amplitude: Any) -> str:
-    """What tells an amplitude from others."""
+    """A text that identifies an amplitude."""
     if isinstance(amplitude, str):
         return amplitude
     content = b"".join(np.ascontiguousarray(column, dtype=np.float64).tobytes() for column in amplitude)

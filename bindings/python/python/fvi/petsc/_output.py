@@ -1,4 +1,4 @@
-"""What a run leaves on the disk: rows, snapshots, and what ParaView needs to show them."""
+"""The files of a run: rows, snapshots, and files for ParaView."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ FORMATS = ("npz", "petsc")
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """The part of a mesh that a rank shows: with it snapshots are written for ParaView, too.
+    """The part of a mesh on a rank; with it snapshots are also written for ParaView.
 
     Parameters
     ----------
     points : array_like, shape (P, 3)
         The points of this rank's cells.
     cells : array_like of int, shape (C, corners)
-        For each cell the points at its corners, counted from 0 on this rank, in the order of VTK.
+        For each cell the points at its corners, counted from 0 on this rank, in VTK order.
     kind : {"segment", "triangle", "quadrilateral", "tetrahedron", "wedge", "hexahedron"}
-        What the cells are.
+        Type of the cells.
     rows : array_like of int, shape (P, 3)
         For each point the coordinates (rows of the matrices, counted over all ranks) that are its displacement; −1 where it is
-        held. They may be those of other ranks.
+        fixed. They may belong to other ranks.
     """
 
     points: ArrayLike
@@ -51,16 +51,16 @@ class Mesh:
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """Where the files of a run go, and which there are.
+    """The output directory of a run, and the files written.
 
     Parameters
     ----------
     directory : path
-        A directory that all ranks see: ``trajectory.npz``, ``summary.json``, ``checkpoint/`` and ``snapshots/``.
+        A directory that all ranks can access: ``trajectory.npz``, ``summary.json``, ``checkpoint/`` and ``snapshots/``.
     snapshots : int, optional
-        Keeps the whole state at the start and every so many steps.
+        Number of steps between two snapshots of the whole state, the first at the start; default: none.
     format : {"npz", "petsc"}
-        A NumPy file for each rank with the arrays t, first (its first row), q and p; or one of PETSc's binary files for all ranks
+        A NumPy file for each rank with the arrays t, first (its first row), q and p; or one PETSc binary file for all ranks
         with the vectors q and p.
     mesh : Mesh, optional
         Writes ``snapshots.xdmf`` and HDF5 files beside the snapshots. Needs h5py.
@@ -73,7 +73,7 @@ class Output:
 
 
 def whole_file(path: Path, write: Callable[[Any], object]) -> int:
-    """Writes a file atomically: beside its place, flushed to the disk, then renamed. Returns its size."""
+    """Writes a file atomically: under a temporary name, flushed to the disk, then renamed. Returns its size."""
     beside = path.with_name(path.name + ".part")
     with open(beside, "wb") as file:
         write(file)
@@ -85,7 +85,7 @@ def whole_file(path: Path, write: Callable[[Any], object]) -> int:
 
 
 def flush_directory(path: Path) -> None:
-    """Makes sure that renamed files keep their names."""
+    """Flushes the renames in a directory to the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -94,7 +94,7 @@ def flush_directory(path: Path) -> None:
 
 
 class Directory:
-    """The directory of a run, kept by rank 0 from other runs for as long as its process lives."""
+    """The directory of a run, locked by rank 0 against other runs while its process lives."""
 
     def __init__(self, path: str | os.PathLike[str], rank: int) -> None:
         self.path = Path(path)
@@ -126,7 +126,7 @@ class Rows:
         self.file: Any = None
 
     def begin(self, count: int) -> None:
-        """Keeps the first rows of a run that is gone on with, none of a new one. Rank 0 alone."""
+        """Keeps the first rows of a resumed run, none of a new one. On rank 0 only."""
         if self.path is None:
             return
         mode = "r+b" if count > 0 else "w+b"
@@ -139,7 +139,7 @@ class Rows:
         self.file.seek(0, os.SEEK_END)
 
     def add(self, time: float, position: Any, momentum: Any, energy: float) -> BaseException | None:
-        """Takes a row; all ranks call it. Returns what went wrong on this rank alone."""
+        """Appends a row; collective. Returns an error of this rank, if any."""
         together, count = self.layout.together, len(self.chosen)
         row = np.zeros(self.width)
         for begin, vector in ((1, position), (1 + count, momentum)):
@@ -169,7 +169,7 @@ class Rows:
         return np.array(self.rows).reshape(len(self.rows), self.width)
 
     def finish(self, table: FloatArray) -> None:
-        """Writes ``trajectory.npz`` in place of the rows that grew. Rank 0 alone."""
+        """Writes ``trajectory.npz`` from the growing file of rows. On rank 0 only."""
         if self.path is None:
             return
         count = len(self.chosen)
@@ -182,7 +182,7 @@ class Rows:
 
 
 class Snapshots:
-    """The whole state, now and then."""
+    """Snapshots of the whole state."""
 
     def __init__(self, output: Output, directory: Directory, layout: Layout, like: Any) -> None:
         self.every = _arrays.whole("output.snapshots", output.snapshots, 1)
@@ -198,7 +198,7 @@ class Snapshots:
         self.like = like
 
     def begin(self, step: int | None) -> None:
-        """Removes snapshots of steps that are still to be made: all of a run that begins anew. Rank 0 alone."""
+        """Removes snapshots of steps that are still to be made; for a new run all of them. On rank 0 only."""
         self.place.mkdir(exist_ok=True)
         for path in self.place.iterdir():
             number = path.name.partition(".")[0]
@@ -206,7 +206,7 @@ class Snapshots:
                 path.unlink()
 
     def prepare(self) -> None:
-        """Finds where the numbers that the mesh shows come from, and writes the mesh; all ranks call it."""
+        """Finds the ranks and rows of the displacements of the mesh, and writes the mesh; collective."""
         error = None
         if self.mesh is not None:
             self.mesh.connect(self.like)
@@ -217,7 +217,7 @@ class Snapshots:
         self.layout.together.agree(error)
 
     def add(self, step: int, time: float, position: Any, momentum: Any) -> BaseException | None:
-        """Keeps a state; all ranks call it. Returns what went wrong on this rank alone."""
+        """Writes a snapshot; collective. Returns an error of this rank, if any."""
         stem, error = f"{step:012d}", None
         if self.binary:
             viewer = PETSc.Viewer().createBinary(str(self.place / f"{stem}.part"), "w", comm=position.getComm())
@@ -225,7 +225,7 @@ class Snapshots:
             momentum.view(viewer)
             viewer.destroy()
             if self.layout.together.rank == 0:
-                # What PETSc writes beside it are options for a reader of its own.
+                # The file that PETSc writes beside it contains options for its own reader only.
                 (self.place / f"{stem}.part.info").unlink(missing_ok=True)
                 os.replace(self.place / f"{stem}.part", self.place / f"{stem}.petsc")
         shown = None if self.mesh is None else self.mesh.gather(position)
@@ -245,13 +245,13 @@ class Snapshots:
         return error
 
     def finish(self) -> None:
-        """Writes the file that ParaView opens. Rank 0 alone."""
+        """Writes the file that ParaView opens. On rank 0 only."""
         if self.mesh is not None:
             whole_file(self.place.with_name("snapshots.xdmf"), lambda file: file.write(_xdmf(self.place).encode()))
 
 
 class _Shown:
-    """A mesh, and where the displacements of its points come from."""
+    """A mesh, with the origin of the displacements of its points."""
 
     def __init__(self, mesh: Mesh, layout: Layout) -> None:
         try:
@@ -360,7 +360,7 @@ def _xdmf(place: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-# The name, and what else the element of the topology says.
+# For each type of cell its name in XDMF, and further attributes of the topology element.
 _TOPOLOGY = {
     "segment": 'Polyline" NodesPerElement="2',
     "triangle": "Triangle",

@@ -8,7 +8,7 @@ from typing import Any
 
 
 class Signals:
-    """Notes SIGINT, SIGTERM and SIGUSR1 in place of ending the process at once."""
+    """Records SIGINT, SIGTERM and SIGUSR1 instead of ending the process at once."""
 
     came = False
     name = ""

@@ -26,7 +26,7 @@ class Stepper:
         A e = p_k − h/2 (K q_k + Σ ρ (w₀ s_k + r_k)) + J₀ ,      A = M/h + h/4 (K + Σ w₀ ρ) ,
         q_{k+1} = q_k + e ,      p_{k+1} = p_k − h (K X_k + Σ ρ D X_k) + J₀ + J₁ ,      X_k = q_k + e/2 ,
 
-    J₀ and J₁ what loads give to the momenta at both ends of the step (a half of h F each, where F is smooth).
+    with J₀ and J₁ the impulses of the loads on the momenta at both ends of the step (h F/2 each, where F is smooth).
     Source: book/src/theory/node-form.md.
     """
 
@@ -90,11 +90,11 @@ class Stepper:
         self._check(self.mass_solver, "the mass")
 
     def energy(self) -> float:
-        """½ pᵀM⁻¹p + ½ qᵀKq, and that of the springs of kernels."""
+        """½ pᵀM⁻¹p + ½ qᵀKq, plus the energy of the springs of kernels."""
         velocity, product = self.scratch, self.force
         self.velocity(self.momentum, velocity)
         self.multiply_mass(velocity, product)
-        # 2 pᵀv − vᵀMv is pᵀM⁻¹p to the square of the solver's error.
+        # 2 pᵀv − vᵀMv differs from pᵀM⁻¹p by the square of the solver's error only.
         kinetic = float(self.momentum.dot(velocity)) - 0.5 * float(velocity.dot(product))
         self.stiffness.mult(self.position, product)
         energy = kinetic + 0.5 * float(self.position.dot(product))
@@ -102,14 +102,14 @@ class Stepper:
         return energy + self.together.sum(sum(term.energy(self.position) for term in springs)) if springs else energy
 
     def begin(self) -> None:
-        """Lets the damping note where the motion starts."""
+        """Passes the initial state to the damping terms."""
         if any(term.subtracts_velocity for term in self.damping):
             self.velocity(self.momentum, self.scratch)
         for term in self.damping:
             term.begin(self.position, self.scratch)
 
     def prepare(self, impulses: Any) -> BaseException | None:
-        """Makes the right-hand side; `impulses` adds J₀. Returns what went wrong on this rank alone."""
+        """Computes the right-hand side; `impulses` adds J₀. Returns an error of this rank, if any."""
         begin = time.perf_counter()
         self.stiffness.mult(self.position, self.force)
         error = None
@@ -128,7 +128,7 @@ class Stepper:
         return error
 
     def solve(self, impulses: Any, index: int) -> None:
-        """Solves for the increment, corrects it where its residual asks for it, and ends the step."""
+        """Solves for the increment, corrects it if its residual is too large, and completes the step."""
         place = f"step {index} (t = {index * self.step:g})"
         begin = time.perf_counter()
         self.solver.solve(self.right_hand_side, self.increment)
@@ -164,7 +164,7 @@ class Stepper:
         self.position.axpy(1.0, self.increment)
 
     def _balance(self, impulses: Any) -> float:
-        """Makes the forces at the midpoint, and what the equations of the step leave with them."""
+        """Computes the forces at the midpoint, and the residual of the equations of the step."""
         begin = time.perf_counter()
         self.scratch.waxpy(0.5, self.increment, self.position)
         self.stiffness.mult(self.scratch, self.force)
@@ -179,14 +179,15 @@ class Stepper:
         return norm
 
     def _rounding(self) -> float:
-        """What rounding in the residual itself may leave, as on one machine: 32 ε √A_ii max_j √A_jj (|e_j| + |q_j|) in each row."""
+        """Bound on the rounding errors of the residual itself, as on one machine: 32 ε √A_ii max_j √A_jj (|e_j| + |q_j|) in each
+        row."""
         e, q = self.increment.getArray(readonly=True), self.position.getArray(readonly=True)
         here = float((self.root_diagonal * (np.abs(e) + np.abs(q))).max(initial=0.0))
         largest = self.together.largest(here if np.isfinite(here) else 0.0)
         return float(32.0 * np.finfo(float).eps * np.sqrt(self.sum_of_diagonal) * largest)
 
     def push(self) -> None:
-        """Lets the memories take the step, on this rank alone."""
+        """Pushes the samples of the step to the memories; local to this rank."""
         begin = time.perf_counter()
         with self.memory_event:
             for term in self.damping:
@@ -224,7 +225,7 @@ def _matrix_of_step(mass: Any, stiffness: Any, damping: list[Damping], step: flo
 
 
 def _solver(matrix: Any, prefix: str, tolerance: float, preconditioner: str) -> Any:
-    """Conjugate gradients until the residual is a part of the tolerance, in the norm that is stated."""
+    """Conjugate gradients until the residual is a fraction of the tolerance, in the unpreconditioned norm."""
     solver = PETSc.KSP().create(matrix.getComm())
     solver.setOptionsPrefix(prefix)
     solver.setOperators(matrix)

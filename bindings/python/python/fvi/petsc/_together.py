@@ -1,4 +1,4 @@
-"""Errors and decisions that all ranks have in common."""
+"""Errors and decisions common to all ranks."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from fvi._errors import InputError
 class Together:
     """A communicator on which an error of one rank is raised by all.
 
-    A rank that raised alone would leave the others waiting for it in the next product or sum. So what may fail on one rank only is
-    caught there and brought to `agree`, which every rank calls at the same place.
+    If a rank raised alone, the others would wait for it in the next collective operation. An error that may occur on one rank
+    only is therefore caught there and passed to `agree`, which every rank calls at the same place.
     """
 
     def __init__(self, comm: Any) -> None:
@@ -26,7 +26,7 @@ class Together:
         self.size: int = comm.Get_size()
 
     def agree(self, error: BaseException | None, *wishes: bool) -> list[bool]:
-        """Raises the error of the lowest rank that has one, on all ranks; otherwise says which wishes some rank has."""
+        """Raises the error of the lowest rank with one, on all ranks; otherwise returns the requests made by any rank."""
         mine = np.array([0 if error is None else self.size - self.rank, *wishes], dtype=np.int64)
         all_of = np.empty_like(mine)
         self.comm.Allreduce(mine, all_of, op=MPI.MAX)
@@ -38,7 +38,7 @@ class Together:
         texts = self.comm.allgather(None if error is None else str(error))
         content = self.comm.bcast(_packed(error) if self.rank == first else None, root=first)
         common: BaseException = pickle.loads(content)
-        # Who is alone with an error wants to know it.
+        # If not all ranks have the same error, the message names the rank.
         if any(text != texts[first] for text in texts) and common.args and isinstance(common.args[0], str):
             common.args = (f"rank {first}: {common.args[0]}", *common.args[1:])
         raise common from error
@@ -60,8 +60,8 @@ class Together:
 
 
 def text_of(given: Any) -> str:
-    """What an argument says that all ranks have to say alike: numbers as they are, or a digest of many; only the kind of what is
-    distributed."""
+    """A text of an argument that must be equal on all ranks: the numbers, or a digest of many; for a distributed object only its
+    type."""
     if given is None or isinstance(given, (str, bool)):
         return repr(given)
     if isinstance(given, PETSc.Object):
@@ -73,7 +73,7 @@ def text_of(given: Any) -> str:
 
 
 def _packed(error: BaseException | None) -> bytes:
-    """An exception as bytes; one that cannot be sent as what it says."""
+    """An exception as bytes; for one that cannot be pickled its message."""
     try:
         content = pickle.dumps(error)
         if isinstance(pickle.loads(content), BaseException):

@@ -1,4 +1,4 @@
-//! From a graph to the plan of a program.
+//! Compilation of a graph to the plan of a program.
 
 use super::{Kind, Plan, Row, Run, SHORT, SMALL, STRIDE, Single, WINDOW, Window, Work};
 use crate::language::expression::Function;
@@ -8,7 +8,7 @@ use std::collections::HashMap;
 
 impl Plan {
     /// The plan of the program that computes `sums` and `entries` for q of length `coordinates`, and the
-    /// constants that it wants in the first registers.
+    /// constants for the first registers.
     pub(super) fn new(
         graph: &Graph,
         coordinates: usize,
@@ -20,12 +20,12 @@ impl Plan {
     }
 }
 
-/// Which operations are computed, in windows, each window in an order that makes long runs.
+/// The operations to be computed, in windows, each in an order with long runs.
 struct Schedule {
     windows: Vec<Vec<Value>>,
-    /// Of each value of the graph that is computed: its window.
+    /// Window of each computed value of the graph.
     window_of: Vec<Option<u32>>,
-    /// Of each value whose operation has a run with others of the same constant: that constant.
+    /// Constant of each value whose operation forms a run with others of the same constant.
     constant_of: Vec<Option<Value>>,
 }
 
@@ -39,7 +39,7 @@ impl Schedule {
         for (index, window) in order.chunks(WINDOW).enumerate() {
             let index = Some(u32::try_from(index).expect("fewer windows than values"));
             for &value in window {
-                // How long a value waits for others of its window.
+                // Depth of a value within its window.
                 let level = operands(graph, value)
                     .filter(|operand| window_of[operand.0 as usize] == index)
                     .map(|operand| level_of[operand.0 as usize] + 1)
@@ -59,7 +59,7 @@ impl Schedule {
                 values.iter().for_each(|value| constant_of[value.0 as usize] = many.then_some(constant));
             }
             let mut window = window.to_vec();
-            // Equal operations by their operands: sines and cosines of the same numbers then match.
+            // Equal operations sorted by their operands: sines and cosines of the same numbers then match.
             window.sort_by_key(|&value| {
                 let constant = constant_of[value.0 as usize];
                 let first = match (constant, constant_and_other(graph, value)) {
@@ -89,7 +89,7 @@ fn constant_and_other(graph: &Graph, value: Value) -> Option<(Value, Value)> {
     }
 }
 
-/// The operations that the outputs need, each after its operands and as late as its first use lets it.
+/// The operations that the outputs need, each after its operands and as late as its first use allows.
 fn needed(graph: &Graph, outputs: impl Iterator<Item = Value>) -> Vec<Value> {
     let mut order = Vec::new();
     let mut visited = vec![false; graph.len()];
@@ -126,15 +126,15 @@ fn operands(graph: &Graph, value: Value) -> impl Iterator<Item = Value> {
     operands.into_iter().take(arity)
 }
 
-/// Gives values their registers and writes the plan.
+/// Assigns registers to values and writes the plan.
 struct Assembly<'a> {
     graph: &'a Graph,
     schedule: &'a Schedule,
     plan: Plan,
     constants: Vec<f64>,
-    /// Of each value of the graph: its register for as long as the program runs, if it has one.
+    /// Register of each value of the graph for the whole program, if it has one.
     lasting: Vec<Option<u32>>,
-    /// Of each value computed: its register while its window lasts.
+    /// Register of each computed value during its window.
     passing: Vec<u32>,
 }
 
@@ -201,7 +201,7 @@ impl<'a> Assembly<'a> {
         (self.plan, self.constants)
     }
 
-    /// The operations one by one, where a run has fewer than [`SHORT`] of them in the mean.
+    /// The operations one by one, if runs have fewer than [`SHORT`] of them on average.
     fn singles(&self) -> Option<Vec<Single>> {
         let runs = &self.plan.runs;
         let operations: usize = runs.iter().map(|run| run.count).sum();
@@ -213,13 +213,14 @@ impl<'a> Assembly<'a> {
         singles.map(|singles| self.join_products(singles.concat()))
     }
 
-    /// Makes one operation of a function, or of a sine with its cosine, and the products with constants for
-    /// which alone it is computed.
+    /// Merges an operation of a function, or of a sine with its cosine, with the products by constants that
+    /// are its only uses.
     fn join_products(&self, mut singles: Vec<Single>) -> Vec<Single> {
         let Plan { constants, sums, entries, .. } = &self.plan;
         let is_output =
             |register: u8| sums.iter().chain(entries).any(|&(output, _)| output == u32::from(register));
-        // The product that alone reads a register, as its target and the register of its constant.
+        // The only operation that reads a register, if it is a product with a constant, as its target and the
+        // register of the constant.
         let product = |singles: &[Single], register: u8| {
             let mut readers = singles.iter().filter(|single| single.reads(register));
             let (reader, none) = (readers.next()?, readers.next());
@@ -255,13 +256,13 @@ impl<'a> Assembly<'a> {
         singles
     }
 
-    /// The register behind the constants, the time and the coordinates.
+    /// The register after the constants, the times and the coordinates.
     fn inputs_end(&self) -> u32 {
         let count = self.plan.first_variable() + self.plan.coordinates;
         u32::try_from(count).expect("fewer registers than 2³²")
     }
 
-    /// Registers for the constants that occur, then for the time and the variables.
+    /// Assigns registers to the constants that occur, to the times and to the variables.
     fn place_constants(&mut self, sums: &[(u32, Value)], entries: &[(u32, Value)]) {
         let graph = self.graph;
         let computed = self.schedule.windows.iter().flatten().flat_map(|&value| operands(graph, value));
@@ -289,7 +290,7 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    /// The outputs by the window in which they are computed; those that are inputs with the first.
+    /// The outputs by the window in which they are computed; outputs that are inputs are in the first.
     fn by_window(&self, outputs: &[(u32, Value)]) -> Vec<Vec<(u32, Value)>> {
         let mut sorted = vec![Vec::new(); self.schedule.windows.len()];
         for &(place, value) in outputs {
@@ -298,7 +299,7 @@ impl<'a> Assembly<'a> {
         sorted
     }
 
-    /// Where an output lies at the end of its window.
+    /// Register of an output at the end of its window.
     fn output(&self, value: Value) -> u32 {
         match self.schedule.window_of[value.0 as usize] {
             Some(_) => self.passing[value.0 as usize],
@@ -330,14 +331,14 @@ impl<'a> Assembly<'a> {
                 latest = latest.max(register);
                 self.plan.operands.push(register);
             }
-            // One more of the run, unless it reads what the run writes.
+            // The run is extended, unless the operation reads a result of the run.
             match self.plan.runs[first_run..].last_mut() {
                 Some(run)
                     if run.work == Work::One(operation) && goes_on && (latest as usize) < run.target =>
                 {
                     run.count += 1
                 }
-                // The next term of a sum: it adds to what was computed last.
+                // The next term of a sum: it is added to the last result.
                 Some(run)
                     if operation == Operation::Add
                         && self.plan.operands[start] + 1 == target
@@ -361,7 +362,7 @@ impl<'a> Assembly<'a> {
         self.join_sines_and_cosines(first_run);
     }
 
-    /// Makes one run of two where the cosines of the same numbers follow sines.
+    /// Merges two runs in which cosines follow sines of the same numbers.
     fn join_sines_and_cosines(&mut self, first_run: usize) {
         let operands = &self.plan.operands;
         let read = |run: &Run| &operands[run.operands..run.operands + run.count];

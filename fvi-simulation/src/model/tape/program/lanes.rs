@@ -1,15 +1,15 @@
-//! A program at several points at once.
+//! Evaluation of a program at several points at once.
 //!
-//! What the interpreter decides for an operation serves all of them.
+//! The interpreter dispatches an operation once for all points.
 
 use super::{Plan, Program, Run, Work};
 use crate::language::expression::{Elementary, Function};
 use crate::model::tape::operation::{Operation, scale};
 
-/// Points that are taken together.
+/// Number of points evaluated together.
 pub(in crate::model) const LANES: usize = 16;
 
-/// A number at each of these points.
+/// A number for each of these points.
 pub(in crate::model) type Lanes<T> = [T; LANES];
 
 /// Registers of one program at several points.
@@ -23,10 +23,10 @@ impl<T> Default for LaneRegisters<T> {
 }
 
 impl<T: Elementary> Program<T> {
-    /// What [`evaluate`](Self::evaluate) adds to the first of its `sums` at t = 0, at several points; the
-    /// bits are those of each by itself.
+    /// The first of the `sums` of [`evaluate`](Self::evaluate) at t = 0, at several points, with the same
+    /// bits as one by one.
     ///
-    /// `place` writes the variables. `registers` has served this program before, or none.
+    /// `place` writes the variables. `registers` must be new or have been used for this program only.
     pub(in crate::model::tape) fn first_sum_along(
         &self,
         registers: &mut LaneRegisters<T>,
@@ -68,7 +68,7 @@ impl Plan {
     }
 }
 
-/// A plan on registers that are prepared, for the vectors of the unit that calls it.
+/// Executes a plan on prepared registers, compiled for the vector unit of the caller.
 #[cfg(target_arch = "x86_64")]
 struct Execute<'a, T> {
     plan: &'a Plan,
@@ -86,13 +86,18 @@ impl<T: Elementary> pulp::NullaryFnOnce for Execute<'_, T> {
 }
 
 #[inline(always)]
-fn add<T: Elementary>(sum: &mut Lanes<T>, terms: &Lanes<T>) {
+fn add<T: Elementary, const L: usize>(sum: &mut [T; L], terms: &[T; L]) {
     sum.iter_mut().zip(terms).for_each(|(sum, &term)| *sum += term);
 }
 
 impl Run {
+    /// Evaluates the run at L points.
     #[inline(always)]
-    fn evaluate_along<T: Elementary>(&self, registers: &mut [Lanes<T>], operands: &[u32]) {
+    pub(super) fn evaluate_along<T: Elementary, const L: usize>(
+        &self,
+        registers: &mut [[T; L]],
+        operands: &[u32],
+    ) {
         if self.work == Work::RunningSum {
             let pairs = &operands.as_chunks::<2>().0[..self.count];
             let Some(&[first, _]) = pairs.first() else { return };
@@ -103,6 +108,7 @@ impl Run {
             }
             return;
         }
+        // Operands of a run were computed before: their registers precede those of the results.
         let (known, new) = registers.split_at_mut(self.target);
         let operation = match self.work {
             Work::One(operation) => operation,
@@ -146,7 +152,12 @@ impl Run {
 }
 
 #[inline(always)]
-fn unary<T: Copy>(known: &[Lanes<T>], new: &mut [Lanes<T>], operands: &[u32], of: impl Fn(T) -> T) {
+fn unary<T: Copy, const L: usize>(
+    known: &[[T; L]],
+    new: &mut [[T; L]],
+    operands: &[u32],
+    of: impl Fn(T) -> T,
+) {
     for (new, &x) in new.iter_mut().zip(operands) {
         for (new, &x) in new.iter_mut().zip(&known[x as usize]) {
             *new = of(x);
@@ -155,7 +166,12 @@ fn unary<T: Copy>(known: &[Lanes<T>], new: &mut [Lanes<T>], operands: &[u32], of
 }
 
 #[inline(always)]
-fn binary<T: Copy>(known: &[Lanes<T>], new: &mut [Lanes<T>], operands: &[u32], of: impl Fn(T, T) -> T) {
+fn binary<T: Copy, const L: usize>(
+    known: &[[T; L]],
+    new: &mut [[T; L]],
+    operands: &[u32],
+    of: impl Fn(T, T) -> T,
+) {
     for (new, &[x, y]) in new.iter_mut().zip(operands.as_chunks().0) {
         let read = known[x as usize].iter().zip(&known[y as usize]);
         for (new, (&x, &y)) in new.iter_mut().zip(read) {

@@ -1,0 +1,48 @@
+//! The keys of the tables for the integration of a system.
+
+/// Keys of `[initial]`.
+pub(super) const INITIAL: [&str; 4] = ["position", "momentum", "velocity", "past"];
+
+/// Keys of `[history]`.
+pub(super) const HISTORY: [&str; 7] =
+    ["engine", "tolerance", "horizon", "capacity", "overflow", "states", "threads"];
+
+/// Keys of `[output]`.
+pub(super) const OUTPUT: [&str; 6] =
+    ["every", "momentum", "coordinates", "snapshots", "times", "memory_energy"];
+
+/// Keys of `[scheme]`, for all kinds.
+const SCHEME: [&str; 5] = ["kind", "kappa", "degree", "quadrature", "points"];
+
+/// Keys of `[convolution]`, for all families.
+const CONVOLUTION: [&str; 6] = ["family", "symbol", "order", "stages", "at", "starting"];
+
+/// Keys of `[time]`, for all grids.
+const TIME: [&str; 16] = [
+    "grid",
+    "start",
+    "step",
+    "steps",
+    "end",
+    "must_hit",
+    "allow_unstable",
+    "energy_guard",
+    "exponent",
+    "first",
+    "ratio",
+    "longest",
+    "shortest",
+    "tolerance",
+    "scale",
+    "points",
+];
+
+/// The tables by name, each with its keys.
+pub const KEYS: [(&str, &[&str]); 6] = [
+    ("initial", &INITIAL),
+    ("scheme", &SCHEME),
+    ("convolution", &CONVOLUTION),
+    ("history", &HISTORY),
+    ("time", &TIME),
+    ("output", &OUTPUT),
+];

@@ -1,0 +1,385 @@
+//! Coordinates without mass: checks of the forces that hold them and of the scheme, and their positions at
+//! the start.
+
+use super::bad_mass;
+use crate::language::{InputError, Problem};
+use crate::model::{Equilibrium, MasslessRows, Matrix, Model, matrix};
+use crate::scenario::{ConvolutionFamily, DampedAt, Derivative, Quadrature, Scenario, Scheme};
+use fvi_core::{Instant, Mechanics};
+use fvi_sparse::{Analysis, FactorError, Pattern};
+use nalgebra::Complex;
+use std::borrow::Cow;
+
+/// Fraction of a diagonal entry above which a pivot is not rounding.
+const ROUNDING: f64 = 1e-13;
+
+/// Largest distance of a given position from the balance of forces, relative to the largest position.
+const GIVEN: f64 = 1e-6;
+
+/// Most means that a position at a grid point is made of.
+const MOST_MEANS: usize = 6;
+
+/// Coordinates without mass, with the forces that act on them at the start.
+struct Held {
+    rows: Vec<usize>,
+    /// Index of each coordinate among the rows.
+    places: Vec<Option<usize>>,
+    /// ∂²U/∂q² − ∂F/∂q, and −∂F/∂v if there is one.
+    stiffness: Matrix<f64>,
+    resistance: Option<Matrix<f64>>,
+    /// For each whether a damping term acts on it, whether one that grows with the frequency does, and
+    /// whether a velocity-dependent force does.
+    remembered: Vec<bool>,
+    creeping: Vec<bool>,
+    resisted: Vec<bool>,
+}
+
+/// The coordinates without mass of a scenario, and the scenario with the initial positions of those that are
+/// determined by the balance of forces alone. Scenarios with a mass for every coordinate are unchanged.
+///
+/// If z is held by stiffness alone, or by memories that yield at once to a jump of the force, z(0) follows
+/// from the other coordinates: G_z(0, q(0)) = 0. A given zero is replaced by this value, other given values
+/// must be near it. Dampers that resist a jump of z hold it at the given value.
+///
+/// # Errors
+/// If nothing holds one of them, or the scheme, the damping or another key needs its mass.
+pub(super) fn placed<'a>(scenario: &'a Scenario) -> Result<(Cow<'a, Scenario>, MasslessRows), InputError> {
+    let rows = scenario.system.massless();
+    if rows.is_empty() {
+        return Ok((Cow::Borrowed(scenario), MasslessRows::default()));
+    }
+    refuse_others(scenario, rows[0])?;
+    let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
+    let held = Held::new(scenario, rows, &mut model)?;
+    held.check_damping(scenario, &scenario.initial.position)?;
+    held.check_scheme(scenario)?;
+    held.check_hold(scenario)?;
+    let start = held.start(scenario)?;
+    if let Some(position) = &start {
+        held.check_damping(scenario, position)?;
+    }
+    let rows = held.sorted(scenario);
+    let Some(position) = start else { return Ok((Cow::Borrowed(scenario), rows)) };
+    let mut placed = scenario.clone();
+    placed.initial.position = position;
+    Ok((Cow::Owned(placed), rows))
+}
+
+/// Refuses `what` if a coordinate has no mass.
+pub(super) fn refuse(scenario: &Scenario, key: &str, what: &str) -> Result<(), InputError> {
+    match scenario.system.massless().first() {
+        None => Ok(()),
+        Some(row) => Err(refused(scenario, key, what, *row)),
+    }
+}
+
+fn refused(scenario: &Scenario, key: &str, what: &str, row: usize) -> InputError {
+    let with = format!("coordinate {row} (from 0), which has no mass (`system.mass`)");
+    let allowed = format!("{what} where every coordinate has a mass");
+    scenario.error_at(key, Problem::Incompatible { with, allowed })
+}
+
+/// Refuses settings that need the mass of every coordinate.
+fn refuse_others(scenario: &Scenario, row: usize) -> Result<(), InputError> {
+    let keys = [
+        (!scenario.cases.is_empty(), "case", "load cases"),
+        (scenario.initial.past.is_some(), "initial.past", "a past"),
+        (scenario.sensitivity.is_some(), "sensitivity", "sensitivities"),
+        (scenario.output.memory_energy, "output.memory_energy", "energies of memories"),
+    ];
+    match keys.iter().find(|(given, ..)| *given) {
+        Some((_, key, what)) => Err(refused(scenario, key, what, row)),
+        None => Ok(()),
+    }
+}
+
+impl Held {
+    fn new(scenario: &Scenario, rows: Vec<usize>, model: &mut Model<f64>) -> Result<Self, InputError> {
+        let size = scenario.coordinates();
+        let mut places = vec![None; size];
+        rows.iter().enumerate().for_each(|(place, &row)| places[row] = Some(place));
+        let position = scenario.initial.position.clone();
+        let instant = Instant::in_step(scenario.time.start, 0.5, scenario.time.step);
+        let (mut restoring, mut stiffness) = (vec![0.0; size], model.stiffness());
+        let mut resistance = None;
+        let mut resisted = vec![false; rows.len()];
+        if Mechanics::depends_on_velocity(model) {
+            let mut velocity = vec![0.0; size];
+            model.velocity(&scenario.initial.momentum, &mut velocity);
+            let mut at = |velocity: &[f64], stiffness: &mut Matrix<f64>| {
+                model.linearise_in_motion(instant, &position, velocity, &mut restoring, stiffness);
+                let mut resistance = stiffness.clone();
+                model.resistance(instant, &position, velocity, &mut resistance);
+                resistance
+            };
+            // The velocity is changed, so that velocity-dependent forces are found even where drag has no
+            // slope.
+            let elsewhere: Vec<f64> =
+                velocity.iter().enumerate().map(|(i, v)| v + 1.0 + 0.1 * (i as f64).sin()).collect();
+            let other = at(&elsewhere, &mut stiffness);
+            let here = at(&velocity, &mut stiffness);
+            for (row, _, entry) in here.entries().into_iter().chain(other.entries()) {
+                if let (Some(place), true) = (places[row], entry != 0.0) {
+                    resisted[place] = true;
+                }
+            }
+            let own = own_entries(&here, &places, rows.len());
+            if let Some(place) =
+                (0..rows.len()).find(|&place| resisted[place] && (own[place] <= 0.0 || own[place].is_nan()))
+            {
+                let reason = format!(
+                    "the force on coordinate {}, which has no mass, depends on a velocity and does not resist the one of this \
+                     coordinate at the start: −∂F/∂v is {} there",
+                    rows[place], own[place]
+                );
+                return Err(scenario.error_at("system.force", Problem::Unusable { reason }));
+            }
+            resistance = Some(here);
+        } else {
+            model.linearise(instant, &position, &mut restoring, &mut stiffness);
+        }
+        let (mut remembered, mut creeping) = (vec![false; rows.len()], vec![false; rows.len()]);
+        for term in &scenario.system.damping {
+            for (row, _, entry) in matrix::<f64>(&term.coefficient).entries() {
+                if let (Some(place), true) = (places[row], entry != 0.0) {
+                    remembered[place] = true;
+                    creeping[place] |= term.transfer.growth() > 0.0;
+                }
+            }
+        }
+        Ok(Self { rows, places, stiffness, resistance, remembered, creeping, resisted })
+    }
+
+    /// Refuses gyroscopic forces and dampings that need a mass, or leave where the motion begins open.
+    fn check_damping(&self, scenario: &Scenario, position: &[f64]) -> Result<(), InputError> {
+        let row_of = |row: usize| self.places[row].map(|_| row);
+        if let Some(skew) = &scenario.system.gyroscopic {
+            let turned = skew
+                .entries()
+                .iter()
+                .find_map(|&(row, _, entry)| row_of(row as usize).filter(|_| entry != 0.0));
+            if let Some(row) = turned {
+                return Err(refused(scenario, "system.gyroscopic", "gyroscopic forces", row));
+            }
+        }
+        for (index, term) in scenario.system.damping.iter().enumerate() {
+            let key = format!("system.damping[{index}]");
+            let entries = matrix::<f64>(&term.coefficient).entries();
+            let acts = entries.iter().find_map(|&(row, _, entry)| row_of(row).filter(|_| entry != 0.0));
+            let Some(row) = acts else { continue };
+            if term.transfer.growth() > 1.0 {
+                let what = "a kernel that grows faster than s (an order above 1), which is an inertia,";
+                return Err(refused(scenario, &key, what, row));
+            }
+            if term.derivative == Derivative::RiemannLiouville {
+                let force = term.coefficient.times(position);
+                if let Some(&row) = self.rows.iter().find(|&&row| force[row] != 0.0) {
+                    let reason = format!(
+                        "the Riemann–Liouville derivative of a position that is not 0 at the start pushes coordinate {row}, which has no \
+                         mass, without bound; `derivative = \"caputo\"` does not"
+                    );
+                    return Err(scenario.error_at(&key, Problem::Unusable { reason }));
+                }
+            }
+        }
+        // Whatever dampers hold must be held in every direction, or part of it would follow from forces.
+        if let Some(place) =
+            self.loose(scenario, &self.remembered).or_else(|| self.loose(scenario, &self.creeping))
+        {
+            let reason = format!(
+                "the damping couples coordinate {}, which has no mass, with others so that it resists some of their motions only; take \
+                 coordinates of which each is damped or not, such as the elongations of the dampers",
+                self.rows[place]
+            );
+            return Err(scenario.error_at("system.damping", Problem::Unusable { reason }));
+        }
+        Ok(())
+    }
+
+    /// A coordinate, of those that forces of the velocity or `these` dampers hold, on which they are not
+    /// positive definite.
+    fn loose(&self, scenario: &Scenario, these: &[bool]) -> Option<usize> {
+        let count = self.rows.len();
+        let damped: Vec<bool> = (0..count).map(|place| these[place] || self.resisted[place]).collect();
+        let mut entries = Vec::new();
+        let creeping_only = *these != *self.remembered;
+        for term in &scenario.system.damping {
+            if !creeping_only || term.transfer.growth() > 0.0 {
+                entries.extend(self.own_block(&matrix(&term.coefficient), 1.0));
+            }
+        }
+        entries.extend(self.resistance.iter().flat_map(|resistance| self.own_block(resistance, 1.0)));
+        entries.retain(|&(row, column, _)| damped[row] && damped[column]);
+        let others = (0..count).filter(|&place| !damped[place]);
+        entries.extend(others.map(|place| (place, place, 1.0)));
+        first_loose(count, &entries)
+    }
+
+    /// Refuses schemes whose equations do not determine coordinates without mass, or for which their errors
+    /// grow.
+    fn check_scheme(&self, scenario: &Scenario) -> Result<(), InputError> {
+        let convolution = &scenario.convolution;
+        let gauss = match scenario.scheme {
+            Scheme::Collocation => return Ok(()),
+            Scheme::LowOrder { kappa } => kappa == 0.5,
+            Scheme::Galerkin { degree, quadrature: Some(Quadrature::Gauss(points)) } => degree == points,
+            Scheme::Galerkin { .. } | Scheme::ExplicitEuler | Scheme::ImplicitEuler => false,
+        };
+        let row = self.rows[0];
+        let with = format!("coordinate {row} (from 0), which has no mass (`system.mass`)");
+        if !gauss || convolution.family.is_staged() {
+            let allowed = "\"low-order\" with `kappa` = 0.5, \"galerkin\" with as many Gauss points as its `degree` and a multistep \
+                           `[convolution]`, or \"collocation\""
+                .to_owned();
+            return Err(scenario.error_at("scheme", Problem::Incompatible { with, allowed }));
+        }
+        // Their positions at the end of a step would need the input there, which may change inside the step.
+        let held = |row: usize| {
+            self.places[row].is_some_and(|place| !self.remembered[place] && !self.resisted[place])
+        };
+        let driven = scenario.controllers.iter().flat_map(|controller| controller.drives.entries.iter());
+        let driven = driven.map(|&(row, _)| row as usize).find(|&row| held(row));
+        let pushed = scenario
+            .input
+            .as_ref()
+            .and_then(|input| self.rows.iter().copied().find(|&row| held(row) && input.pushes(row)));
+        for (key, row) in [("controller", driven), ("input", pushed)] {
+            if let Some(row) = row {
+                let with =
+                    format!("coordinate {row} (from 0), which has no mass and no damper: it pushes it");
+                let allowed = "forces on others, loads, or \"collocation\"".to_owned();
+                return Err(scenario.error_at(key, Problem::Incompatible { with, allowed }));
+            }
+        }
+        let Some(place) = self.remembered.iter().position(|&remembered| remembered) else { return Ok(()) };
+        let with = format!("damping of coordinate {} (from 0), which has no mass", self.rows[place]);
+        if convolution.at == DampedAt::MainNodes {
+            let allowed = "\"nodes\"".to_owned();
+            return Err(scenario.error_at("convolution.at", Problem::Incompatible { with, allowed }));
+        }
+        if scenario.time.grid.is_some() || scenario.time.adaptive().is_some() {
+            let allowed = "\"collocation\", or equal steps".to_owned();
+            return Err(scenario.error_at("scheme", Problem::Incompatible { with, allowed }));
+        }
+        Ok(())
+    }
+
+    /// Refuses coordinates that neither stiffness nor damping holds.
+    fn check_hold(&self, scenario: &Scenario) -> Result<(), InputError> {
+        let h = scenario.time.step;
+        let s = if h > 0.0 && h.is_finite() { h.recip() } else { 1.0 };
+        let mut entries = self.own_block(&self.stiffness, 1.0);
+        for term in &scenario.system.damping {
+            let value = term.transfer.value(Complex::new(s, 0.0)).re;
+            let factor = if value > 0.0 && value.is_finite() { value } else { 1.0 };
+            entries.extend(self.own_block(&matrix(&term.coefficient), factor));
+        }
+        entries.extend(self.resistance.iter().flat_map(|resistance| self.own_block(resistance, s)));
+        match first_loose(self.rows.len(), &entries) {
+            None => Ok(()),
+            Some(place) => {
+                let reason = format!(
+                    "mass 0 at coordinate {} (from 0), which neither stiffness nor damping holds at the start: their sum is not \
+                     positive definite on the coordinates without mass",
+                    self.rows[place]
+                );
+                Err(scenario.error_at("system.mass", Problem::Unusable { reason }))
+            }
+        }
+    }
+
+    /// The entries of a matrix between coordinates without mass, by their indices among these.
+    fn own_block(&self, matrix: &Matrix<f64>, factor: f64) -> Vec<(usize, usize, f64)> {
+        let places = &self.places;
+        let own =
+            |(row, column, entry): (usize, usize, f64)| Some((places[row]?, places[column]?, factor * entry));
+        matrix.entries().into_iter().filter_map(own).collect()
+    }
+
+    /// The position at the start, if it is not the one given.
+    fn start(&self, scenario: &Scenario) -> Result<Option<Vec<f64>>, InputError> {
+        let standing = |place: &usize| !self.creeping[*place] && !self.resisted[*place];
+        let rows: Vec<usize> = (0..self.rows.len()).filter(standing).map(|place| self.rows[place]).collect();
+        if rows.is_empty() {
+            return Ok(None);
+        }
+        // Springs in kernels are at rest where the motion begins, wherever that is.
+        let mut alone = scenario.clone();
+        alone.system.damping.clear();
+        let mut model = Model::<f64>::new(&alone).map_err(|error| bad_mass(scenario, &error))?;
+        let given = &scenario.initial.position;
+        let mut position = given.clone();
+        let instant = Instant::in_step(scenario.time.start, 0.0, scenario.time.step);
+        let input = scenario.input.as_ref().and_then(|input| input.at_step(0)).unwrap_or(&[]);
+        let motion = (&mut position, scenario.initial.momentum.as_slice());
+        if Equilibrium::new(rows.clone(), &model).find(&mut model, instant, input, motion).is_err() {
+            let reason = format!(
+                "no balance of the forces on coordinate {} and others without mass was found from there; give one that is nearer",
+                rows[0]
+            );
+            return Err(scenario.error_at("initial.position", Problem::Unusable { reason }));
+        }
+        let largest = position.iter().fold(0.0, |most: f64, number| most.max(number.abs()));
+        let far =
+            |row: &&usize| given[**row] != 0.0 && (given[**row] - position[**row]).abs() > GIVEN * largest;
+        if let Some(&row) = rows.iter().find(far) {
+            let reason = format!(
+                "coordinate {row} (from 0) has no mass and no damper that holds it: its forces balance at {}, {} is given, which is off \
+                 by {:e}; give that, or 0 to have it computed",
+                position[row],
+                given[row],
+                given[row] - position[row]
+            );
+            return Err(scenario.error_at("initial.position", Problem::Unusable { reason }));
+        }
+        Ok(Some(position))
+    }
+
+    fn sorted(self, scenario: &Scenario) -> MasslessRows {
+        if scenario.scheme == Scheme::Collocation {
+            return MasslessRows { all: self.rows, ..MasslessRows::default() };
+        }
+        let of = |wanted: &dyn Fn(usize) -> bool| {
+            let places = (0..self.rows.len()).filter(|&place| !self.resisted[place] && wanted(place));
+            places.map(|place| self.rows[place]).collect::<Vec<_>>()
+        };
+        let order = match scenario.convolution.family {
+            ConvolutionFamily::Bdf { order } => order,
+            _ => 2,
+        };
+        let means = order.min(2 * scenario.scheme_descriptor().unknowns).clamp(2, MOST_MEANS);
+        let held = of(&|place| !self.remembered[place]);
+        let remembered = of(&|place| self.remembered[place]);
+        MasslessRows { all: self.rows, held, remembered, means }
+    }
+}
+
+/// The diagonal entries of a matrix for the coordinates that have places.
+fn own_entries(matrix: &Matrix<f64>, places: &[Option<usize>], count: usize) -> Vec<f64> {
+    let mut own = vec![0.0; count];
+    for (row, column, entry) in matrix.entries() {
+        if let (Some(place), true) = (places[row], row == column) {
+            own[place] += entry;
+        }
+    }
+    own
+}
+
+/// The first coordinate at which the symmetric part of a matrix is not positive definite beyond rounding.
+fn first_loose(count: usize, entries: &[(usize, usize, f64)]) -> Option<usize> {
+    let diagonal = (0..count).map(|place| (place, place));
+    let both = entries.iter().flat_map(|&(row, column, _)| [(row, column), (column, row)]);
+    let pattern = Pattern::new(count, diagonal.chain(both).collect());
+    let mut values = vec![0.0; pattern.len()];
+    for &(row, column, entry) in entries {
+        values[pattern.slot(row, column)] += 0.5 * entry;
+        values[pattern.slot(column, row)] += 0.5 * entry;
+    }
+    for row in 0..count {
+        values[pattern.slot(row, row)] *= 1.0 - ROUNDING;
+    }
+    match Analysis::new(&pattern).factor(&pattern, &values) {
+        Err(FactorError::Pivot { coordinate, .. }) => Some(coordinate),
+        _ => None,
+    }
+}
