@@ -124,6 +124,9 @@ pub struct Cut {
 /// 0.9968.
 const NARROWEST: f64 = 0.01;
 
+/// Rates below this are none: powers of s over them are no numbers.
+const NO_RATE: f64 = 1e-140;
+
 /// A simple pole on the negative real axis: K(s) = `residue`/(s + `rate`) + …
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pole {
@@ -167,7 +170,7 @@ impl TransferFunction {
     pub fn tempered(order: f64, rate: f64) -> Result<Self, ParameterError> {
         check(order > 0.0 && order < 2.0, "order", order, "greater than 0 and less than 2")?;
         check(rate >= 0.0 && rate.is_finite(), "rate", rate, "at least 0 and finite")?;
-        if rate == 0.0 || order == 1.0 {
+        if rate < NO_RATE || order == 1.0 {
             return Self::power(order);
         }
         Ok(Self { form: Form::Tempered { order, rate } })
@@ -773,6 +776,7 @@ mod tests {
     fn special_cases_are_told_by_their_simplest_form() {
         let power = |order| TransferFunction::power(order).unwrap();
         assert_eq!(TransferFunction::tempered(0.5, 0.0).unwrap(), power(0.5));
+        assert_eq!(TransferFunction::tempered(1.5, 1e-300).unwrap(), power(1.5));
         assert_eq!(TransferFunction::tempered(1.0, 3.0).unwrap(), power(1.0));
         let debye = TransferFunction::prony(&[1.0], &[2.0]).unwrap();
         assert_eq!(TransferFunction::maxwell(1.0, 0.0, 2.0).unwrap(), debye);
