@@ -787,8 +787,8 @@ fn settings_that_contradict_themselves_are_refused() {
 
 #[test]
 fn a_slow_filter_comes_to_its_value_in_single_precision() {
-    // T = 10⁵ h: without what rounding took, the filter stands still 3·10⁻³ before the value, where its change
-    // is less than half a unit in the last place.
+    // T = 10⁵ h: without what rounding took, the filter stands still 3·10⁻³ before the value, where its
+    // change is less than half a unit in the last place.
     let settings = PidSettings {
         derivative_of: DerivativeOf::MeasuredRate,
         derivative_filter: DerivativeFilter::FirstOrder { time: 1.0 },

@@ -9,7 +9,7 @@
 //! |---|---|---|
 //! | [`PlainSum`] | O(N) | any weights; a window of them is the short-memory principle |
 //! | [`TextbookHls`] | O(log² N) | any weights |
-//! | [`PartitionedSum`] | O(√N) or O(log² N) | any weights ([`uniform_partition`], [`non_uniform_partition`]) |
+//! | [`PartitionedSum`] | O(√N), O(log² N) | any weights ([`uniform_partition`], [`non_uniform_partition`]) |
 //! | [`RelaxedProduct`] | O(log² N) | any weights |
 //! | [`FilterCascade`] | O(poles) | s^β, as a rational function ([`oustaloup`], [`matsuda`]) |
 //! | [`ExponentialModes`] | O(log N) | s^β by the L1 formula ([`jiang`], [`kernel_compression`]) |

@@ -252,9 +252,9 @@ impl Simulation {
     }
 
     /// Makes `steps` steps of the scenario's grid, and appends the states after them to the batch, which is
-    /// empty and contains the number of steps made before. If an energy costs as much as a step, it is computed
-    /// for rows that are written only, and the last one stands for the states after it. A `drive`, which
-    /// includes the inputs of the scenario, replaces them.
+    /// empty and contains the number of steps made before. If an energy costs as much as a step, it is
+    /// computed for rows that are written only, and the last one stands for the states after it. A `drive`,
+    /// which includes the inputs of the scenario, replaces them.
     ///
     /// # Errors
     /// [`StepError`] of the step after the last one in the batch; the simulation is then as before that step.

@@ -295,8 +295,8 @@ fn motions_have_the_orders_of_node_form_for_kernels_with_random_parameters() {
     for _ in 0..wanted("KERNELS", 16) {
         let transfer = random_kernel(&mut numbers);
         let (keys, strength) = (keys_of(&transfer), 10f64.powf(numbers() - 0.7));
-        // q̈ + 2q + ρ K(D) q = 0 from q = 1, Riemann–Liouville: q̂ = s/(s² + 2 + ρ K(s)), at three times, since
-        // the error passes zero at some.
+        // q̈ + 2q + ρ K(D) q = 0 from q = 1, Riemann–Liouville: q̂ = s/(s² + 2 + ρ K(s)), at three times,
+        // since the error passes zero at some.
         let exact = [1.0, 1.5, 2.0].map(|time| {
             (time, inverse_transform(time, |s| s / (s * s + 2.0 + strength * transfer.value(s))))
         });

@@ -302,3 +302,30 @@ fn what_cannot_be_answered_is_refused_with_its_reason() {
         assert!(text(&output.stderr).contains(reason), "{arguments:?}: {}", text(&output.stderr));
     }
 }
+
+#[test]
+fn a_response_about_a_kink_of_the_forces_comes_with_a_warning() {
+    let place = Workplace::new();
+    let warns = |potential: &str, position: &str| {
+        let scenario = format!(
+            "[system]\nmass = [1.0, 2.0]\npotential = \"{potential}\"\n[[system.damping]]\norder = 1\n\
+             coefficient = [0.1, 0.1]\n[time]\nstep = 0.1\nsteps = 10\n"
+        );
+        place.write("scenario.toml", &scenario);
+        let output = place.fvi(&["response", "scenario.toml", "--position", position, "--out", "out"]);
+        assert!(output.status.success(), "{potential}: {}", text(&output.stderr));
+        text(&output.stderr).contains("kink")
+    };
+    for (potential, position, kink) in [
+        ("q0^2 + q1^2 + abs(q0)", "0,0", true),
+        ("q0^2 + q1^2 + abs(q0)", "0.1,0", false),
+        // A spring that only pushes: its stiffness jumps.
+        ("q0^2 + q1^2 + 50*max(0, q0 - q1)^2", "0.3,0.3", true),
+        ("q0^2 + q1^2 + 50*max(0, q0 - q1)^2", "0.3,0.2", false),
+        // Smooth, however stiff, curved or far away.
+        ("1e9*q0^2 + q1^2 + q1^4", "1e3,-2", false),
+        ("-9.81*cos(q0) + 1e6*exp(3*(q1 - q0))", "0.5,0.7", false),
+    ] {
+        assert_eq!(warns(potential, position), kink, "{potential} at {position}");
+    }
+}

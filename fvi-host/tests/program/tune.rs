@@ -379,8 +379,8 @@ fn an_unstable_plant_is_tuned_although_unstable_loops_keep_the_bounds() {
             ms <= 2.0 + 1e-6 && (ms / number(&record, "margins.ms") - 1.0).abs() < 1e-4,
             "{structure}: {ms}"
         );
-        // Nyquist: with one growing motion of the plant and L(0) = −∞ (iω)^(−λ), 1 + L turns by π + λ π/2 on the
-        // way from ω = 0 to ∞, and by 2π less for each two motions of the loop that grow.
+        // Nyquist: with one growing motion of the plant and L(0) = −∞ (iω)^(−λ), 1 + L turns by π + λ π/2 on
+        // the way from ω = 0 to ∞, and by 2π less for each two motions of the loop that grow.
         let ends: Vec<Complex> =
             (0..40_000).map(|k| ONE.plus(open(1e-5 * (f64::from(k) * 5e-4).exp()))).collect();
         let turned: f64 = ends.windows(2).map(|pair| pair[1].times(pair[0].inverse()).phase()).sum();

@@ -182,6 +182,13 @@ pub fn respond(
     let omega = frequencies(scenario, options)?;
     let linearised = Linearised::new(scenario, position)?;
     let mut warnings = Vec::new();
+    if linearised.is_at_a_kink() {
+        warnings.push(
+            "the forces have a kink at this position, where they have no derivative: the response is that of one side, \
+             or lacks what has the kink; choose another `position`"
+                .to_owned(),
+        );
+    }
     if linearised.changes_with_time() {
         warnings.push("the stiffness changes with time: the response is that of t = 0".to_owned());
     }

@@ -330,6 +330,13 @@ fn judged(problem: &TuningProblem, law: Law, about: f64, stop: &AtomicBool) -> R
             sampled_margins.phase_margin.unwrap_or(f64::NAN)
         ));
     }
+    if plant.scenario().is_some_and(plant::ScenarioPlant::is_at_a_kink) {
+        warnings.push(
+            "the forces have a kink at the position of the plant, where they have no derivative: its stiffness is that \
+             of one side, or lacks what has the kink"
+                .to_owned(),
+        );
+    }
     if plant.scenario().is_some_and(plant::ScenarioPlant::changes_with_time) {
         warnings.push("the stiffness changes with time: the plant is that of t = 0".to_owned());
     }

@@ -349,7 +349,7 @@ mod tests {
         DoubleDouble::exact(value)
     }
 
-    /// a − b|, with the low parts of both.
+    /// |a − b|, with the low parts of both.
     fn apart(a: DoubleDouble, b: DoubleDouble) -> f64 {
         a.add(b.scale(-1.0)).to_f64().abs()
     }

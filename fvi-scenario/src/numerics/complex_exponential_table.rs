@@ -7,11 +7,12 @@
 //! F(ζ) = Σ_{n ≥ n₀} w_n ζ^{−(n−n₀)−1} ≈ Σ_j c_j/(ζ − ρ_j) ,        w_n ≈ Σ_j c_j ρ_j^{n−n₀} ,
 //! ```
 //!
-//! is approximated on the circle |ζ| = e^{1/N}, N the horizon, by the AAA algorithm: a quotient of barycentric
-//! sums with support points where the error was largest and coefficients of least squares. Samples lie between
-//! neighbouring support points, so that they crowd where poles are near. Support points come with their
-//! conjugates, so that all equations are real. The poles are eigenvalues, those outside of the circle are left
-//! out, and the residues follow from least squares anew. What the table is worth is measured weight by weight.
+//! is approximated on the circle |ζ| = e^{1/N}, N the horizon, by the AAA algorithm: a quotient of
+//! barycentric sums with support points where the error was largest and coefficients of least squares.
+//! Samples lie between neighbouring support points, so that they crowd where poles are near. Support points
+//! come with their conjugates, so that all equations are real. The poles are eigenvalues, those outside of
+//! the circle are left out, and the residues follow from least squares anew. What the table is worth is
+//! measured weight by weight.
 //!
 //! Sources: \[NST18\]; \[DNT24\] for samples between support points.
 

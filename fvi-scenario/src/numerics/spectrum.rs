@@ -89,7 +89,7 @@ impl Spectrum<'_> {
         sign * self.transfer.jump(d) * d * rate.powi(-(self.derivatives as i32))
     }
 
-    /// K| d/λ^d, the scale of the rounding error in the density of a formula.
+    /// |K| d/λ^d, the scale of the rounding error in the density of a formula.
     fn rounded(&self, cut: &Cut, d: f64) -> f64 {
         let rate = cut.start + d;
         let value = self.transfer.value(Complex::new(-rate, 0.0)).norm();

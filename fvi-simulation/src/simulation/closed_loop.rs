@@ -24,8 +24,8 @@ pub struct Contour {
     pub crossing: f64,
     /// The sum of all dead times in L.
     pub dead_time: f64,
-    /// Shift σ of the contour to the right: motions that grow more slowly than e^{σt} are not counted. Zero, or a
-    /// small number if the open loop may have motions that neither grow nor decay.
+    /// Shift σ of the contour to the right: motions that grow more slowly than e^{σt} are not counted. Zero,
+    /// or a small number if the open loop may have motions that neither grow nor decay.
     pub shift: f64,
 }
 

@@ -95,7 +95,7 @@ fn narrow(key: &str, time: f64, advice: &str) -> String {
     )
 }
 
-/// t − c|^e in words.
+/// |t − c|^e in words.
 fn like(singularity: &Singularity) -> String {
     let of = if singularity.time == 0.0 { "t".to_owned() } else { format!("|t − {}|", singularity.time) };
     match singularity.exponent() {

@@ -77,7 +77,8 @@ fn a_maxwell_element_with_a_massless_node_follows_its_exact_solution() {
     let memory = "[[system.damping]]\norder = 1.0\ncoefficient = [0.0, 2.5]";
     let force = "force = [\"0\", \"-2.5*v1\"]";
     // Dashpot, scheme, steps, and the order of all numbers with a node that starts at rest. One that does not
-    // has ż(0) ≠ 0 and no past: positions of masses keep the order, p and z have order 2 by multistep memories.
+    // has ż(0) ≠ 0 and no past: positions of masses keep the order, p and z have order 2 by multistep
+    // memories.
     let cases = [
         (memory, MIDPOINT, 64, 2.0, [2.0; 3]),
         (memory, TRAPEZOIDAL, 64, 2.0, [2.0; 3]),
@@ -267,7 +268,8 @@ fn refused_joint(z: f64) -> String {
 
 #[test]
 fn springs_in_kernels_are_at_rest_where_the_motion_begins() {
-    // K(s) = 2 + s/(1 + s) of z − z(0): at the start 4 (z − x) + 6 z = 1, and with x held by its mass for ever.
+    // K(s) = 2 + s/(1 + s) of z − z(0): at the start 4 (z − x) + 6 z = 1, and with x held by its mass for
+    // ever.
     let states = states(
         &scenario(&format!(
             "[system]\nmass = [1e12, 0.0]\npotential = \"2*(q0 - q1)^2 + 3*q1^2\"\nforce = [\"0\", \"1\"]\n\

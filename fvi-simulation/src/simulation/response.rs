@@ -33,6 +33,32 @@ pub struct Linearised {
     step: f64,
     /// Whether K changes with time.
     changes: bool,
+    /// Whether the forces have no derivative at the point.
+    kink: bool,
+}
+
+/// Whether forces, given with their derivatives by `linearised_at`, have none at a position: the difference
+/// of the forces at q ± δ is not δ (K₊ + K₋), or K₊ and K₋ differ, by 10⁻³. Of smooth forces both hold to
+/// O(δ).
+fn has_kink(position: &[f64], mut linearised_at: impl FnMut(&[f64]) -> (Vec<f64>, Matrix<f64>)) -> bool {
+    let largest = position.iter().fold(1.0, |largest: f64, number| largest.max(number.abs()));
+    // Coordinates move by different amounts: forces of differences of coordinates change, too.
+    let moved: Vec<f64> =
+        (0..position.len()).map(|i| 1e-6 * largest * (0.6 + 0.4 * (i as f64).cos())).collect();
+    let mut side = |sign: f64| {
+        let at: Vec<f64> = position.iter().zip(&moved).map(|(q, moved)| q + sign * moved).collect();
+        let (force, stiffness) = linearised_at(&at);
+        let mut product = vec![0.0; force.len()];
+        stiffness.entries().iter().for_each(|&(row, column, entry)| product[row] += entry * moved[column]);
+        (force, product)
+    };
+    let ((above, rise), (below, fall)) = (side(1.0), side(-1.0));
+    (0..position.len()).any(|i| {
+        let (change, expected) = (above[i] - below[i], rise[i] + fall[i]);
+        let scale = change.abs() + rise[i].abs() + fall[i].abs();
+        let rounding = 1e-12 * (above[i].abs() + below[i].abs());
+        (change - expected).abs().max((rise[i] - fall[i]).abs()) > 1e-3 * scale + rounding
+    })
 }
 
 /// Solver of A x = b for A = a M + k K + Σ r_m ρ_m.
@@ -67,7 +93,7 @@ impl Linearised {
         let size = scenario.coordinates();
         let end =
             if scenario.time.adaptive().is_some() { 1.0 } else { scenario.time.time(scenario.time.steps) };
-        let mut stiffness_at = |time: f64| {
+        let mut linearised_at = |time: f64, position: &[f64]| {
             let mut stiffness = model.stiffness();
             let mut restoring = vec![0.0; size];
             model.linearise(
@@ -76,15 +102,17 @@ impl Linearised {
                 &mut restoring,
                 &mut stiffness,
             );
-            stiffness
+            (restoring, stiffness)
         };
-        let stiffness = stiffness_at(0.0);
+        let (_, stiffness) = linearised_at(0.0, position);
         let entries = stiffness.entries();
         if entries.iter().any(|(.., entry)| !entry.is_finite()) {
             let problem = Problem::NotFinite { what: "the stiffness", place: format!("q = {position:?}") };
             return Err(scenario.error_at("system", problem));
         }
-        let changes = [0.37, 0.71, 1.0].iter().any(|part| stiffness_at(part * end).entries() != entries);
+        let changes =
+            [0.37, 0.71, 1.0].iter().any(|part| linearised_at(part * end, position).1.entries() != entries);
+        let kink = has_kink(position, |position| linearised_at(0.0, position));
         let mass = matrix::<f64>(&scenario.system.mass);
         let terms = &scenario.system.damping;
         let damping: Vec<_> = terms.iter().map(|term| matrix::<f64>(&term.coefficient)).collect();
@@ -120,7 +148,7 @@ impl Linearised {
             }
             Ok(scheme)
         });
-        Ok(Self { size, transfers, equations, scheme, step: scenario.time.step, changes })
+        Ok(Self { size, transfers, equations, scheme, step: scenario.time.step, changes, kink })
     }
 
     /// Whether ∂²U/∂q² − ∂F/∂q changes with time; the response is then that of t = 0.
@@ -128,6 +156,13 @@ impl Linearised {
         self.changes
     }
 
+    /// Whether the forces have no derivative at the position, as ∂|q|/∂q at q = 0 has none; the response is
+    /// then that of the stiffness on one side of it, or of none.
+    pub fn is_at_a_kink(&self) -> bool {
+        self.kink
+    }
+
+    /// H(ω) = (−ω²M + K + Σ_m ρ_m K_m(iω))⁻¹, the column of one input: displacements under a force e^{iωt} on
     /// the coordinate `input`. For kernels given by weights K_m is known up to ω = π/h.
     ///
     /// # Errors

@@ -343,6 +343,11 @@ impl ScenarioPlant {
         self.linearised.changes_with_time()
     }
 
+    /// Whether its forces have no derivative at the position about which it is linearised.
+    pub fn is_at_a_kink(&self) -> bool {
+        self.linearised.is_at_a_kink()
+    }
+
     fn at(&self, s: Complex<f64>) -> Option<(Complex<f64>, Complex<f64>)> {
         let (position, logarithm) = self.linearised.transfer(s, &self.load).ok()?;
         let velocity: Vec<_> = position.iter().map(|q| q * s).collect();

@@ -15,7 +15,7 @@ pub struct SystemPole {
 }
 
 impl SystemPole {
-    /// s|, the angular frequency of the corresponding undamped motion.
+    /// |s|, the angular frequency of the corresponding undamped motion.
     pub fn frequency(&self) -> f64 {
         self.place.norm()
     }
