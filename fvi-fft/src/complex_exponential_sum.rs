@@ -362,7 +362,8 @@ mod tests {
                 memory.next_term(&mut expected).unwrap();
                 assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits), "{k}");
                 if memory.len() < 50 {
-                    (before.push(&sample).unwrap(), memory.push(&sample).unwrap());
+                    before.push(&sample).unwrap();
+                    memory.push(&sample).unwrap();
                 }
             }
             for other in [build(9, 1), build(10, 2)] {

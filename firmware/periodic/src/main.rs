@@ -20,6 +20,9 @@ mod constants {
 
 systick_monotonic!(Mono, 1000);
 
+/// A time of the clock of the tasks.
+type Instant = <Mono as rtic_monotonics::Monotonic>::Instant;
+
 /// Ticks per second.
 const SECOND: u32 = 1000;
 
@@ -64,7 +67,9 @@ mod app {
         // The clock of the emulated processor.
         Mono::start(cx.core.SYST, 25_000_000);
         let Ok(axis) = Axis::new() else { end(debug::EXIT_FAILURE) };
-        if control::spawn().is_err() || operator::spawn().is_err() {
+        // Both tasks count from one instant: how long the first tick takes does not shift the operator.
+        let start = Mono::now();
+        if control::spawn(start).is_err() || operator::spawn(start).is_err() {
             end(debug::EXIT_FAILURE);
         }
         (Shared { setpoint: 3.0 }, Local { axis })
@@ -72,9 +77,9 @@ mod app {
 
     /// The control task, every millisecond, with a higher priority than the operator.
     #[task(shared = [setpoint], local = [axis], priority = 2)]
-    async fn control(mut cx: control::Context) {
+    async fn control(mut cx: control::Context, start: Instant) {
         let axis = cx.local.axis;
-        let mut next = Mono::now();
+        let mut next = start;
         for tick in 0..=6 * SECOND {
             let setpoint = cx.shared.setpoint.lock(|setpoint| *setpoint);
             // A refused tick has changed nothing: the drive keeps its output.
@@ -90,8 +95,8 @@ mod app {
 
     /// Changes the setpoint, and sets it back to 1 after three and a half seconds.
     #[task(shared = [setpoint], priority = 1)]
-    async fn operator(mut cx: operator::Context) {
-        Mono::delay(3500.millis()).await;
+    async fn operator(mut cx: operator::Context, start: Instant) {
+        Mono::delay_until(start + 3500.millis()).await;
         cx.shared.setpoint.lock(|setpoint| *setpoint = 1.0);
     }
 }
