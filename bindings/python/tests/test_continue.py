@@ -230,7 +230,6 @@ def test_a_start_shifts_the_time():
         (dict(start=1.0, end=0.5, steps=None), "end"),
         (dict(start=1.0, times=[0.5]), "times"),
         (dict(start=1.0, scheme="collocation", grid="graded", exponent=2.0, step=None, end=2.0), "start"),
-        (dict(start=1.0, sensitivities=["system.damping[0].order"]), "sensitivities"),
         (dict(past=3.0), "past"),
         (dict(past=(-1.02, lambda t: [0.0, 0.0])), "past[0]"),
         (dict(past=(0.0, lambda t: [0.0, 0.0])), "past[0]"),

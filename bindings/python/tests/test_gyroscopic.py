@@ -78,7 +78,7 @@ def test_nonlinear_potentials_sparse_matrices_and_models_take_them():
         (dict(scheme="explicit-euler"), "scheme"),
         (dict(scheme="galerkin", degree=2, quadrature="lobatto"), "scheme"),
         (dict(scheme="galerkin", degree=2, damping=fvi.Damping(0.5, [1.0, 1.0])), "scheme"),
-        (dict(sensitivities=["system.stiffness[0]"]), "sensitivities"),
+        (dict(sensitivities=["system.gyroscopic[0][0]"]), "sensitivities[0]"),
     ],
 )
 def test_what_cannot_be_used_is_named(change, key):
