@@ -81,6 +81,11 @@ impl<T: Real> Directions<T> {
         }
     }
 
+    /// Whether G is the identity.
+    fn are_all(&self) -> bool {
+        matches!(self, Self::All(_))
+    }
+
     /// G x, for each of the motions in x, N coordinates each, one after another.
     fn take(&self, x: &[T], coordinates: usize, out: &mut [T]) {
         let copies = x.chunks_exact(coordinates.max(1)).zip(out.chunks_exact_mut(self.count().max(1)));
@@ -177,13 +182,16 @@ impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
         self.terms.first().map_or(0, |term| term.rho.size())
     }
 
-    /// Applies G to the sample, and resizes the buffers.
+    /// Resizes the buffers, and applies G to the sample unless G is the identity.
     fn take(&mut self, sample: &Sample<'_, T>) {
-        let (count, nodes, coordinates) = (self.count, sample.fractions.len(), self.coordinates());
-        self.directions.take(sample.from, coordinates, &mut self.from);
-        take_each(&self.directions, sample.behind, coordinates, &mut self.behind);
+        let (count, nodes) = (self.count, sample.fractions.len());
         self.known.resize(count * nodes * self.terms.len(), T::zero());
         self.scratch.resize(count * (nodes + 1), T::zero());
+        if !self.directions.are_all() {
+            let coordinates = self.coordinates();
+            self.directions.take(sample.from, coordinates, &mut self.from);
+            take_each(&self.directions, sample.behind, coordinates, &mut self.behind);
+        }
     }
 }
 
@@ -214,7 +222,8 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
         let Self {
             terms, directions, count, channels, from, behind, known: of_terms, scratch, vector, ..
         } = self;
-        let of_channels = Sample { from, behind, ..*sample };
+        let of_channels =
+            if directions.are_all() { Sample { ..*sample } } else { Sample { from, behind, ..*sample } };
         channels.memory_terms(&of_channels, of_terms)?;
         let nodes = sample.fractions.len();
         let coordinates = sample.from.len().max(1);
@@ -266,6 +275,9 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
 
     fn push(&mut self, sample: &Sample<'_, T>, increments: &[T], _: &mut [T]) -> Result<(), MemoryError> {
         self.take(sample);
+        if self.directions.are_all() {
+            return self.channels.push(sample, increments, &mut self.scratch);
+        }
         take_each(&self.directions, increments, self.coordinates(), &mut self.increments);
         let of_channels = Sample { from: &self.from, behind: &self.behind, ..*sample };
         self.channels.push(&of_channels, &self.increments, &mut self.scratch)
