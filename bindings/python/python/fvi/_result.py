@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -254,7 +254,8 @@ class Result:
         v = self.v
         if np.isnan(v).any():
             # Coordinates without mass: slopes of the rows.
-            v = np.where(np.isnan(v), np.gradient(self.q, self.t, axis=0, edge_order=min(2, len(self.t) - 1)), v)
+            order: Literal[1, 2] = 1 if len(self.t) == 2 else 2
+            v = np.where(np.isnan(v), np.gradient(self.q, self.t, axis=0, edge_order=order), v)
         row = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
         length = (self.t[row + 1] - self.t[row])[..., None]
         s = (times - self.t[row])[..., None] / length
