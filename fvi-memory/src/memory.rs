@@ -20,7 +20,9 @@ use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
     ParameterError, RungeKutta, SavedChannels, StateError, StateReader, StateWriter,
 };
-use fvi_fft::{Engines, VectorVariableSteps, Vectorised, WIDE_KERNELS, Weights, WideExponentialSum};
+use fvi_fft::{
+    ComplexExponentials, Engines, VectorVariableSteps, Vectorised, WIDE_KERNELS, Weights, WideExponentialSum,
+};
 use fvi_scenario::with_staged_method;
 use std::sync::Arc;
 
@@ -49,6 +51,11 @@ impl<T> HostMemory<T> {
     /// The engine that it is.
     pub fn engine(&self) -> Engine {
         self.engine
+    }
+
+    /// The engine itself, where it is called through a pointer anyway: one call less for a term or a sample.
+    pub fn into_engine(self) -> fvi_fft::Engine<T> {
+        self.memory
     }
 }
 
@@ -97,6 +104,16 @@ pub struct MemoryRequest<'a> {
     pub given: bool,
     /// The requested engine, and its settings.
     pub history: &'a History,
+}
+
+/// Weights of a multistep rule as a sum of exponentials.
+#[derive(Clone, Debug)]
+pub enum SumTable {
+    /// Real exponentials; the tolerance is the error of each weight relative to itself.
+    Real(Arc<ExponentialKernel>),
+    /// Exponentials in complex-conjugate pairs; the tolerance is the error of each weight relative to the
+    /// largest one, and of all together.
+    Pairs(Arc<ComplexExponentials>),
 }
 
 /// Why an engine cannot serve a request.
@@ -431,40 +448,65 @@ impl MemoryRequest<'_> {
                 _ => self.transfer_weights(engine, rule),
             },
             Engine::ExponentialSum | Engine::ExponentialSumCore => {
-                if self.transfer.table().is_some() {
-                    let reason = "weights do not tell the kernel K(s), whose exponentials it takes: take \"direct\", \"block-fft\" or \
-                                  \"real-time\"";
-                    return Err(EngineError::Unsuited { engine, reason });
-                }
-                let horizon = self.horizon()?;
-                let kernel = match rule {
-                    MultistepRule::Bdf(order) => self.exponentials(order, horizon, tables),
-                    MultistepRule::Trapezoidal if self.may_oscillate(engine) => {
-                        let (tolerance, reached) = (self.table_tolerance(), f64::INFINITY);
-                        Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }.into())
+                match self.sum_table(engine, rule, tables)? {
+                    SumTable::Pairs(table) => {
+                        Ok(self.host(T::complex_exponential_sum(&table, self.coordinates)?, engine))
                     }
-                    MultistepRule::Trapezoidal => {
-                        let reason = "the weights of the trapezoidal rule alternate in sign and do not fall off: take \"direct\", \
-                                      \"block-fft\" or \"real-time\"";
-                        Err(EngineError::Unsuited { engine, reason })
+                    SumTable::Real(kernel) if engine == Engine::ExponentialSumCore => {
+                        self.core_exponential_sum(kernel.table())
                     }
-                };
-                let kernel = match kernel {
-                    Err(EngineError::Table(missed)) if self.may_oscillate(engine) => {
-                        return self.complex_exponential_sum(rule, tables, missed);
-                    }
-                    other => other?,
-                };
-                match engine {
-                    Engine::ExponentialSumCore => self.core_exponential_sum(kernel.table()),
-                    _ => self.exponential_sum_of_numbers(&kernel.table().borrow()),
+                    SumTable::Real(kernel) => self.exponential_sum_of_numbers(&kernel.table().borrow()),
                 }
             }
         }
     }
 
+    /// The table of an exponential sum for weights of a multistep rule, as the memory takes it.
+    ///
+    /// # Errors
+    /// If there is no such table, or the quadrature is a Runge–Kutta family.
+    pub fn exponentials(&self, engine: Engine, tables: &Tables) -> Result<SumTable, EngineError> {
+        let Some(rule) = self.convolution.family.multistep()? else {
+            let reason = "its weights are matrices";
+            return Err(EngineError::Unsuited { engine, reason });
+        };
+        self.sum_table(engine, rule, tables)
+    }
+
+    fn sum_table(
+        &self,
+        engine: Engine,
+        rule: MultistepRule,
+        tables: &Tables,
+    ) -> Result<SumTable, EngineError> {
+        if self.transfer.table().is_some() {
+            let reason = "weights do not tell the kernel K(s), whose exponentials it takes: take \"direct\", \"block-fft\" or \
+                 \"real-time\"";
+            return Err(EngineError::Unsuited { engine, reason });
+        }
+        let horizon = self.horizon()?;
+        let kernel = match rule {
+            MultistepRule::Bdf(order) => self.real_exponentials(order, horizon, tables),
+            MultistepRule::Trapezoidal if self.may_oscillate(engine) => {
+                let (tolerance, reached) = (self.table_tolerance(), f64::INFINITY);
+                Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }.into())
+            }
+            MultistepRule::Trapezoidal => {
+                let reason = "the weights of the trapezoidal rule alternate in sign and do not fall off: take \"direct\", \
+                     \"block-fft\" or \"real-time\"";
+                Err(EngineError::Unsuited { engine, reason })
+            }
+        };
+        match kernel {
+            Err(EngineError::Table(missed)) if self.may_oscillate(engine) => {
+                self.complex_pairs(rule, tables, missed).map(SumTable::Pairs)
+            }
+            other => other.map(SumTable::Real),
+        }
+    }
+
     /// The table of real exponentials.
-    fn exponentials(
+    fn real_exponentials(
         &self,
         order: BdfOrder,
         horizon: usize,
@@ -486,13 +528,13 @@ impl MemoryRequest<'_> {
         may && engine == Engine::ExponentialSum && !self.transfer.is_relaxation()
     }
 
-    /// A memory of exponentials in complex pairs; `missed` is why there are no real ones.
-    fn complex_exponential_sum<T: Engines>(
+    /// The table of exponentials in complex pairs; `missed` is why there are no real ones.
+    fn complex_pairs(
         &self,
         rule: MultistepRule,
         tables: &Tables,
         missed: ExponentialKernelError,
-    ) -> Result<HostMemory<T>, EngineError> {
+    ) -> Result<Arc<ComplexExponentials>, EngineError> {
         let (tolerance, on_increments) = (self.table_tolerance(), self.acts_on() != ActsOn::Values);
         let reach = self
             .history
@@ -509,21 +551,17 @@ impl MemoryRequest<'_> {
                 .map(|(table, _)| table)
                 .map_err(EngineError::from)
         });
-        let table = match (table, missed) {
+        match (table, missed) {
             // Of both tables the error of the better one.
             (
                 Err(EngineError::Table(ExponentialKernelError::ToleranceMissed { reached, tolerance })),
                 ExponentialKernelError::ToleranceMissed { reached: real, .. },
             ) => {
                 let reached = reached.min(real);
-                return Err(EngineError::Table(ExponentialKernelError::ToleranceMissed {
-                    tolerance,
-                    reached,
-                }));
+                Err(EngineError::Table(ExponentialKernelError::ToleranceMissed { tolerance, reached }))
             }
-            (table, _) => table?,
-        };
-        Ok(self.host(T::complex_exponential_sum(&table, self.coordinates)?, Engine::ExponentialSum))
+            (table, _) => table,
+        }
     }
 
     /// A memory that sums weights of s^β.

@@ -3,13 +3,14 @@
 use std::any::Any;
 use std::hint::black_box;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::slice;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use fvi_core::{Memory, Real};
+use fvi_core::{Memory, MemoryError, Real};
 use fvi_fft::baseline::OfflineFft;
 
 use crate::strategy::{AnyMemory, Declined, Flops, Made, Maker, Strategy, Task, Trouble};
@@ -41,7 +42,7 @@ enum Job {
 
 /// Answer of the thread.
 enum Answer {
-    Made { setup_ns: f64, own_weights: Option<Arc<Vec<f64>>>, flops: Flops },
+    Made(Making),
     Declined(Declined),
     Terms { terms: Vec<f64>, bytes: usize },
     Times(Timed),
@@ -63,6 +64,7 @@ pub(crate) struct Making {
     pub(crate) setup_ns: f64,
     pub(crate) own_weights: Option<Arc<Vec<f64>>>,
     pub(crate) flops: Flops,
+    pub(crate) promises: bool,
 }
 
 /// A strategy in a race.
@@ -108,7 +110,7 @@ impl Contestant {
 
     pub(crate) fn make(&self, task: &Task) -> Result<Result<Making, Declined>, Left> {
         match self.ask(Job::Make(task.clone()))? {
-            Answer::Made { setup_ns, own_weights, flops } => Ok(Ok(Making { setup_ns, own_weights, flops })),
+            Answer::Made(making) => Ok(Ok(making)),
             Answer::Declined(declined) => Ok(Err(declined)),
             _ => Err("it answered something else".to_owned()),
         }
@@ -155,9 +157,9 @@ fn serve(make: &Maker, jobs: &Receiver<Job>, answers: &Sender<Answer>, abandoned
                     Ok(Made { memory: any, .. }) if any.channels() != task.channels => Answer::Failed(
                         format!("its memory has {} channels instead of {}", any.channels(), task.channels),
                     ),
-                    Ok(Made { memory: any, own_weights, flops, trouble }) => {
+                    Ok(Made { memory: any, own_weights, flops, trouble, promises }) => {
                         memory = Some((any, trouble));
-                        Answer::Made { setup_ns, own_weights, flops }
+                        Answer::Made(Making { setup_ns, own_weights, flops, promises })
                     }
                     Err(declined) => Answer::Declined(declined),
                 }
@@ -229,10 +231,8 @@ fn answer<T: Real>(
         if abandoned.load(Ordering::Relaxed) {
             return Err("abandoned".to_owned());
         }
-        for (k, sample) in samples.chunks_exact(channels).enumerate() {
-            memory.next_term(&mut term).map_err(at(stretch * STRETCH + k))?;
-            memory.push(black_box(sample)).map_err(at(stretch * STRETCH + k))?;
-        }
+        steps_of(memory, black_box(samples), &mut term)
+            .map_err(|(k, error)| at(stretch * STRETCH + k)(error))?;
     }
     let elapsed_ns = begin.elapsed().as_secs_f64() * 1e9;
     let (mean_ns, with_waiting_ns) = of_a_step(elapsed_ns, waited_ns() - waited, count);
@@ -241,7 +241,7 @@ fn answer<T: Real>(
     let mut before = Instant::now();
     for ((k, sample), step) in samples.chunks_exact(channels).enumerate().zip(&mut steps) {
         memory.next_term(&mut term).map_err(at(k))?;
-        memory.push(black_box(sample)).map_err(at(k))?;
+        memory.push(sample).map_err(at(k))?;
         let now = Instant::now();
         *step = (*step).min(u32::try_from((now - before).as_nanos()).unwrap_or(u32::MAX));
         before = now;
@@ -250,6 +250,26 @@ fn answer<T: Real>(
         }
     }
     Ok(Answer::Times(Timed { mean_ns, with_waiting_ns, steps, last }))
+}
+
+/// Steps with the calls of the memory only; an error has the number of its step. One channel, where these
+/// calls are all there is, has a loop of its own.
+#[inline(never)]
+fn steps_of<T: Real>(
+    memory: &mut dyn Memory<T>,
+    samples: &[T],
+    term: &mut [T],
+) -> Result<(), (usize, MemoryError)> {
+    let mut step = |k: usize, sample: &[T], term: &mut [T]| {
+        memory.next_term(term).map_err(|error| (k, error))?;
+        memory.push(sample).map_err(|error| (k, error))
+    };
+    if let [term] = term {
+        let mut samples = samples.iter().enumerate();
+        return samples.try_for_each(|(k, x)| step(k, slice::from_ref(x), slice::from_mut(term)));
+    }
+    let mut samples = samples.chunks_exact(term.len()).enumerate();
+    samples.try_for_each(|(k, sample)| step(k, sample, term))
 }
 
 /// The offline transform, a lower bound of the cost, takes all samples at once, so that single steps have no

@@ -20,6 +20,144 @@ pub(crate) fn front(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
+/// A point of error and time: strategy, confidence interval of the time, error relative to Σ|w||x|.
+struct Timed<'a> {
+    strategy: &'a str,
+    between_ns: (f64, f64),
+    error: f64,
+}
+
+/// The strategies on the Pareto front of error and mean time of some races, which differ in their tolerance
+/// only, and those that the spread of the times does not tell from it: no other strategy with as small an
+/// error is faster beyond the confidence intervals of both.
+pub(crate) fn front_and_ties<'a>(races: &[&'a RaceRecord]) -> (Vec<&'a str>, Vec<&'a str>) {
+    let rows = || races.iter().flat_map(|race| race.rows.iter().map(move |row| (race, row)));
+    let error = |race: &RaceRecord, row: &Row| row.error_u * race.precision.unit();
+    let points: Vec<(f64, f64)> = rows().map(|(race, row)| (row.mean_ns, error(race, row))).collect();
+    let timed: Vec<Timed<'_>> = rows()
+        .map(|(race, row)| Timed {
+            strategy: &row.strategy,
+            between_ns: row.between_ns,
+            error: error(race, row),
+        })
+        .collect();
+    let distinct = |indices: &mut dyn Iterator<Item = usize>| {
+        let mut names: Vec<&str> = Vec::new();
+        indices.for_each(|index| {
+            if !names.contains(&timed[index].strategy) {
+                names.push(timed[index].strategy);
+            }
+        });
+        names
+    };
+    let on_it = distinct(&mut front(&points).into_iter());
+    let is_beaten = |one: &Timed<'_>| {
+        timed.iter().any(|other| other.error <= one.error && other.between_ns.1 < one.between_ns.0)
+    };
+    let unbeaten = distinct(&mut (0..timed.len()).filter(|&index| !is_beaten(&timed[index])));
+    let ties = unbeaten.into_iter().filter(|name| !on_it.contains(name)).collect();
+    (on_it, ties)
+}
+
+/// Races on one kernel with one length, number of channels and precision, over all tolerances.
+pub(crate) fn groups(record: &Record) -> Vec<Vec<&RaceRecord>> {
+    let mut groups: Vec<Vec<&RaceRecord>> = Vec::new();
+    for race in &record.races {
+        match groups.iter_mut().find(|group| group[0].is_of_group(race)) {
+            Some(group) => group.push(race),
+            None => groups.push(vec![race]),
+        }
+    }
+    groups
+}
+
+/// How far several runs of the same races agree about who wins.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Agreement {
+    /// Races with the same fastest strategy in all runs.
+    pub same_winner: usize,
+    /// Races whose fastest strategies differ, where each is the fastest or a tie with it in every run.
+    pub tied_winners: usize,
+    /// All other races.
+    pub other_winners: usize,
+    /// Pareto fronts of error and mean time with the same strategies in all runs.
+    pub same_front: usize,
+    /// Fronts that differ, where each strategy is on the front or a tie with it in every run.
+    pub tied_fronts: usize,
+    /// All other fronts.
+    pub other_fronts: usize,
+}
+
+impl Agreement {
+    /// The agreement of runs, on the races that all of them have.
+    pub fn of(runs: &[Record]) -> Self {
+        let mut agreement = Self::default();
+        let Some((first, others)) = runs.split_first() else { return agreement };
+        for race in &first.races {
+            let same = |run: &'_ Record| -> Option<usize> {
+                run.races
+                    .iter()
+                    .position(|other| other.is_of_group(race) && other.tolerance == race.tolerance)
+            };
+            let found: Option<Vec<&RaceRecord>> =
+                others.iter().map(|run| same(run).map(|index| &run.races[index])).collect();
+            let Some(found) = found else { continue };
+            let winners: Vec<_> = std::iter::once(race)
+                .chain(found)
+                .map(|race| {
+                    fastest(race).map_or((Vec::new(), Vec::new()), |(best, ties)| {
+                        (vec![&*best.strategy], ties.iter().map(|row| &*row.strategy).collect())
+                    })
+                })
+                .collect();
+            *match agree(&winners) {
+                Some(true) => &mut agreement.same_winner,
+                Some(false) => &mut agreement.tied_winners,
+                None => &mut agreement.other_winners,
+            } += 1;
+        }
+        for group in groups(first) {
+            let of = |run| groups(run).into_iter().find(|other| other[0].is_of_group(group[0]));
+            let Some(found) = others.iter().map(of).collect::<Option<Vec<_>>>() else { continue };
+            let fronts: Vec<_> =
+                std::iter::once(&group).chain(&found).map(|races| front_and_ties(races)).collect();
+            *match agree(&fronts) {
+                Some(true) => &mut agreement.same_front,
+                Some(false) => &mut agreement.tied_fronts,
+                None => &mut agreement.other_fronts,
+            } += 1;
+        }
+        agreement
+    }
+}
+
+/// Whether the best of all runs are the same; `Some(false)` if they are so up to ties of each run.
+fn agree(runs: &[(Vec<&str>, Vec<&str>)]) -> Option<bool> {
+    let all = || runs.iter().flat_map(|(best, _)| best);
+    if runs.iter().all(|(best, _)| all().all(|name| best.contains(name))) {
+        return Some(true);
+    }
+    let up_to_ties =
+        runs.iter().all(|(best, ties)| all().all(|name| best.contains(name) || ties.contains(name)));
+    up_to_ties.then_some(false)
+}
+
+impl std::fmt::Display for Agreement {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { same_winner, tied_winners, other_winners, same_front, tied_fronts, other_fronts } = self;
+        writeln!(
+            f,
+            "fastest: the same in {same_winner} of {} races, up to ties in {tied_winners}, another in {other_winners}",
+            same_winner + tied_winners + other_winners
+        )?;
+        write!(
+            f,
+            "fronts of error and time: the same in {same_front} of {}, up to ties in {tied_fronts}, another in {other_fronts}",
+            same_front + tied_fronts + other_fronts
+        )
+    }
+}
+
 /// The rows that may win: those with an error within the tolerance.
 pub(crate) fn eligible(race: &RaceRecord) -> Vec<&Row> {
     race.rows.iter().filter(|row| row.within).collect()
@@ -107,5 +245,76 @@ mod tests {
         let points = [(1.0, 5.0), (2.0, 6.0), (3.0, 2.0), (3.0, 1.0), (0.5, 9.0), (4.0, 1.0)];
         assert_eq!(front(&points), [4, 0, 3]);
         assert!(front(&[]).is_empty());
+    }
+
+    /// A race on one kernel with rows of name, error in u, and confidence interval around the mean.
+    fn race(length: usize, rows: &[(&str, f64, f64, f64)]) -> RaceRecord {
+        let row = |&(strategy, error_u, low, high): &(&str, f64, f64, f64)| Row {
+            strategy: strategy.to_owned(),
+            error_u,
+            within: true,
+            promised: true,
+            own_weights: false,
+            mean_ns: 0.5 * (low + high),
+            between_ns: (low, high),
+            stands: true,
+            p50_ns: low,
+            p999_ns: high,
+            worst_ns: high,
+            setup_ns: 1.0,
+            bytes: 1,
+            flops: None,
+            quadrature: None,
+        };
+        RaceRecord {
+            kernel: "s^½".to_owned(),
+            length,
+            channels: 1,
+            precision: Precision::F64,
+            tolerance: 1e-3,
+            rounds: 6,
+            rows: rows.iter().map(row).collect(),
+            absent: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_strategy_within_the_spread_of_the_front_is_a_tie_of_it() {
+        let rows = [
+            ("exact", 1.0, 50.0, 54.0),
+            ("coarse", 1e6, 10.0, 12.0),
+            ("nearly", 2e6, 11.0, 13.0),
+            ("slow", 1e6, 13.0, 14.0),
+        ];
+        let race = race(256, &rows);
+        assert_eq!(front_and_ties(&[&race]), (vec!["coarse", "exact"], vec!["nearly"]));
+    }
+
+    #[test]
+    fn runs_agree_where_the_winner_is_the_same_or_a_tie_in_each() {
+        let run = |races: Vec<RaceRecord>| Record {
+            plan: String::new(),
+            machine: crate::machine::Machine::here(),
+            races,
+        };
+        let (a, b) = (("a", 1.0, 10.0, 12.0), ("b", 1.0, 20.0, 22.0));
+        let clear = || race(256, &[a, b]);
+        let close = |a_ns: f64| race(512, &[("a", 1.0, a_ns, a_ns + 4.0), ("b", 1.0, 11.0, 15.0)]);
+        let turned = race(1024, &[("a", 1.0, 30.0, 31.0), b]);
+        let runs = [
+            run(vec![clear(), close(10.0), race(1024, &[a, b])]),
+            run(vec![clear(), close(12.0), turned, race(2048, &[a, b])]),
+        ];
+        let agreement = Agreement::of(&runs);
+        let expected = Agreement {
+            same_winner: 1,
+            tied_winners: 1,
+            other_winners: 1,
+            same_front: 1,
+            tied_fronts: 1,
+            other_fronts: 1,
+        };
+        assert_eq!(agreement, expected);
+        assert!(agreement.to_string().contains("the same in 1 of 3 races"), "{agreement}");
     }
 }

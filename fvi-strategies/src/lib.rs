@@ -35,6 +35,7 @@ mod race;
 mod record;
 mod strategy;
 
+pub use front::Agreement;
 pub use fvi_core;
 pub use lab::{Lab, LabError, Summary};
 pub use plan::Plan;

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use fvi_rivals::fitted_exponent;
 
-use crate::front::{eligible, families, fastest, front, least, winners};
+use crate::front::{eligible, families, fastest, front, front_and_ties, groups, least, winners};
 use crate::picture::{Picture, Point, escaped};
 use crate::plan::{Plan, SIGNALS};
 use crate::record::{Kind, RaceRecord, Record, Row};
@@ -227,14 +227,6 @@ struct View {
 
 /// The Pareto fronts of error and cost at every length, over all tolerances.
 fn fronts(page: &mut String, record: &Record, names: &[String]) {
-    let mut groups: Vec<Vec<&RaceRecord>> = Vec::new();
-    let key = |race: &RaceRecord| (race.kernel.clone(), race.length, race.channels, race.precision);
-    for race in &record.races {
-        match groups.iter_mut().find(|group| key(group[0]) == key(race)) {
-            Some(group) => group.push(race),
-            None => groups.push(vec![race]),
-        }
-    }
     let views = [
         View {
             title: "Error and time",
@@ -261,7 +253,7 @@ fn fronts(page: &mut String, record: &Record, names: &[String]) {
             of: |_, row| (row.mean_ns, row.p999_ns),
         },
     ];
-    for group in groups {
+    for group in groups(record) {
         let race = group[0];
         let heading = format!(
             "Pareto fronts: {}, {} steps, {} channel{}, {}",
@@ -301,7 +293,13 @@ fn fronts(page: &mut String, record: &Record, names: &[String]) {
             }
             picture.lines.push((best, false));
             page.push_str(&picture.svg());
-            let _ = writeln!(page, "<p>On the front, from left to right: {}.</p>", on_it.join(", "));
+            let _ = write!(page, "<p>On the front, from left to right: {}.", on_it.join(", "));
+            let (_, ties) = if index == 0 { front_and_ties(&group) } else { Default::default() };
+            if !ties.is_empty() {
+                let ties: Vec<String> = ties.into_iter().map(escaped).collect();
+                let _ = write!(page, " Within the spread of it: {}.", ties.join(", "));
+            }
+            page.push_str("</p>\n");
         }
     }
 }

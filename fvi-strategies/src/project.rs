@@ -2,9 +2,9 @@
 
 use fvi_core::{Direct, Memory, MemoryError, Overflow, ParameterError, Tiled};
 use fvi_fft::{BlockFft, Engines, RealTime, WeightTable};
-use fvi_memory::memory::{EngineError, HostMemory, Memories, MemoryRequest, Tables};
-use fvi_scenario::numerics::exponential_table::ExponentialKernel;
+use fvi_memory::memory::{EngineError, Memories, MemoryRequest, SumTable, Tables};
 use fvi_scenario::numerics::growing_ring::GrowingRing;
+use fvi_scenario::numerics::transfer::TransferFunction;
 use fvi_scenario::scenario::{Convolution, ConvolutionFamily, Engine, History};
 
 use crate::kernel::Source;
@@ -20,11 +20,11 @@ pub(crate) fn strategies() -> Vec<Strategy> {
                 Precision::F64 => AnyMemory::F64(direct(&task.weights, task)?),
                 Precision::F32 => AnyMemory::F32(direct(&task.weights, task)?),
             };
-            Ok(Made::of(made))
+            Ok(Made::of(made).taking(of_a_plain_sum(task)))
         }),
         Strategy::new("block-fft", "transforms in blocks, fvi-fft", |task| {
             let weights = &task.weights;
-            Ok(Made::of(match task.precision {
+            let made = Made::of(match task.precision {
                 Precision::F64 => AnyMemory::F64(f64::block_fft(
                     &mut WeightTable::scalars(weights),
                     task.channels,
@@ -35,11 +35,12 @@ pub(crate) fn strategies() -> Vec<Strategy> {
                     task.channels,
                     task.length,
                 )?),
-            }))
+            });
+            Ok(made.taking(of_transforms(task, BlockFft::<f64>::operations(task.length))))
         }),
         Strategy::new("real-time", "transforms whose work is spread over the steps, fvi-fft", |task| {
             let weights = &task.weights;
-            Ok(Made::of(match task.precision {
+            let made = Made::of(match task.precision {
                 Precision::F64 => AnyMemory::F64(f64::real_time(
                     &mut WeightTable::scalars(weights),
                     task.channels,
@@ -50,7 +51,8 @@ pub(crate) fn strategies() -> Vec<Strategy> {
                     task.channels,
                     task.length,
                 )?),
-            }))
+            });
+            Ok(made.taking(of_transforms(task, RealTime::<f64>::operations(task.length))))
         }),
         Strategy::new("exponential-sum", "sum of exponentials in chunks, fvi-fft", |task| {
             exponential_sum(task, Engine::ExponentialSum)
@@ -63,14 +65,23 @@ pub(crate) fn strategies() -> Vec<Strategy> {
             if task.channels > 1 {
                 return Err(Declined::sits_out("its number of channels is fixed in code, here at one"));
             }
-            Ok(Made::of(match task.precision {
+            let made = Made::of(match task.precision {
                 Precision::F64 => AnyMemory::F64(tiled(&task.weights, task.length)?),
                 Precision::F32 => AnyMemory::F32(tiled(&task.weights, task.length)?),
-            }))
+            });
+            Ok(made.taking(of_a_plain_sum(task)))
         }),
         Strategy::new("any-step", "exponentials for steps of any length, here equal ones, fvi-fft", any_step)
             .without_bound(),
     ]
+}
+
+fn of_a_plain_sum(task: &Task) -> f64 {
+    (task.length as f64 - 1.0) * task.channels as f64
+}
+
+fn of_transforms(task: &Task, of_a_channel: f64) -> f64 {
+    of_a_channel / task.length as f64 * task.channels as f64
 }
 
 /// Its size is fixed in code: the smallest of these that takes the samples.
@@ -90,7 +101,7 @@ fn tiled<T: Engines>(weights: &[f64], length: usize) -> Result<Box<dyn Memory<T>
 
 /// A memory for steps of any length on steps of one.
 struct EqualSteps {
-    memory: HostMemory<f64>,
+    memory: fvi_fft::Engine<f64>,
     step: f64,
 }
 
@@ -131,34 +142,65 @@ impl Memory<f64> for EqualSteps {
 
 /// Of implicit Euler, which is Radau IIA with one stage.
 fn any_step(task: &Task) -> Result<Made, Declined> {
-    let Source::Transfer(transfer) = &task.kernel.source else {
-        return Err(Declined::sits_out(
-            "its exponentials are made from K(s), which a table of weights does not tell",
-        ));
-    };
+    let family = ConvolutionFamily::RadauIia { stages: 1 };
+    let plan = Plan::new(task, Engine::AnyStep, family, None)?;
     if task.kernel.order.get() != 1 {
         return Err(Declined::sits_out("it is for Runge–Kutta quadrature, of which BDF of order 1 is one"));
     }
     if task.precision == Precision::F32 {
         return Err(Declined::sits_out("in single precision its terms are right to some hundred u"));
     }
-    let family = ConvolutionFamily::RadauIia { stages: 1 };
-    let convolution = Convolution { family, ..Convolution::default() };
-    let history = History { engine: Some(Engine::AnyStep), threads: Some(1), ..History::default() };
-    let request = MemoryRequest {
-        end: Some(task.length as f64 * task.kernel.step),
-        convolution: &convolution,
-        transfer,
-        step_size: task.kernel.step,
-        coordinates: task.channels,
-        motions: 1,
-        samples: task.length,
-        given: true,
-        history: &history,
-    };
-    let memory = f64::memory(&request, &Tables::default())
-        .map_err(|error: EngineError| Declined::SitsOut(error.to_string()))?;
+    let request = MemoryRequest { end: Some(task.length as f64 * task.kernel.step), ..plan.request(task) };
+    let memory = engine(&request, &Tables::default())?;
     Ok(Made::of(AnyMemory::F64(Box::new(EqualSteps { memory, step: task.kernel.step }))))
+}
+
+/// What a request for an engine refers to.
+struct Plan<'a> {
+    transfer: &'a TransferFunction,
+    convolution: Convolution,
+    history: History,
+}
+
+impl<'a> Plan<'a> {
+    fn new(
+        task: &'a Task,
+        engine: Engine,
+        family: ConvolutionFamily,
+        tolerance: Option<f64>,
+    ) -> Result<Self, Declined> {
+        let Source::Transfer(transfer) = &task.kernel.source else {
+            let reason = "exponentials are made from K(s), which a table of weights does not tell";
+            return Err(Declined::sits_out(reason));
+        };
+        let convolution = Convolution { family, ..Convolution::default() };
+        // A table for the length of the race, as those of the literature; the table of a run reaches at least
+        // twice as far, so that it can be continued.
+        let horizon = (engine != Engine::AnyStep).then_some(task.length);
+        let engine = Some(engine);
+        let history = History { engine, tolerance, horizon, threads: Some(1), ..History::default() };
+        Ok(Self { transfer, convolution, history })
+    }
+
+    fn request(&self, task: &Task) -> MemoryRequest<'_> {
+        MemoryRequest {
+            end: None,
+            convolution: &self.convolution,
+            transfer: self.transfer,
+            step_size: task.kernel.step,
+            coordinates: task.channels,
+            motions: 1,
+            samples: task.length,
+            given: !task.kernel.on_increments,
+            history: &self.history,
+        }
+    }
+}
+
+/// The engine that a run has; where there is none for the kernel the strategy does not take part.
+fn engine<T: Memories>(request: &MemoryRequest<'_>, tables: &Tables) -> Result<fvi_fft::Engine<T>, Declined> {
+    let made = T::memory(request, tables);
+    Ok(made.map_err(|error: EngineError| Declined::SitsOut(error.to_string()))?.into_engine())
 }
 
 fn single(weights: &[f64]) -> Vec<f32> {
@@ -173,66 +215,23 @@ fn direct<T: Engines>(weights: &[f64], task: &Task) -> Result<Box<dyn Memory<T> 
     Ok(Box::new(Direct::new(table, 1, T::one(), rings, Overflow::Refuse)?))
 }
 
-fn exponential_sum(task: &Task, engine: Engine) -> Result<Made, Declined> {
-    let Source::Transfer(transfer) = &task.kernel.source else {
-        return Err(Declined::sits_out(
-            "exponentials are made from K(s), which a table of weights does not tell",
-        ));
-    };
-    let tolerance = table_tolerance(task);
-    let convolution = Convolution {
-        family: ConvolutionFamily::Bdf { order: task.kernel.order.get() },
-        ..Convolution::default()
-    };
-    let history =
-        History { engine: Some(engine), tolerance: Some(tolerance), threads: Some(1), ..History::default() };
-    let request = MemoryRequest {
-        end: None,
-        convolution: &convolution,
-        transfer,
-        step_size: task.kernel.step,
-        coordinates: task.channels,
-        motions: 1,
-        samples: task.length,
-        given: !task.kernel.on_increments,
-        history: &history,
-    };
-    // Without such a table for the kernel the strategy does not take part.
-    let sits_out = |error: EngineError| Declined::SitsOut(error.to_string());
+/// Operations are those of the recursion: two for each weight of the head, four for each exponential, eleven
+/// for a complex pair.
+fn exponential_sum(task: &Task, name: Engine) -> Result<Made, Declined> {
+    let family = ConvolutionFamily::Bdf { order: task.kernel.order.get() };
+    let plan = Plan::new(task, name, family, Some(table_tolerance(task)))?;
+    let (request, tables) = (plan.request(task), Tables::default());
     let made = Made::of(match task.precision {
-        Precision::F64 => {
-            AnyMemory::F64(Box::new(f64::memory(&request, &Tables::default()).map_err(sits_out)?))
-        }
-        Precision::F32 => {
-            AnyMemory::F32(Box::new(f32::memory(&request, &Tables::default()).map_err(sits_out)?))
-        }
+        Precision::F64 => AnyMemory::F64(engine(&request, &tables)?),
+        Precision::F32 => AnyMemory::F32(engine(&request, &tables)?),
     });
-    Ok(made)
-}
-
-/// Mean number of floating-point operations per step of one of these strategies, over a run.
-///
-/// Of a sum of exponentials they are those of its recursion: a product and a sum for each weight of the head,
-/// four for each exponential.
-pub(crate) fn flops(strategy: &str, task: &Task) -> Option<f64> {
-    let steps = task.length as f64;
-    let of_one = match strategy {
-        "direct" | "tiled" => steps - 1.0,
-        "block-fft" => BlockFft::<f64>::operations(task.length) / steps,
-        "real-time" => RealTime::<f64>::operations(task.length) / steps,
-        "exponential-sum" | "exponential-sum-core" => {
-            let Source::Transfer(transfer) = &task.kernel.source else { return None };
-            let (order, step, tolerance) = (task.kernel.order, task.kernel.step, table_tolerance(task));
-            let horizon = task.length.max(1 << 20);
-            let on_increments = task.kernel.on_increments;
-            let kernel =
-                ExponentialKernel::of_transfer(transfer, order, on_increments, step, horizon, tolerance)
-                    .ok()?;
-            (2 * kernel.head().len() + 4 * kernel.exponentials().len()) as f64
-        }
-        _ => return None,
+    let table = request.exponentials(name, &tables);
+    let (made, operations) = match table.map_err(|error| Declined::SitsOut(error.to_string()))? {
+        SumTable::Real(kernel) => (made, 2 * kernel.head().len() + 4 * kernel.exponentials().len()),
+        // The error of its weights is relative to the largest of them, not each to itself.
+        SumTable::Pairs(pairs) => (made.without_bound(), 2 * pairs.head.len() + 11 * pairs.pairs.len()),
     };
-    Some(of_one * task.channels as f64)
+    Ok(made.taking((operations * task.channels) as f64))
 }
 
 fn table_tolerance(task: &Task) -> f64 {

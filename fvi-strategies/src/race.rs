@@ -11,7 +11,6 @@ use fvi_fft::{Engines, WeightTable};
 use crate::contestant::{Contestant, Making, Run, Samples};
 use crate::plan::{Conditions, Plan};
 use crate::precision::Precision;
-use crate::project::flops;
 use crate::record::{Absence, Kind, RaceRecord, Row};
 use crate::strategy::{Declined, Flops, Strategy, Task};
 
@@ -112,7 +111,7 @@ pub(crate) fn measure(
         let contestant = Contestant::new(strategy, conditions.limit);
         match contestant.make(task) {
             Ok(Ok(making)) => runners.push(Runner {
-                promises: strategy.promises,
+                promises: strategy.promises && making.promises,
                 contestant,
                 making,
                 error_u: 0.0,
@@ -161,6 +160,7 @@ pub(crate) fn measure(
                 runner.flops = match &runner.making.flops {
                     Flops::Unknown => None,
                     Flops::Counted(operations) => Some(operations.count() as f64 / task.length as f64),
+                    Flops::OfAStep(operations) => Some(*operations),
                 };
             }
             Ok(())
@@ -246,7 +246,6 @@ fn row(runner: Runner, task: &Task, clock: f64) -> Row {
     let median = Median::of(&runner.means);
     let steps = sorted_steps(&runner.steps, clock);
     let quantile = |part: f64| quantile(&steps, part).unwrap_or(0.0);
-    let flops = runner.flops.or_else(|| flops(&runner.contestant.name, task));
     let allowed = (task.tolerance / task.precision.unit()).max(ROUNDING);
     Row {
         error_u: runner.error_u,
@@ -261,7 +260,7 @@ fn row(runner: Runner, task: &Task, clock: f64) -> Row {
         worst_ns: quantile(1.0),
         setup_ns: runner.making.setup_ns,
         bytes: runner.bytes,
-        flops,
+        flops: runner.flops,
         quadrature: None,
         strategy: runner.contestant.name.clone(),
     }

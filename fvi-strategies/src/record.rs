@@ -111,6 +111,12 @@ impl RaceRecord {
             && self.tolerance == tolerance
     }
 
+    /// Whether the races differ in their tolerance at most.
+    pub(crate) fn is_of_group(&self, other: &Self) -> bool {
+        self.kernel == other.kernel
+            && (self.length, self.channels, self.precision) == (other.length, other.channels, other.precision)
+    }
+
     /// Short description of the race.
     pub(crate) fn words(&self) -> String {
         format!(

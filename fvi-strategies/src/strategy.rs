@@ -85,6 +85,8 @@ pub(crate) enum Flops {
     #[default]
     Unknown,
     Counted(Operations),
+    /// As many in each step.
+    OfAStep(f64),
 }
 
 /// Returns the reason of a failure that a [`MemoryError`](fvi_core::MemoryError) cannot express.
@@ -96,6 +98,7 @@ pub struct Made {
     pub(crate) own_weights: Option<Arc<Vec<f64>>>,
     pub(crate) flops: Flops,
     pub(crate) trouble: Option<Trouble>,
+    pub(crate) promises: bool,
 }
 
 impl Made {
@@ -105,7 +108,7 @@ impl Made {
     }
 
     pub(crate) fn of(memory: AnyMemory) -> Self {
-        Self { memory, own_weights: None, flops: Flops::Unknown, trouble: None }
+        Self { memory, own_weights: None, flops: Flops::Unknown, trouble: None, promises: true }
     }
 
     /// The memory, if it is one in double precision.
@@ -119,6 +122,16 @@ impl Made {
     /// A memory that counts its operations itself.
     pub fn counted(self, operations: Operations) -> Self {
         Self { flops: Flops::Counted(operations), ..self }
+    }
+
+    /// A memory with as many floating-point operations on average in each step, for all channels.
+    pub(crate) fn taking(self, operations: f64) -> Self {
+        Self { flops: Flops::OfAStep(operations), ..self }
+    }
+
+    /// One that has no error bound for this task, as [`Strategy::without_bound`] says for all tasks.
+    pub fn without_bound(self) -> Self {
+        Self { promises: false, ..self }
     }
 
     /// A memory that sums weights of its own in place of those of the task, such as another discretisation of
