@@ -235,7 +235,33 @@ fn filters() -> Vec<Claim> {
         let s = from * libm::pow(to / from, k as f64 / (points - 1) as f64);
         fraction.as_ref().map_or(f64::NAN, |fraction| (fraction.value(s) / libm::sqrt(s) - 1.0).abs())
     };
+    // The printed fractions are those of s^−½; the same with numerator and denominator exchanged is that of
+    // s^½, of the recursion as of the interpolation.
+    let printed = recursion(0.5, 1e-2, 1e2, 5).collect::<Vec<_>>();
+    let zeros: Vec<f64> = printed.iter().map(|section| section.zero).collect();
+    let poles: Vec<f64> = printed.iter().filter_map(|section| section.pole).collect();
+    let recursive = printed_difference(&zeros, 10.0, &[10.0, 298.5, 1218.0, 768.5, 74.97, 1.0])
+        .max(printed_difference(&poles, 1.0, &[1.0, 74.97, 768.5, 1218.0, 298.5, 10.0]));
+    let through_nine = Rational::through_gains(0.5, 0.1, 10.0, 4).map_or(f64::NAN, |fraction| {
+        printed_difference(fraction.zeros(), 1.0, &[1.0, 13.0, 20.84, 4.876, 0.08551]).max(
+            printed_difference(
+                fraction.poles(),
+                1.0 / fraction.gain(),
+                &[0.08549, 4.877, 20.84, 12.995, 1.0],
+            ),
+        )
+    });
     vec![
+        Claim {
+            strategy: "oustaloup",
+            source: "[VinagrePHF00]",
+            statement: "printed to four digits: the coefficients; largest relative difference",
+            setting: "s^½, 5 pairs on 10⁻² ≤ ω ≤ 10²",
+            stated: 5e-4,
+            found: recursive,
+            relation: Relation::AtMost,
+            is_rounding: false,
+        },
         Claim {
             strategy: "oustaloup",
             source: "[Oustaloup00]",
@@ -266,7 +292,31 @@ fn filters() -> Vec<Claim> {
             relation: Relation::Within(1e-10),
             is_rounding: false,
         },
+        Claim {
+            strategy: "matsuda",
+            source: "[VinagrePHF00]",
+            statement: "printed to four digits: the coefficients; largest relative difference",
+            setting: "s^½, 9 points on 10⁻¹ ≤ s ≤ 10",
+            stated: 5e-4,
+            found: through_nine,
+            relation: Relation::AtMost,
+            is_rounding: false,
+        },
     ]
+}
+
+/// Largest relative difference between the coefficients of `leading` · Π (s + root), from the highest power,
+/// and those printed.
+fn printed_difference(roots: &[f64], leading: f64, printed: &[f64]) -> f64 {
+    let mut coefficients = vec![leading];
+    for root in roots {
+        coefficients.push(0.0);
+        for k in (1..coefficients.len()).rev() {
+            coefficients[k] += root * coefficients[k - 1];
+        }
+    }
+    assert_eq!(coefficients.len(), printed.len());
+    coefficients.iter().zip(printed).map(|(found, printed)| (found / printed - 1.0).abs()).fold(0.0, larger)
 }
 
 /// Factor of h^{2−β} max|f″| in the bound of the L1 formula.

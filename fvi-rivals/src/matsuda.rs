@@ -127,6 +127,21 @@ impl Rational {
         self.gain * factors.product::<f64>()
     }
 
+    /// Factor of Π (s + zero)/(s + pole).
+    pub(crate) fn gain(&self) -> f64 {
+        self.gain
+    }
+
+    /// The negatives of the zeros, ascending.
+    pub(crate) fn zeros(&self) -> &[f64] {
+        &self.zeros
+    }
+
+    /// The negatives of the poles, ascending.
+    pub(crate) fn poles(&self) -> &[f64] {
+        &self.poles
+    }
+
     /// Largest relative error on the band.
     fn error(&self, order: f64, low: f64, high: f64) -> f64 {
         let place = |index: usize| low * libm::pow(high / low, index as f64 / 400.0);
