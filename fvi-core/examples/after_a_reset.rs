@@ -1,6 +1,8 @@
 //! A half derivative that outlives a reset: its state is written to bytes and read again, to the bit.
 
-use fvi_core::{BdfOrder, FractionalOperator, Kernel, Start, StateReader, StateWriter, monic_bdf_table};
+use fvi_core::{
+    BdfOrder, FractionalOperator, Kernel, Start, StateReader, StateWriter, Stateful, monic_bdf_table,
+};
 
 const SAMPLES: usize = 256;
 static WEIGHTS: [f64; SAMPLES] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);

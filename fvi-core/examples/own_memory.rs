@@ -5,7 +5,7 @@
 
 use fvi_core::{
     Coefficients, DampingTerm, Derivative, Galerkin, Integrator, Kernel, Mass, Memory, MemoryError, NoForce,
-    Quadratic, System, check_channels,
+    Quadratic, Stateful, System, check_channels,
 };
 
 /// Backward differences (x_k − x_{k−1})/h, x_{−1} = 0, for steps of any length.
@@ -58,6 +58,8 @@ impl Memory<f64> for Difference {
         size_of::<Self>()
     }
 }
+
+impl Stateful for Difference {}
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let memory = Difference { leading: [0.0], last: 0.0, count: 0 };

@@ -6,7 +6,7 @@
 use fvi_core::nalgebra::{SMatrix, SVector};
 use fvi_core::{
     BdfOrder, Coefficients, DampingTerm, Derivative, Fixed, FixedDirect, Galerkin, Integrator, Kernel, Mass,
-    NoForce, Potential, StateReader, StateWriter, System, monic_bdf_table_f32,
+    NoForce, Potential, StateReader, StateWriter, Stateful, System, monic_bdf_table_f32,
 };
 
 const STEP_SIZE: f32 = 0.02;

@@ -7,7 +7,7 @@ use crate::kernel::{Kernel, Symbol};
 use crate::linear::add_multiple;
 use crate::memory::{ActsOn, Memory, MemoryError};
 use crate::real::Real;
-use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
+use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
 use crate::space::{Space, part_mut, vectors, vectors_mut};
 
 /// On what the fractional derivative acts.
@@ -324,38 +324,27 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         let coordinates = self.coordinates() as u64;
         [("coordinates", coordinates), ("kind of derivative", left_out), ("kind of samples", acts_on)]
     }
+}
 
-    /// Number of bytes that [`save`](Self::save) writes at present.
-    pub fn state_bytes(&self) -> usize {
+impl<T: Real, X: Space<T>, M: Memory<T>> Stateful for DampedMotion<T, X, M> {
+    fn state_bytes(&self) -> usize {
         header_bytes(3) + 2 * self.coordinates() * T::BYTES + self.memory.state_bytes()
     }
 
-    /// Writes the state; see [`Damping::save`](crate::Damping::save).
-    ///
-    /// # Errors
-    /// As there.
-    pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 3>(TAG, &self.shape())?;
         to.numbers(X::slice(&self.initial_position))?;
         to.numbers(X::slice(&self.initial_velocity))?;
         self.memory.save(to)
     }
 
-    /// Reads past a state; see [`Damping::check_state`](crate::Damping::check_state).
-    ///
-    /// # Errors
-    /// As there.
-    pub fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         from.header::<T, 3>(TAG, &self.shape())?;
         from.skip::<T>(2 * self.coordinates())?;
         self.memory.check_state(from)
     }
 
-    /// Replaces the state by a saved one; see [`Damping::restore`](crate::Damping::restore).
-    ///
-    /// # Errors
-    /// As there.
-    pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.check_state(&mut from.clone())?;
         from.header::<T, 3>(TAG, &self.shape())?;
         from.numbers(X::slice_mut(&mut self.initial_position))?;
@@ -504,6 +493,8 @@ mod tests {
             16
         }
     }
+
+    impl Stateful for Leading {}
 
     fn kernel(exponent: f64, step_size: f64) -> Kernel {
         Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, exponent, step_size).unwrap()

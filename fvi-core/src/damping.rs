@@ -8,7 +8,7 @@ use crate::kernel::Kernel;
 use crate::linear::add_multiple;
 use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
-use crate::saving::{StateError, StateReader, StateWriter};
+use crate::saving::{StateError, StateReader, StateWriter, Stateful};
 use crate::space::{Block, Space, part_mut, vectors, vectors_mut};
 
 /// Damping with memory: none, one term or several.
@@ -23,7 +23,7 @@ use crate::space::{Block, Space, part_mut, vectors, vectors_mut};
 ///
 /// and the force on the system is minus this. Vectors of R·N numbers have one node after another. `()` is no
 /// damping, [`DampingTerm`] one term, and tuples, arrays and mutable slices of dampings act together.
-pub trait Damping<T: Real, X: Space<T>> {
+pub trait Damping<T: Real, X: Space<T>>: Stateful {
     /// Checks that the memories fit N coordinates and R nodes, and the kernels the step size.
     ///
     /// # Errors
@@ -68,39 +68,6 @@ pub trait Damping<T: Real, X: Space<T>> {
         increments: &[T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError>;
-
-    /// Number of bytes that [`save`](Damping::save) writes at present.
-    fn state_bytes(&self) -> usize {
-        0
-    }
-
-    /// Writes the state. A damping with the same parameters that [`restore`](Damping::restore)s it continues
-    /// with identical bits.
-    ///
-    /// # Errors
-    /// [`StateError::NoRoom`], and [`StateError::Unsupported`] for dampings that cannot be saved.
-    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        let _ = to;
-        Err(StateError::Unsupported)
-    }
-
-    /// Reads past a state and checks that [`restore`](Damping::restore) would accept it.
-    ///
-    /// # Errors
-    /// [`StateError`]
-    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        let _ = from;
-        Err(StateError::Unsupported)
-    }
-
-    /// Replaces the state by a saved one.
-    ///
-    /// # Errors
-    /// [`StateError`] if the bytes are not the state of such a damping, which then is unchanged.
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        let _ = from;
-        Err(StateError::Unsupported)
-    }
 }
 
 /// One damping term ρ D₋^β q with its memory.
@@ -247,7 +214,9 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
     ) -> Result<(), MemoryError> {
         self.motion.push(sample, increments, scratch)
     }
+}
 
+impl<T: Real, X: Space<T>, M: Memory<T>> Stateful for DampingTerm<T, X, M> {
     fn state_bytes(&self) -> usize {
         self.motion.state_bytes()
     }
@@ -287,18 +256,6 @@ impl<T: Real, X: Space<T>> Damping<T, X> for () {
     }
 
     fn push(&mut self, _: &Sample<'_, T>, _: &[T], _: &mut [T]) -> Result<(), MemoryError> {
-        Ok(())
-    }
-
-    fn save(&self, _: &mut StateWriter<'_>) -> Result<(), StateError> {
-        Ok(())
-    }
-
-    fn check_state(&self, _: &mut StateReader<'_>) -> Result<(), StateError> {
-        Ok(())
-    }
-
-    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
         Ok(())
     }
 }
@@ -357,26 +314,6 @@ impl<T: Real, X: Space<T>, A: Damping<T, X>, B: Damping<T, X>> Damping<T, X> for
         self.0.push(sample, increments, scratch)?;
         self.1.push(sample, increments, scratch)
     }
-
-    fn state_bytes(&self) -> usize {
-        self.0.state_bytes() + self.1.state_bytes()
-    }
-
-    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        self.0.save(to)?;
-        self.1.save(to)
-    }
-
-    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.0.check_state(from)?;
-        self.1.check_state(from)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.check_state(&mut from.clone())?;
-        self.0.restore(from)?;
-        self.1.restore(from)
-    }
 }
 
 impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
@@ -434,23 +371,6 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
         }
         Ok(())
     }
-
-    fn state_bytes(&self) -> usize {
-        self.iter().map(|damping| damping.state_bytes()).sum()
-    }
-
-    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        self.iter().try_for_each(|damping| damping.save(to))
-    }
-
-    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.iter().try_for_each(|damping| damping.check_state(from))
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.check_state(&mut from.clone())?;
-        self.iter_mut().try_for_each(|damping| damping.restore(from))
-    }
 }
 
 /// Implements `Damping` for a holder of a damping, by forwarding every call.
@@ -502,22 +422,6 @@ macro_rules! handing_on {
                 scratch: &mut [T],
             ) -> Result<(), MemoryError> {
                 <$inner as Damping<T, X>>::push($unique, sample, increments, scratch)
-            }
-
-            fn state_bytes(&$self) -> usize {
-                <$inner as Damping<T, X>>::state_bytes($shared)
-            }
-
-            fn save(&$self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-                <$inner as Damping<T, X>>::save($shared, to)
-            }
-
-            fn check_state(&$self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-                <$inner as Damping<T, X>>::check_state($shared, from)
-            }
-
-            fn restore(&mut $self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-                <$inner as Damping<T, X>>::restore($unique, from)
             }
         }
     };
@@ -734,6 +638,8 @@ mod tests {
 
     /// A force ρ q̇ of the current step, without memory.
     struct Viscous;
+
+    impl Stateful for Viscous {}
 
     impl Damping<f64, Fixed<1>> for Viscous {
         fn check(&self, _: usize, _: usize, _: f64) -> Result<(), Mismatch> {

@@ -7,7 +7,7 @@ use heapless::Deque;
 use crate::error::ParameterError;
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
-use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
+use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
 use crate::space::{vectors, vectors_mut};
 use crate::weighted_sum::weighted_sum;
 
@@ -292,7 +292,15 @@ where
             + size_of_val(self.weights.as_ref())
             + self.rings.as_ref().iter().map(Ring::bytes).sum::<usize>()
     }
+}
 
+impl<T, K, C, R> Stateful for Direct<T, K, C, R>
+where
+    T: Real,
+    K: AsRef<[T]>,
+    C: AsRef<[R]> + AsMut<[R]>,
+    R: Ring<T>,
+{
     fn state_bytes(&self) -> usize {
         let rings = self.rings.as_ref().iter().map(|ring| 8 + kept(ring) * T::BYTES);
         header_bytes(4) + rings.sum::<usize>()

@@ -618,6 +618,8 @@ mod tests {
         }
     }
 
+    impl<const Q: usize> crate::saving::Stateful for Affine<Q> {}
+
     impl<const Q: usize> Damping<f64, Fixed<2>> for Affine<Q> {
         fn check(&self, _: usize, _: usize, _: f64) -> Result<(), Mismatch> {
             Ok(())

@@ -7,7 +7,7 @@ use crate::direct::{MAX_STAGES, Overflow};
 use crate::error::{ParameterError, check_step_size};
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::{Real, sum_and_rest};
-use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
+use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
 use crate::space::{vectors, vectors_mut};
 
 /// Kind of the saved state.
@@ -1017,7 +1017,14 @@ where
         let numbers = table.head.len() + table.exponentials.len();
         size_of::<Self>() - size_of::<B>() + (numbers + self.state.as_ref().len()) * size_of::<T>()
     }
+}
 
+impl<T, C, B> Stateful for ExponentialSum<T, C, B>
+where
+    T: Real,
+    C: AsRef<[T]>,
+    B: AsRef<[T]> + AsMut<[T]>,
+{
     fn state_bytes(&self) -> usize {
         header_bytes(5) + (self.changing() + self.saved_signal().len()) * T::BYTES
     }

@@ -5,7 +5,7 @@ use crate::kernel::{Kernel, Rule};
 use crate::memory::Memory;
 use crate::operator::{FractionalOperator, OperatorError, Pending, Start};
 use crate::real::{Real, sum_and_rest};
-use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
+use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
 use crate::weights::BdfOrder;
 
 /// Fractional integral of order λ on a stream, 0 < λ < 2, as the integral of a derivative:
@@ -254,26 +254,30 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         &self.derivative
     }
 
-    /// Number of bytes that [`save`](FractionalIntegral::save) writes at present.
-    pub fn state_bytes(&self) -> usize {
+    /// Header of the saved state: the values that must match when it is restored.
+    fn shape(&self) -> Shape<1> {
+        [("bits of the step size of the sum", self.step_size.map_or(0, Real::bits))]
+    }
+}
+
+impl<T: Real, M: Memory<T>> Stateful for FractionalIntegral<T, M> {
+    fn state_bytes(&self) -> usize {
         header_bytes(1) + 2 * T::BYTES + self.derivative.state_bytes()
     }
 
-    /// Writes the state. An integral with the same parameters that restores it continues with identical bits.
-    ///
-    /// # Errors
-    /// [`StateError::NoRoom`], and the errors of the memory.
-    pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 1>(TAG, &self.shape())?;
         to.numbers([&self.sum, &self.rest])?;
         self.derivative.save(to)
     }
 
-    /// Replaces the state by a saved one.
-    ///
-    /// # Errors
-    /// [`StateError`] if the bytes are not the state of such an integral, which then is unchanged.
-    pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.header::<T, 1>(TAG, &self.shape())?;
+        from.skip::<T>(2)?;
+        self.derivative.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
         ahead.header::<T, 1>(TAG, &self.shape())?;
         let (sum, rest) = (ahead.number()?, ahead.number()?);
@@ -281,11 +285,6 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
         (self.sum, self.rest) = (sum, rest);
         *from = ahead;
         Ok(())
-    }
-
-    /// Header of the saved state: the values that must match when it is restored.
-    fn shape(&self) -> Shape<1> {
-        [("bits of the step size of the sum", self.step_size.map_or(0, Real::bits))]
     }
 }
 

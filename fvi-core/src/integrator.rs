@@ -9,7 +9,7 @@ use crate::error::{ParameterError, check_step_size};
 use crate::linear::all_finite;
 use crate::memory::MemoryError;
 use crate::real::Real;
-use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
+use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
 use crate::scheme::{Outcome, Rounding, Sampling, Scheme, State, Step, StepError, conclude};
 use crate::space::{Block, Space};
 use crate::system::{Force, Mechanics, Potential, System};
@@ -374,60 +374,6 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         self.mechanics.energy(position, momentum)
     }
 
-    /// Number of bytes that [`save`](Integrator::save) writes at present.
-    pub fn state_bytes(&self) -> usize {
-        let numbers = 1 + 4 * self.space.coordinates() + S::carried(&self.storage).len();
-        header_bytes(4) + numbers * T::BYTES + self.damping.state_bytes()
-    }
-
-    /// Writes the state: step, position, momentum, and the state of the damping. An integrator built with the
-    /// same parameters that [`restore`](Integrator::restore)s it continues with identical bits, on this
-    /// machine or another.
-    ///
-    /// # Errors
-    /// [`StateError::NoRoom`], and the errors of the damping.
-    pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        to.header::<T, 2>(TAG, &self.shape())?;
-        to.count(self.state.step)?;
-        to.count(self.anchor.0)?;
-        to.numbers([&self.anchor.1])?;
-        let State { position, momentum, rounding, .. } = &self.state;
-        for vector in [position, momentum, &rounding.position, &rounding.momentum] {
-            to.numbers(X::slice(vector))?;
-        }
-        to.numbers(S::carried(&self.storage))?;
-        self.damping.save(to)
-    }
-
-    /// Replaces the state by a saved one.
-    ///
-    /// # Errors
-    /// [`StateError`] if the bytes are not the state of an integrator with as many coordinates, the same step
-    /// size and such a damping; the integrator is as before. System and scheme are not compared.
-    pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        let mut ahead = from.clone();
-        ahead.header::<T, 2>(TAG, &self.shape())?;
-        let step = ahead.count()?;
-        let anchor = (
-            ahead.count_up_to("steps", usize::try_from(step).unwrap_or(usize::MAX))? as u64,
-            ahead.number()?,
-        );
-        let zeros = || self.space.zeros();
-        let rounding = Rounding { position: zeros(), momentum: zeros() };
-        let mut state = State { step, position: zeros(), momentum: zeros(), rounding };
-        let State { position, momentum, rounding, .. } = &mut state;
-        for vector in [position, momentum, &mut rounding.position, &mut rounding.momentum] {
-            ahead.numbers(X::slice_mut(vector))?;
-        }
-        // All else that the scheme stores belongs to the leading weights of the old damping.
-        let mut storage = self.scheme.storage(&self.space, &self.mechanics);
-        ahead.numbers(S::carried_mut(&mut storage))?;
-        self.damping.restore(&mut ahead)?;
-        (self.state, self.storage, self.anchor) = (state, storage, anchor);
-        *from = ahead;
-        Ok(())
-    }
-
     /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<2> {
         let coordinates = self.space.coordinates() as u64;
@@ -463,6 +409,61 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     /// The damping, for access to data that it holds beside what the steps need.
     pub fn damping_mut(&mut self) -> &mut D {
         &mut self.damping
+    }
+}
+
+/// Step, position, momentum, and the state of the damping. System and scheme are not compared.
+impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>> Stateful
+    for Integrator<T, X, G, S, D>
+{
+    fn state_bytes(&self) -> usize {
+        let numbers = 1 + 4 * self.space.coordinates() + S::carried(&self.storage).len();
+        header_bytes(4) + numbers * T::BYTES + self.damping.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 2>(TAG, &self.shape())?;
+        to.count(self.state.step)?;
+        to.count(self.anchor.0)?;
+        to.numbers([&self.anchor.1])?;
+        let State { position, momentum, rounding, .. } = &self.state;
+        for vector in [position, momentum, &rounding.position, &rounding.momentum] {
+            to.numbers(X::slice(vector))?;
+        }
+        to.numbers(S::carried(&self.storage))?;
+        self.damping.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.header::<T, 2>(TAG, &self.shape())?;
+        let step = from.count()?;
+        from.count_up_to("steps", usize::try_from(step).unwrap_or(usize::MAX))?;
+        from.skip::<T>(1 + 4 * self.space.coordinates() + S::carried(&self.storage).len())?;
+        self.damping.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let mut ahead = from.clone();
+        ahead.header::<T, 2>(TAG, &self.shape())?;
+        let step = ahead.count()?;
+        let anchor = (
+            ahead.count_up_to("steps", usize::try_from(step).unwrap_or(usize::MAX))? as u64,
+            ahead.number()?,
+        );
+        let zeros = || self.space.zeros();
+        let rounding = Rounding { position: zeros(), momentum: zeros() };
+        let mut state = State { step, position: zeros(), momentum: zeros(), rounding };
+        let State { position, momentum, rounding, .. } = &mut state;
+        for vector in [position, momentum, &mut rounding.position, &mut rounding.momentum] {
+            ahead.numbers(X::slice_mut(vector))?;
+        }
+        // All else that the scheme stores belongs to the leading weights of the old damping.
+        let mut storage = self.scheme.storage(&self.space, &self.mechanics);
+        ahead.numbers(S::carried_mut(&mut storage))?;
+        self.damping.restore(&mut ahead)?;
+        (self.state, self.storage, self.anchor) = (state, storage, anchor);
+        *from = ahead;
+        Ok(())
     }
 }
 

@@ -495,6 +495,7 @@ fn determinant_of<T: Real>(numbers: &[T], stages: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::saving::Stateful;
     use crate::weights::{monic_bdf_table, monic_bdf_table_f32, monic_increment_table};
 
     static WEIGHTS: [f64; 16] = monic_bdf_table(BdfOrder::GRUNWALD_LETNIKOV, 0.5);
@@ -735,6 +736,8 @@ mod tests {
         }
     }
 
+    impl Stateful for Special {}
+
     #[test]
     fn memories_of_plain_weights_with_up_to_sixteen_channels_are_tried_out() {
         let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.01).unwrap();
@@ -789,6 +792,8 @@ mod tests {
             0
         }
     }
+
+    impl Stateful for Leading<'_> {}
 
     #[test]
     fn each_of_several_kernels_is_compared_with_its_own_leading_weight() {

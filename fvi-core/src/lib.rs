@@ -85,7 +85,7 @@ pub use quadrature::{Quadrature, gauss_rule, lobatto_rule};
 pub use real::Real;
 pub use resolvent::Resolvent;
 pub use runge_kutta::RungeKutta;
-pub use saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
+pub use saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
 pub use scheme::{Outcome, Rounding, Sampling, Scheme, State, Step, StepError, conclude};
 pub use space::{Block, Space};
 pub use stability::{ExplicitDamping, Stability, check_stability};

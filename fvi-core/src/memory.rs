@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::saving::{StateError, StateReader, StateWriter};
+use crate::saving::{StateError, StateReader, Stateful};
 
 /// Kind of samples that a memory takes of the motion X that its operator acts on (q itself, or q − q₀ …).
 ///
@@ -45,7 +45,7 @@ pub enum ActsOn {
 /// call that fails changes nothing. Engines differ in cost and in rounding only.
 ///
 /// Source: \[HLS\]; the kernels are those of \[Lubich86\].
-pub trait Memory<T> {
+pub trait Memory<T>: Stateful {
     /// Number of channels, N·S: how many numbers a sample has.
     fn channels(&self) -> usize;
 
@@ -134,48 +134,13 @@ pub trait Memory<T> {
         None
     }
 
-    /// Number of bytes that [`save`](Memory::save) writes at present: the state that depends on the samples,
-    /// without the kernel.
-    fn state_bytes(&self) -> usize {
-        0
-    }
-
-    /// Writes the state. A memory of the same kernel that [`restore`](Memory::restore)s it continues with
-    /// identical bits.
-    ///
-    /// # Errors
-    /// [`StateError::NoRoom`], and [`StateError::Unsupported`] for engines that cannot be saved.
-    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        let _ = to;
-        Err(StateError::Unsupported)
-    }
-
-    /// Reads past a state and checks that [`restore`](Memory::restore) would accept it.
-    ///
-    /// # Errors
-    /// [`StateError`]
-    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        let _ = from;
-        Err(StateError::Unsupported)
-    }
-
-    /// Replaces the state by a saved one.
-    ///
-    /// # Errors
-    /// [`StateError`] if the bytes are no state of a memory of this kind, shape, precision and kernel; the
-    /// memory is then unchanged.
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        let _ = from;
-        Err(StateError::Unsupported)
-    }
-
     /// Restores some channels from a saved state, that of a memory which differs in the number of its
     /// channels only; the other channels are unchanged. So channels can be redistributed among memories.
     ///
     /// A memory without samples takes over the sample count of the state; any other must have the same count.
     ///
     /// # Errors
-    /// As [`restore`](Memory::restore), and if a channel does not exist in state or memory, or the sample
+    /// As [`restore`](Stateful::restore), and if a channel does not exist in state or memory, or the sample
     /// counts differ; the memory is then unchanged.
     fn restore_channels(
         &mut self,
@@ -292,22 +257,6 @@ impl<T, M: Memory<T> + ?Sized> Memory<T> for &mut M {
         (**self).overruns()
     }
 
-    fn state_bytes(&self) -> usize {
-        (**self).state_bytes()
-    }
-
-    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        (**self).save(to)
-    }
-
-    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        (**self).check_state(from)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        (**self).restore(from)
-    }
-
     fn restore_channels(
         &mut self,
         from: &mut StateReader<'_>,
@@ -328,6 +277,7 @@ pub fn check_channels(expected: usize, found: usize) -> Result<(), MemoryError> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::saving::StateWriter;
 
     /// A memory of two kernels with its own implementation of every method, and one that relies on the
     /// defaults.
@@ -404,6 +354,17 @@ mod tests {
             Some(8)
         }
 
+        fn restore_channels(
+            &mut self,
+            from: &mut StateReader<'_>,
+            channels: SavedChannels,
+        ) -> Result<(), StateError> {
+            self.samples = channels.count;
+            from.bytes(channels.of).map(|_| ())
+        }
+    }
+
+    impl Stateful for Answers {
         fn state_bytes(&self) -> usize {
             9
         }
@@ -419,15 +380,6 @@ mod tests {
         fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
             self.samples = 4;
             from.bytes(9).map(|_| ())
-        }
-
-        fn restore_channels(
-            &mut self,
-            from: &mut StateReader<'_>,
-            channels: SavedChannels,
-        ) -> Result<(), StateError> {
-            self.samples = channels.count;
-            from.bytes(channels.of).map(|_| ())
         }
     }
 
@@ -458,6 +410,8 @@ mod tests {
             0
         }
     }
+
+    impl Stateful for Silent {}
 
     /// Calls through a type parameter, which is a reference here.
     fn assert_answers(mut memory: impl Memory<f64>) {

@@ -2,7 +2,7 @@
 
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
-use crate::saving::{StateError, StateReader, StateWriter};
+use crate::saving::{StateError, StateReader, StateWriter, Stateful};
 
 /// The memory of D⁰, the identity: W₀ = 1, and no other weights.
 ///
@@ -66,7 +66,9 @@ impl<T: Real> Memory<T> for Memoryless<T> {
     fn bytes(&self) -> usize {
         size_of::<Self>()
     }
+}
 
+impl<T: Real> Stateful for Memoryless<T> {
     fn state_bytes(&self) -> usize {
         8
     }

@@ -4,7 +4,7 @@ use core::fmt;
 
 use crate::memory::{ActsOn, Memory, MemoryError};
 use crate::real::{Real, sum_and_rest};
-use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
+use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
 
 /// Left (retarded) discrete operator: (D₋x)_k = Σ_{n=0}^{k} w_n x_{k−n}, for every k of the sequence.
 ///
@@ -350,45 +350,6 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
         (self.reference, self.rest) = (T::zero(), T::zero());
     }
 
-    /// Number of bytes that [`save`](FractionalOperator::save) writes at present.
-    pub fn state_bytes(&self) -> usize {
-        header_bytes(3) + 2 * T::BYTES + self.memory.state_bytes()
-    }
-
-    /// Writes the state. An operator with the same parameters that restores it continues with identical bits.
-    ///
-    /// # Errors
-    /// [`StateError::NoRoom`], and the errors of the memory.
-    pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        to.header::<T, 3>(TAG, &self.shape())?;
-        to.numbers([&self.reference, &self.rest])?;
-        self.memory.save(to)
-    }
-
-    /// Reads past a state and checks that [`restore`](FractionalOperator::restore) would accept it.
-    ///
-    /// # Errors
-    /// [`StateError`]
-    pub fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.header::<T, 3>(TAG, &self.shape())?;
-        let _: (T, T) = (from.number()?, from.number()?);
-        self.memory.check_state(from)
-    }
-
-    /// Replaces the state by a saved one.
-    ///
-    /// # Errors
-    /// [`StateError`] if the bytes are not the state of such an operator, which then is unchanged.
-    pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        let mut ahead = from.clone();
-        ahead.header::<T, 3>(TAG, &self.shape())?;
-        let (reference, rest) = (ahead.number()?, ahead.number()?);
-        self.memory.restore(&mut ahead)?;
-        (self.reference, self.rest) = (reference, rest);
-        *from = ahead;
-        Ok(())
-    }
-
     /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
         let (kind, rise) = match self.start {
@@ -404,6 +365,34 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// The memory behind the operator.
     pub fn memory(&self) -> &M {
         &self.memory
+    }
+}
+
+impl<T: Real, M: Memory<T>> Stateful for FractionalOperator<T, M> {
+    fn state_bytes(&self) -> usize {
+        header_bytes(3) + 2 * T::BYTES + self.memory.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 3>(TAG, &self.shape())?;
+        to.numbers([&self.reference, &self.rest])?;
+        self.memory.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.header::<T, 3>(TAG, &self.shape())?;
+        let _: (T, T) = (from.number()?, from.number()?);
+        self.memory.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let mut ahead = from.clone();
+        ahead.header::<T, 3>(TAG, &self.shape())?;
+        let (reference, rest) = (ahead.number()?, ahead.number()?);
+        self.memory.restore(&mut ahead)?;
+        (self.reference, self.rest) = (reference, rest);
+        *from = ahead;
+        Ok(())
     }
 }
 
@@ -546,6 +535,8 @@ mod tests {
                 0
             }
         }
+
+        impl Stateful for Beyond {}
         let mut line = FractionalOperator::new(Beyond(told()), Start::CaputoWithRise { rise: 0.5 }).unwrap();
         assert_eq!(line.push(1.0), Err(MemoryError::Full { capacity: usize::MAX }.into()));
         let mut constant = FractionalOperator::new(Beyond(told()), Start::Caputo).unwrap();

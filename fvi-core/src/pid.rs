@@ -11,7 +11,7 @@ use crate::memoryless::Memoryless;
 use crate::operator::{FractionalOperator, OperatorError, Pending, Start};
 use crate::pid_law::{AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw};
 use crate::real::{Real, sum_and_rest};
-use crate::saving::{Shape, StateError, StateReader, StateWriter, header_bytes};
+use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
 
 /// A fractional PID controller on memories of any kind; see [`PidLaw`] for the equations.
 ///
@@ -650,75 +650,6 @@ where
         self.integral.memory()
     }
 
-    /// Number of bytes that [`save`](FractionalPid::save) writes at present.
-    pub fn state_bytes(&self) -> usize {
-        let derivative = self.derivative.as_ref().map_or(0, FractionalOperator::state_bytes);
-        let filter = self.filter.as_ref().map_or(0, FractionalOperator::state_bytes);
-        header_bytes(4) + 8 + 11 * T::BYTES + self.integral.state_bytes() + derivative + filter
-    }
-
-    /// Writes the state with all that the memories hold. A controller with the same parameters that restores
-    /// it continues with identical bits. The law is not included.
-    ///
-    /// # Errors
-    /// [`StateError::NoRoom`], and the errors of the memories.
-    pub fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        to.header::<T, 4>(TAG, &self.shape())?;
-        let state = &self.state;
-        to.count(match state.mode {
-            Mode::Automatic => 0,
-            Mode::Manual => 1,
-            Mode::Transfer => 2,
-        })?;
-        to.numbers([&state.output, &state.manual, &state.filtered.sum, &state.filtered.rest])?;
-        to.numbers([&state.integral, &state.beside.sum, &state.beside.rest])?;
-        to.numbers(&numbers_of(&state.gains))?;
-        self.integral.save(to)?;
-        if let Some(derivative) = &self.derivative {
-            derivative.save(to)?;
-        }
-        self.filter.as_ref().map_or(Ok(()), |filter| filter.save(to))
-    }
-
-    /// Replaces the state by a saved one.
-    ///
-    /// # Errors
-    /// [`StateError`] if the bytes are not the state of such a controller, which then is unchanged.
-    pub fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        let mut ahead = from.clone();
-        ahead.header::<T, 4>(TAG, &self.shape())?;
-        let mode = match ahead.count()? {
-            0 => Mode::Automatic,
-            1 => Mode::Manual,
-            2 => Mode::Transfer,
-            found => return Err(StateError::TooLarge { what: "mode", limit: 2, found }),
-        };
-        let (output, manual) = (ahead.number()?, ahead.number()?);
-        let filtered = Beside { sum: ahead.number()?, rest: ahead.number()? };
-        let integral = ahead.number()?;
-        let beside = Beside { sum: ahead.number()?, rest: ahead.number()? };
-        let numbers = [ahead.number()?, ahead.number()?, ahead.number()?, ahead.number()?];
-        let gains = with_numbers(&self.law.borrow().settings().gains, numbers);
-        let mut checked = ahead.clone();
-        self.integral.check_state(&mut checked)?;
-        if let Some(derivative) = &self.derivative {
-            derivative.check_state(&mut checked)?;
-        }
-        if let Some(filter) = &self.filter {
-            filter.check_state(&mut checked)?;
-        }
-        self.integral.restore(&mut ahead)?;
-        if let Some(derivative) = &mut self.derivative {
-            derivative.restore(&mut ahead)?;
-        }
-        if let Some(filter) = &mut self.filter {
-            filter.restore(&mut ahead)?;
-        }
-        self.state = PidState { mode, output, manual, filtered, gains, integral, beside };
-        *from = ahead;
-        Ok(())
-    }
-
     /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<4> {
         let settings = self.law.borrow().settings();
@@ -730,6 +661,71 @@ where
             ("bits of the derivative order", settings.derivative_order.to_bits()),
             ("bits of the sample time", settings.sample.unwrap_or(0.0).to_bits()),
         ]
+    }
+
+    /// The part of a saved state before those of the memories.
+    fn read_state(&self, from: &mut StateReader<'_>) -> Result<PidState<T>, StateError> {
+        from.header::<T, 4>(TAG, &self.shape())?;
+        let mode = match from.count()? {
+            0 => Mode::Automatic,
+            1 => Mode::Manual,
+            2 => Mode::Transfer,
+            found => return Err(StateError::TooLarge { what: "mode", limit: 2, found }),
+        };
+        let (output, manual) = (from.number()?, from.number()?);
+        let filtered = Beside { sum: from.number()?, rest: from.number()? };
+        let integral = from.number()?;
+        let beside = Beside { sum: from.number()?, rest: from.number()? };
+        let numbers = [from.number()?, from.number()?, from.number()?, from.number()?];
+        let gains = with_numbers(&self.law.borrow().settings().gains, numbers);
+        Ok(PidState { mode, output, manual, filtered, gains, integral, beside })
+    }
+}
+
+/// All that the memories hold; the law is not included.
+impl<T, I, D, L, F> Stateful for FractionalPid<T, I, D, L, F>
+where
+    T: Real,
+    I: Memory<T>,
+    D: Memory<T>,
+    L: Borrow<PidLaw<T>>,
+    F: Memory<T>,
+{
+    fn state_bytes(&self) -> usize {
+        let memories =
+            self.integral.state_bytes() + self.derivative.state_bytes() + self.filter.state_bytes();
+        header_bytes(4) + 8 + 11 * T::BYTES + memories
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 4>(TAG, &self.shape())?;
+        let state = &self.state;
+        to.count(match state.mode {
+            Mode::Automatic => 0,
+            Mode::Manual => 1,
+            Mode::Transfer => 2,
+        })?;
+        to.numbers([&state.output, &state.manual, &state.filtered.sum, &state.filtered.rest])?;
+        to.numbers([&state.integral, &state.beside.sum, &state.beside.rest])?;
+        to.numbers(&numbers_of(&state.gains))?;
+        self.integral.save(to)?;
+        self.derivative.save(to)?;
+        self.filter.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.read_state(from)?;
+        self.integral.check_state(from)?;
+        self.derivative.check_state(from)?;
+        self.filter.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.state = self.read_state(from)?;
+        self.integral.restore(from)?;
+        self.derivative.restore(from)?;
+        self.filter.restore(from)
     }
 }
 

@@ -9,7 +9,7 @@ use crate::memoryless::Memoryless;
 use crate::noise::noise;
 use crate::pid::{Actuator, FractionalPid, PidError, PidInputs, RingPi, RingPid};
 use crate::pid_law::{AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw, PidSettings};
-use crate::saving::{StateReader, StateWriter};
+use crate::saving::{StateReader, StateWriter, Stateful};
 use crate::weights::{BdfOrder, ConvolutionWeights};
 
 const ORDER: BdfOrder = BdfOrder::GRUNWALD_LETNIKOV;

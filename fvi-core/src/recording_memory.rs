@@ -3,6 +3,7 @@
 use std::vec::Vec;
 
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
+use crate::saving::Stateful;
 
 /// A memory whose terms and leading weights are given numbers that do not depend on its samples.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,6 +70,8 @@ impl Memory<f64> for RecordingMemory {
         0
     }
 }
+
+impl Stateful for RecordingMemory {}
 
 impl RecordingMemory {
     fn check_room(&self) -> Result<(), MemoryError> {

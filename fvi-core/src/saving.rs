@@ -11,7 +11,7 @@ use crate::real::Real;
 /// bytes is not detected; where it can happen the caller keeps a checksum beside them.
 ///
 /// ```
-/// # use fvi_core::{FixedDirect, Memory, StateReader, StateWriter};
+/// # use fvi_core::{FixedDirect, Memory, StateReader, StateWriter, Stateful};
 /// let weights = [1.0, -0.5, -0.125];
 /// let mut memory = FixedDirect::<f64, 1, 8>::full_memory(&weights, 1.0)?;
 /// memory.push(&[2.0])?;
@@ -40,6 +40,161 @@ pub struct StateWriter<'a> {
 #[must_use]
 pub struct StateReader<'a> {
     rest: &'a [u8],
+}
+
+/// An object whose state can be saved and restored: a memory, a damping, an operator, a controller, an
+/// integrator.
+///
+/// The state is what depends on samples and steps; parameters, such as the kernel, are not part of it. An
+/// object built with the same parameters that restores a state continues with identical bits, on this machine
+/// or another. What cannot be saved implements the trait without methods: all of them refuse then.
+pub trait Stateful {
+    /// Number of bytes that [`save`](Stateful::save) writes at present.
+    fn state_bytes(&self) -> usize {
+        0
+    }
+
+    /// Writes the state.
+    ///
+    /// # Errors
+    /// [`StateError::NoRoom`], and [`StateError::Unsupported`] if this object, or one that it contains,
+    /// cannot be saved.
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        let _ = to;
+        Err(StateError::Unsupported)
+    }
+
+    /// Reads past a state and checks that [`restore`](Stateful::restore) would accept it.
+    ///
+    /// # Errors
+    /// As [`restore`](Stateful::restore).
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let _ = from;
+        Err(StateError::Unsupported)
+    }
+
+    /// Replaces the state by a saved one.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are not the state of an object of this kind, shape, precision and kernel,
+    /// as far as it is recorded; the object is then unchanged.
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let _ = from;
+        Err(StateError::Unsupported)
+    }
+}
+
+/// No state.
+impl Stateful for () {
+    fn save(&self, _: &mut StateWriter<'_>) -> Result<(), StateError> {
+        Ok(())
+    }
+
+    fn check_state(&self, _: &mut StateReader<'_>) -> Result<(), StateError> {
+        Ok(())
+    }
+
+    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
+        Ok(())
+    }
+}
+
+/// Nothing where there is none.
+impl<S: Stateful> Stateful for Option<S> {
+    fn state_bytes(&self) -> usize {
+        self.as_ref().map_or(0, S::state_bytes)
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.as_ref().map_or(Ok(()), |object| object.save(to))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.as_ref().map_or(Ok(()), |object| object.check_state(from))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.as_mut().map_or(Ok(()), |object| object.restore(from))
+    }
+}
+
+/// One after another.
+impl<A: Stateful, B: Stateful> Stateful for (A, B) {
+    fn state_bytes(&self) -> usize {
+        self.0.state_bytes() + self.1.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.0.save(to)?;
+        self.1.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.0.check_state(from)?;
+        self.1.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.0.restore(from)?;
+        self.1.restore(from)
+    }
+}
+
+/// One after another.
+impl<S: Stateful> Stateful for [S] {
+    fn state_bytes(&self) -> usize {
+        self.iter().map(|object| object.state_bytes()).sum()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.iter().try_for_each(|object| object.save(to))
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.iter().try_for_each(|object| object.check_state(from))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.iter_mut().try_for_each(|object| object.restore(from))
+    }
+}
+
+impl<S: Stateful + ?Sized> Stateful for &mut S {
+    fn state_bytes(&self) -> usize {
+        (**self).state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        (**self).save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        (**self).check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        (**self).restore(from)
+    }
+}
+
+impl<S: Stateful, const K: usize> Stateful for [S; K] {
+    fn state_bytes(&self) -> usize {
+        self.as_slice().state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.as_slice().save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.as_slice().check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.as_mut_slice().restore(from)
+    }
 }
 
 /// Header of a saved state: names and values that must agree with those of the object that restores it.

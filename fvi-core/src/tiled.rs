@@ -4,7 +4,7 @@ use crate::direct::Overflow;
 use crate::error::ParameterError;
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
-use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
+use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"tile";
@@ -255,7 +255,9 @@ impl<T: Real, const C: usize, const B: usize> Memory<T> for Tiled<'_, T, C, B> {
     fn bytes(&self) -> usize {
         size_of::<Self>() + size_of_val(self.weights)
     }
+}
 
+impl<T: Real, const C: usize, const B: usize> Stateful for Tiled<'_, T, C, B> {
     fn state_bytes(&self) -> usize {
         header_bytes(5) + C * (B + 2) * TILE * T::BYTES
     }

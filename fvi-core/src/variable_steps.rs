@@ -6,7 +6,7 @@ use crate::memory::{Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::resolvent::{At, LANES, Lanes, Resolvent};
 use crate::runge_kutta::RungeKutta;
-use crate::saving::{Shape, StateError, StateReader, StateWriter, fingerprint, header_bytes};
+use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"rate";
@@ -463,7 +463,14 @@ where
         let numbers = table.leading.len() + table.rates.len() + table.coefficients.len();
         size_of::<Self>() - size_of::<B>() + (numbers + self.state.as_ref().len()) * size_of::<T>()
     }
+}
 
+impl<T, const R: usize, C, B> Stateful for VariableStepMemory<T, R, C, B>
+where
+    T: Real,
+    C: AsRef<[T]>,
+    B: AsRef<[T]> + AsMut<[T]>,
+{
     fn state_bytes(&self) -> usize {
         header_bytes(4) + T::BYTES * (2 + self.stride() * self.coordinates)
     }

@@ -8,7 +8,7 @@ use fvi_core::{
     DoubleDouble, ExponentialSum, ExponentialTable, Fixed, FixedDirect, Force, FractionalOperator, Galerkin,
     Instant, Integrator, IntegratorError, Kernel, Mass, MatrixError, Memory, MemoryError, Mismatch, NoForce,
     OperatorError, Overflow, ParameterError, Potential, Quadratic, Rule, RungeKutta, Scheme, Singular, Start,
-    StateError, StateReader, StateWriter, StepError, Symbol, System, Tiled, leading_bdf_weight,
+    StateError, StateReader, StateWriter, Stateful, StepError, Symbol, System, Tiled, leading_bdf_weight,
     monic_bdf_table, monic_bdf_table_f32, monic_increment_table, monic_increment_table_f32,
 };
 use std::error::Error;
@@ -115,9 +115,9 @@ fn a_borrowed_memory_is_the_memory_itself() {
     assert_eq!(terms(&mut lent, 20), terms(&mut own, 20));
     assert_eq!(facts(&&mut lent), facts(&own));
     let mut bytes = vec![0; own.state_bytes()];
-    Memory::save(&&mut lent, &mut StateWriter::new(&mut bytes)).unwrap();
+    Stateful::save(&&mut lent, &mut StateWriter::new(&mut bytes)).unwrap();
     let mut other = build();
-    Memory::restore(&mut &mut other, &mut StateReader::new(&bytes)).unwrap();
+    Stateful::restore(&mut &mut other, &mut StateReader::new(&bytes)).unwrap();
     assert_eq!(terms(&mut other, 5), terms(&mut own, 5));
     Memory::clear(&mut &mut lent);
     assert!(lent.is_empty());
@@ -159,6 +159,8 @@ impl Memory<f64> for Plain {
         size_of::<Self>()
     }
 }
+
+impl Stateful for Plain {}
 
 #[test]
 fn a_memory_of_ones_own_that_cannot_be_saved_says_so() {

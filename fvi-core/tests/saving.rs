@@ -5,7 +5,7 @@ use fvi_core::{
     BdfOrder, Coefficients, Collocation, ConvolutionWeights, Damping, DampingTerm, Derivative, Direct,
     ExponentialSum, ExponentialTable, Fixed, FixedDirect, FractionalOperator, Galerkin, Integrator, Kernel,
     Mass, Memory, MemoryError, NoForce, NodeGalerkin, Overflow, Potential, Quadratic, Real, RungeKutta,
-    Sample, Scheme, Start, StateError, StateReader, StateWriter, System, Tiled,
+    Sample, Scheme, Start, StateError, StateReader, StateWriter, Stateful, System, Tiled,
 };
 
 const STEPS: usize = 60;
@@ -330,6 +330,8 @@ impl Memory<f64> for Difference {
         size_of::<Self>()
     }
 }
+
+impl Stateful for Difference {}
 
 #[test]
 fn a_memory_hears_the_length_of_every_step() {

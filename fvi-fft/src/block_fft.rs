@@ -1,7 +1,8 @@
 //! The engine for throughput: the work of a block is done when its first output is needed.
 
 use fvi_core::{
-    ActsOn, Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, check_channels,
+    ActsOn, Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, Stateful,
+    check_channels,
 };
 use pulp::Arch;
 use rustfft::num_complex::Complex;
@@ -259,7 +260,9 @@ impl<T: Scalar> Memory<T> for BlockFft<T> {
             + self.growth.as_ref().map_or(0, |growth| rows(&growth.planes))
             + size_of_val(self.scratch.as_slice())
     }
+}
 
+impl<T: Scalar> Stateful for BlockFft<T> {
     fn state_bytes(&self) -> usize {
         replay::state_bytes(self)
     }

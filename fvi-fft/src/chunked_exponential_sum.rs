@@ -3,7 +3,7 @@
 
 use fvi_core::{
     ActsOn, ExponentialTable, Memory, MemoryError, ParameterError, Shape, StateError, StateReader,
-    StateWriter, check_channels, fingerprint, header_bytes,
+    StateWriter, Stateful, check_channels, fingerprint, header_bytes,
 };
 use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
@@ -537,7 +537,9 @@ impl<T: Scalar, const S: usize> Memory<T> for ChunkedExponentialSum<T, S> {
             + size_of_val(self.coordinates.as_slice())
             + self.coordinates.iter().map(coordinate).sum::<usize>()
     }
+}
 
+impl<T: Scalar, const S: usize> Stateful for ChunkedExponentialSum<T, S> {
     fn state_bytes(&self) -> usize {
         header_bytes(4) + self.numbers() * T::BYTES
     }

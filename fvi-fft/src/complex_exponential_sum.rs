@@ -1,7 +1,7 @@
 //! The exponential-sum memory of kernels that oscillate: exponentials in complex-conjugate pairs.
 
 use fvi_core::{
-    ActsOn, Memory, MemoryError, ParameterError, Real, Shape, StateError, StateReader, StateWriter,
+    ActsOn, Memory, MemoryError, ParameterError, Real, Shape, StateError, StateReader, StateWriter, Stateful,
     check_channels, fingerprint, header_bytes,
 };
 
@@ -258,7 +258,9 @@ impl<T: Scalar> Memory<T> for ComplexExponentialSum<T> {
             + size_of_val(&*self.channels)
             + self.channels.iter().map(channel).sum::<usize>()
     }
+}
 
+impl<T: Scalar> Stateful for ComplexExponentialSum<T> {
     fn state_bytes(&self) -> usize {
         header_bytes(4) + self.numbers() * f64::BYTES
     }

@@ -2,7 +2,8 @@
 //! nothing, restored memories continue with identical bits, and `bytes` is the size of tables and state.
 
 use fvi_core::{
-    ActsOn, ExponentialTable, Memory, MemoryError, Real, StateError, StateReader, StateWriter, header_bytes,
+    ActsOn, ExponentialTable, Memory, MemoryError, Real, StateError, StateReader, StateWriter, Stateful,
+    header_bytes,
 };
 
 use crate::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
@@ -306,6 +307,8 @@ impl<T: Real> Memory<T> for OneOf<'_, T> {
         self.memory.bytes()
     }
 }
+
+impl<T: Real> Stateful for OneOf<'_, T> {}
 
 #[test]
 fn kernels_that_share_their_samples_have_terms_of_their_own() {

@@ -3,7 +3,8 @@
 use core::ops::Range;
 
 use fvi_core::{
-    ActsOn, Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, check_channels,
+    ActsOn, Memory, MemoryError, ParameterError, StateError, StateReader, StateWriter, Stateful,
+    check_channels,
 };
 use pulp::Arch;
 use rustfft::num_complex::Complex;
@@ -278,7 +279,9 @@ impl<T: Scalar> Memory<T> for RealTime<T> {
     fn overruns(&self) -> Option<usize> {
         Some(self.overruns)
     }
+}
 
+impl<T: Scalar> Stateful for RealTime<T> {
     fn state_bytes(&self) -> usize {
         replay::state_bytes(self)
     }

@@ -2,7 +2,7 @@
 
 use fvi_core::{
     ActsOn, Memory, MemoryError, ParameterError, RateTable, Resolvent, RungeKutta, Shape, StateError,
-    StateReader, StateWriter, check_channels, fingerprint, header_bytes,
+    StateReader, StateWriter, Stateful, check_channels, fingerprint, header_bytes,
 };
 use pulp::{Arch, Simd, WithSimd};
 
@@ -587,7 +587,9 @@ impl<T: Scalar, const R: usize> Memory<T> for VectorVariableSteps<T, R> {
             + size_of_val(self.last.as_slice())
             + size_of_val(self.terms.as_slice())
     }
+}
 
+impl<T: Scalar, const R: usize> Stateful for VectorVariableSteps<T, R> {
     fn state_bytes(&self) -> usize {
         let numbers = 2 + 2 * CHUNK * self.sums.len() + 2 * self.last.len();
         header_bytes(4) + T::BYTES * numbers

@@ -1,6 +1,6 @@
 //! A memory whose steps run with the widest vectors of the processor in use.
 
-use fvi_core::{ActsOn, Memory, MemoryError, StateError, StateReader, StateWriter};
+use fvi_core::{ActsOn, Memory, MemoryError, StateError, StateReader, StateWriter, Stateful};
 use pulp::{Arch, NullaryFnOnce};
 
 /// A memory of the core compiled for every vector unit of the target, with the one to use chosen at run time.
@@ -71,7 +71,9 @@ impl<T, M: Memory<T>> Memory<T> for Vectorised<M> {
     fn overruns(&self) -> Option<usize> {
         self.memory.overruns()
     }
+}
 
+impl<M: Stateful> Stateful for Vectorised<M> {
     fn state_bytes(&self) -> usize {
         self.memory.state_bytes()
     }
@@ -200,7 +202,9 @@ mod tests {
         fn overruns(&self) -> Option<usize> {
             Some(8)
         }
+    }
 
+    impl Stateful for Answers {
         fn state_bytes(&self) -> usize {
             9
         }

@@ -3,7 +3,7 @@
 
 use fvi_core::{
     ActsOn, ExponentialTable, Memory, MemoryError, ParameterError, SavedChannels, Shape, StateError,
-    StateReader, StateWriter, check_channels, fingerprint, header_bytes,
+    StateReader, StateWriter, Stateful, check_channels, fingerprint, header_bytes,
 };
 use fvi_threads::{are_awake, share};
 use pulp::{Arch, Simd, WithSimd};
@@ -757,51 +757,6 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
             + size_of_val(self.state.groups.as_slice())
     }
 
-    fn state_bytes(&self) -> usize {
-        let numbers = (self.plan.places() + self.plan.losses.len()) * P::BYTES + self.plan.slow * T::BYTES;
-        header_bytes(4) + self.channels * numbers
-    }
-
-    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        to.header::<T, 3>(TAG, &self.shape(self.channels))?;
-        to.count(self.len as u64)?;
-        let (state, sums, slow) = (&self.state, self.plan.losses.len(), self.plan.slow);
-        for tile in 0..state.tiles() {
-            let channels = (self.channels - tile * LANES).min(LANES);
-            let places = state.groups.iter().flat_map(|group| rows(group, tile, GROUP));
-            for row in places.chain(rows(&state.sums, tile, sums)) {
-                to.numbers(row.0.iter().take(channels))?;
-            }
-            for row in rows(&state.rests, tile, slow) {
-                to.numbers(row.0.map(of_upper_half::<T>).iter().take(channels))?;
-            }
-        }
-        Ok(())
-    }
-
-    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.check_state_of(self.channels, from)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.check_state(&mut from.clone())?;
-        self.len = self.count(self.channels, from)?;
-        let (state, sums, slow) = (&mut self.state, self.plan.losses.len(), self.plan.slow);
-        for tile in 0..state.tiles() {
-            let channels = (self.channels - tile * LANES).min(LANES);
-            let places = state.groups.iter_mut().flat_map(|group| rows_mut(group, tile, GROUP));
-            for row in places.chain(rows_mut(&mut state.sums, tile, sums)) {
-                from.numbers(row.0.iter_mut().take(channels))?;
-            }
-            for row in rows_mut(&mut state.rests, tile, slow) {
-                for half in row.0.iter_mut().take(channels) {
-                    *half = upper_half(from.number::<T>()?);
-                }
-            }
-        }
-        Ok(())
-    }
-
     fn restore_channels(
         &mut self,
         from: &mut StateReader<'_>,
@@ -853,6 +808,53 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
                     if let Some((tile, lane)) = place(lane) {
                         state.rests[tile * slow + row].0[lane] = upper_half(number);
                     }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<T: Scalar, P: Scalar> Stateful for WideExponentialSum<T, P> {
+    fn state_bytes(&self) -> usize {
+        let numbers = (self.plan.places() + self.plan.losses.len()) * P::BYTES + self.plan.slow * T::BYTES;
+        header_bytes(4) + self.channels * numbers
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 3>(TAG, &self.shape(self.channels))?;
+        to.count(self.len as u64)?;
+        let (state, sums, slow) = (&self.state, self.plan.losses.len(), self.plan.slow);
+        for tile in 0..state.tiles() {
+            let channels = (self.channels - tile * LANES).min(LANES);
+            let places = state.groups.iter().flat_map(|group| rows(group, tile, GROUP));
+            for row in places.chain(rows(&state.sums, tile, sums)) {
+                to.numbers(row.0.iter().take(channels))?;
+            }
+            for row in rows(&state.rests, tile, slow) {
+                to.numbers(row.0.map(of_upper_half::<T>).iter().take(channels))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state_of(self.channels, from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        self.len = self.count(self.channels, from)?;
+        let (state, sums, slow) = (&mut self.state, self.plan.losses.len(), self.plan.slow);
+        for tile in 0..state.tiles() {
+            let channels = (self.channels - tile * LANES).min(LANES);
+            let places = state.groups.iter_mut().flat_map(|group| rows_mut(group, tile, GROUP));
+            for row in places.chain(rows_mut(&mut state.sums, tile, sums)) {
+                from.numbers(row.0.iter_mut().take(channels))?;
+            }
+            for row in rows_mut(&mut state.rests, tile, slow) {
+                for half in row.0.iter_mut().take(channels) {
+                    *half = upper_half(from.number::<T>()?);
                 }
             }
         }

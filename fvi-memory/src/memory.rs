@@ -18,7 +18,7 @@ use crate::numerics::transfer::TransferFunction;
 use crate::scenario::{Convolution, ConvolutionFamily, Engine, History, Overflow, States};
 use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
-    ParameterError, RungeKutta, SavedChannels, StateError, StateReader, StateWriter,
+    ParameterError, RungeKutta, SavedChannels, StateError, StateReader, StateWriter, Stateful,
 };
 use fvi_fft::{
     ComplexExponentials, Engines, VectorVariableSteps, Vectorised, WIDE_KERNELS, Weights, WideExponentialSum,
@@ -920,6 +920,18 @@ impl<T> Memory<T> for HostMemory<T> {
         self.memory.overruns()
     }
 
+    fn restore_channels(
+        &mut self,
+        from: &mut StateReader<'_>,
+        channels: SavedChannels,
+    ) -> Result<(), StateError> {
+        self.memory.restore_channels(from, channels)?;
+        self.is_empty = self.memory.is_empty();
+        Ok(())
+    }
+}
+
+impl<T> Stateful for HostMemory<T> {
     fn state_bytes(&self) -> usize {
         self.memory.state_bytes()
     }
@@ -934,16 +946,6 @@ impl<T> Memory<T> for HostMemory<T> {
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.memory.restore(from)?;
-        self.is_empty = self.memory.is_empty();
-        Ok(())
-    }
-
-    fn restore_channels(
-        &mut self,
-        from: &mut StateReader<'_>,
-        channels: SavedChannels,
-    ) -> Result<(), StateError> {
-        self.memory.restore_channels(from, channels)?;
         self.is_empty = self.memory.is_empty();
         Ok(())
     }

@@ -1,6 +1,6 @@
 //! The history of a continuous kernel as a sum of decaying modes, driven by a signal between its samples.
 
-use fvi_core::{Memory, MemoryError, ParameterError};
+use fvi_core::{Memory, MemoryError, ParameterError, Stateful};
 
 use crate::frame::{Frame, framed};
 use crate::operations::Operations;
@@ -123,3 +123,5 @@ impl Memory<f64> for ExponentialModes {
         size_of::<Self>() + numbers * size_of::<f64>()
     }
 }
+
+impl Stateful for ExponentialModes {}

@@ -1,6 +1,6 @@
 //! Rational functions of s as first-order sections, one after the other.
 
-use fvi_core::{BdfOrder, Memory, MemoryError, ParameterError};
+use fvi_core::{BdfOrder, Memory, MemoryError, ParameterError, Stateful};
 
 use crate::frame::{Frame, framed};
 use crate::operations::Operations;
@@ -198,6 +198,8 @@ impl Memory<f64> for FilterCascade {
         size_of::<Self>() + numbers.map(Vec::capacity).iter().sum::<usize>() * size_of::<f64>()
     }
 }
+
+impl Stateful for FilterCascade {}
 
 #[cfg(test)]
 mod tests {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use fvi_core::{Memory, MemoryError, ParameterError};
+use fvi_core::{Memory, MemoryError, ParameterError, Stateful};
 use nalgebra::Complex;
 
 use crate::dyadic_exponentials::lags_to_compare;
@@ -360,3 +360,5 @@ impl Memory<f64> for ObliviousQuadrature {
         size_of::<Self>() + recent * size_of::<f64>() + levels
     }
 }
+
+impl Stateful for ObliviousQuadrature {}

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use fvi_core::{Memory, MemoryError, ParameterError};
+use fvi_core::{Memory, MemoryError, ParameterError, Stateful};
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealToComplex};
 
@@ -213,6 +213,8 @@ impl Memory<f64> for PartitionedSum {
         size_of::<Self>() + (rows + self.near.len()) * size_of::<f64>() + segments
     }
 }
+
+impl Stateful for PartitionedSum {}
 
 /// Equal blocks of B weights behind B − 1 lags that are summed directly: O(√N) a step with B ≈ 2√N.
 ///

@@ -1,6 +1,6 @@
 //! The sum itself, of all samples or of a window of them.
 
-use fvi_core::{Memory, MemoryError, ParameterError};
+use fvi_core::{Memory, MemoryError, ParameterError, Stateful};
 
 use crate::frame::{Frame, framed, leading_of};
 use crate::operations::Operations;
@@ -92,3 +92,5 @@ impl Memory<f64> for PlainSum {
         size_of::<Self>() + numbers * size_of::<f64>()
     }
 }
+
+impl Stateful for PlainSum {}

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use fvi_core::{Memory, MemoryError, ParameterError};
+use fvi_core::{Memory, MemoryError, ParameterError, Stateful};
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealToComplex};
 
@@ -203,3 +203,5 @@ impl Memory<f64> for RelaxedProduct {
         size_of::<Self>() + (rows + self.near.len()) * size_of::<f64>() + levels
     }
 }
+
+impl Stateful for RelaxedProduct {}

@@ -1,6 +1,6 @@
 //! The textbook's fast online convolution, with counted operations.
 
-use fvi_core::{Memory, MemoryError, ParameterError};
+use fvi_core::{Memory, MemoryError, ParameterError, Stateful};
 use fvi_fft::WeightTable;
 use fvi_fft::baseline::Hls;
 
@@ -76,3 +76,5 @@ impl Memory<f64> for TextbookHls {
         self.memory.bytes()
     }
 }
+
+impl Stateful for TextbookHls {}

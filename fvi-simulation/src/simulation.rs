@@ -46,7 +46,7 @@ use control::Drive;
 use fvi_core::{
     Damping, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
     MemoryError, Mismatch, Outcome, Real, Sample, Sampling, Scheme, StateError, StateReader, StateWriter,
-    StepError,
+    Stateful, StepError,
 };
 use gyroscopic::Gyroscopic;
 use momentum_offset::MomentumOffset;
@@ -78,7 +78,7 @@ pub struct Simulation {
 }
 
 /// Interface of simulations with any scalar type.
-trait Stepper {
+trait Stepper: Stateful {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError>;
     fn advance(
@@ -108,9 +108,6 @@ trait Stepper {
     fn shared(&self) -> Vec<Vec<usize>>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
-    fn state_bytes(&self) -> usize;
-    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError>;
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError>;
 }
 
 /// The state at a grid point, in double precision whatever the precision of the run. With load cases position
@@ -890,7 +887,9 @@ impl<T: Elementary + Memories> Damping<T, AnySpace> for DampingTerms<T> {
         }
         Ok(())
     }
+}
 
+impl<T: Elementary + Memories> Stateful for DampingTerms<T> {
     fn state_bytes(&self) -> usize {
         let kick = self.kick.as_ref().map_or(0, |kick| kick.last.len() * T::BYTES);
         kick + self.terms[..].state_bytes()
@@ -1075,13 +1074,19 @@ impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
     fn memory_bytes(&self) -> usize {
         self.integrator.damping().terms.iter().map(|term| term.memory().bytes()).sum()
     }
+}
 
+impl<T: Elementary + Memories> Stateful for TypedSimulation<T> {
     fn state_bytes(&self) -> usize {
         self.integrator.state_bytes()
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         self.integrator.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.integrator.check_state(from)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use fvi_core::{Memory, MemoryError, check_channels};
+use fvi_core::{Memory, MemoryError, Stateful, check_channels};
 use fvi_scenario::language::InputError;
 use fvi_scenario::language::document::{Document, Table};
 
@@ -316,3 +316,5 @@ impl Memory<f64> for Pipe {
         self.bytes
     }
 }
+
+impl Stateful for Pipe {}

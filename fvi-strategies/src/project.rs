@@ -1,6 +1,6 @@
 //! The project's own memories in the race.
 
-use fvi_core::{Direct, Memory, MemoryError, Overflow, ParameterError, Tiled};
+use fvi_core::{Direct, Memory, MemoryError, Overflow, ParameterError, Stateful, Tiled};
 use fvi_fft::{BlockFft, Engines, RealTime, WeightTable};
 use fvi_memory::memory::{EngineError, Memories, MemoryRequest, SumTable, Tables};
 use fvi_scenario::numerics::growing_ring::GrowingRing;
@@ -139,6 +139,8 @@ impl Memory<f64> for EqualSteps {
         self.memory.bytes()
     }
 }
+
+impl Stateful for EqualSteps {}
 
 /// Of implicit Euler, which is Radau IIA with one stage.
 fn any_step(task: &Task) -> Result<Made, Declined> {

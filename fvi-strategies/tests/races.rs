@@ -1,5 +1,6 @@
 //! Races as a user runs them: who is measured, who is found out, what is written.
 
+use fvi_core::Stateful;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -84,6 +85,8 @@ impl Memory<f64> for Faulty {
         8 * (self.weights.len() + self.samples.len())
     }
 }
+
+impl Stateful for Faulty {}
 
 fn faulty(name: &str, fault: Fault) -> Strategy {
     Strategy::new(name, "a plain sum", move |task| {

@@ -2,7 +2,7 @@
 
 use fvi_core::{
     BdfOrder, Direct, ExponentialTable, Memory, MemoryError, Overflow, Real, StateError, StateReader,
-    StateWriter, Tiled, check_channels,
+    StateWriter, Stateful, Tiled, check_channels,
 };
 use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
 use fvi_fft::{BlockFft, Engines, Pacing, RealTime, WeightTable, WideExponentialSum};
@@ -138,7 +138,9 @@ impl<T: Engines, P: Engines> Memory<T> for OneOf<T, P> {
     fn bytes(&self) -> usize {
         self.memory.bytes()
     }
+}
 
+impl<T: Engines, P: Engines> Stateful for OneOf<T, P> {
     fn state_bytes(&self) -> usize {
         self.memory.state_bytes()
     }

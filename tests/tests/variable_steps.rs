@@ -1,7 +1,9 @@
 //! The memory of steps of any length: against Runge–Kutta convolution quadrature on equal steps, and by the
 //! laws that its operators obey on any grid.
 
-use fvi_core::{Memory, MemoryError, Real, RungeKutta, StateReader, StateWriter, VariableStepMemory};
+use fvi_core::{
+    Memory, MemoryError, Real, RungeKutta, StateReader, StateWriter, Stateful, VariableStepMemory,
+};
 use fvi_fft::{Scalar, VectorVariableSteps};
 use fvi_host::numerics::aligned::Aligned;
 use fvi_host::numerics::rate_table::{rate_table, rate_table_of};

@@ -4,7 +4,7 @@ use core::mem::take;
 
 use fvi_core::{
     ActsOn, BdfOrder, Direct, ExponentialSum, ExponentialTable, Kernel, Memory, MemoryError, Overflow,
-    StateError, StateReader, StateWriter,
+    StateError, StateReader, StateWriter, Stateful,
 };
 
 use crate::pointer::{reference, slice, slice_mut};
@@ -221,7 +221,9 @@ impl<const C: usize> Memory<f32> for AnyMemory<C> {
     fn bytes(&self) -> usize {
         each!(self, memory => memory.bytes())
     }
+}
 
+impl<const C: usize> Stateful for AnyMemory<C> {
     fn state_bytes(&self) -> usize {
         each!(self, memory => memory.state_bytes())
     }

@@ -375,7 +375,7 @@ pub unsafe extern "C" fn fvi_pid_save(
         let pid = unsafe { kept::<Pid>(controller.cast_mut().cast()) }?;
         let place = ByteBuffer { bytes, capacity, written };
         // SAFETY: promised by the caller.
-        unsafe { place.take(pid.state_bytes(), |to| pid.save(to)) }
+        unsafe { place.take(pid) }
     })())
 }
 
@@ -395,6 +395,6 @@ pub unsafe extern "C" fn fvi_pid_restore(
         // SAFETY: zeroed or set up, as promised.
         let pid = unsafe { kept::<Pid>(controller.cast()) }?;
         // SAFETY: promised by the caller.
-        unsafe { give(bytes, count, |from| pid.restore(from)) }
+        unsafe { give(bytes, count, pid) }
     })())
 }

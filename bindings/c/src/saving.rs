@@ -1,6 +1,6 @@
 //! The state of objects as bytes, for a restart.
 
-use fvi_core::{Fixed, Scheme, StateError, StateReader, StateWriter};
+use fvi_core::{Fixed, Scheme, StateReader, StateWriter, Stateful};
 
 use crate::operator::{FviOperator, Operator};
 use crate::pointer::{check, slice, slice_mut};
@@ -17,21 +17,18 @@ pub(crate) struct ByteBuffer {
 }
 
 impl ByteBuffer {
-    /// Saves a state of `size` bytes; with a capacity of 0 it only writes the size.
+    /// Saves a state; with a capacity of 0 it only writes its size.
     ///
     /// # Safety
     /// As [`fvi_operator_save`].
-    pub(crate) unsafe fn take(
-        self,
-        size: usize,
-        save: impl FnOnce(&mut StateWriter<'_>) -> Result<(), StateError>,
-    ) -> Result<(), FviStatus> {
+    pub(crate) unsafe fn take(self, object: &impl Stateful) -> Result<(), FviStatus> {
         check(self.written)?;
+        let size = object.state_bytes();
         if self.capacity != 0 {
             // SAFETY: promised by the caller.
             let bytes = unsafe { slice_mut(self.bytes, self.capacity) }?;
             let bytes = bytes.get_mut(..size).ok_or(FviStatus::WrongSize)?;
-            save(&mut StateWriter::new(bytes))?;
+            object.save(&mut StateWriter::new(bytes))?;
         }
         // SAFETY: not NULL and aligned; writable as promised.
         unsafe { self.written.write(size) };
@@ -46,11 +43,11 @@ impl ByteBuffer {
 pub(crate) unsafe fn give(
     bytes: *const u8,
     count: usize,
-    restore: impl FnOnce(&mut StateReader<'_>) -> Result<(), StateError>,
+    object: &mut impl Stateful,
 ) -> Result<(), FviStatus> {
     // SAFETY: promised by the caller.
     let bytes = unsafe { slice(bytes, count) }?;
-    Ok(restore(&mut StateReader::new(bytes))?)
+    Ok(object.restore(&mut StateReader::new(bytes))?)
 }
 
 /// Saves an operator: writes its state to `bytes` and the number of bytes to `written`. With a capacity of 0
@@ -75,7 +72,7 @@ pub unsafe extern "C" fn fvi_operator_save(
         let operator = unsafe { kept::<Operator>(operation.cast_mut().cast()) }?;
         let place = ByteBuffer { bytes, capacity, written };
         // SAFETY: promised by the caller.
-        unsafe { place.take(operator.state_bytes(), |to| operator.save(to)) }
+        unsafe { place.take(operator) }
     })())
 }
 
@@ -98,7 +95,7 @@ pub unsafe extern "C" fn fvi_operator_restore(
         // SAFETY: zeroed or set up, as promised.
         let operator = unsafe { kept::<Operator>(operation.cast()) }?;
         // SAFETY: promised by the caller.
-        unsafe { give(bytes, count, |from| operator.restore(from)) }
+        unsafe { give(bytes, count, operator) }
     })())
 }
 
@@ -114,7 +111,7 @@ unsafe fn save<const N: usize>(stepper: *const FviStepper, place: ByteBuffer) ->
         // SAFETY: promised by the caller.
         let stepper = &unsafe { kept::<Machine<N, S>>(storage) }?.stepper;
         // SAFETY: promised by the caller.
-        unsafe { place.take(stepper.state_bytes(), |to| stepper.save(to)) }
+        unsafe { place.take(stepper) }
     }
     let storage = stepper.cast_mut().cast::<u64>();
     // SAFETY: set up or zeroed, as promised; every `Machine` begins with its calls, and these say which it
@@ -145,7 +142,7 @@ unsafe fn restore<const N: usize>(
         // SAFETY: promised by the caller.
         let stepper = &mut unsafe { kept::<Machine<N, S>>(storage) }?.stepper;
         // SAFETY: promised by the caller.
-        unsafe { give(bytes, count, |from| stepper.restore(from)) }
+        unsafe { give(bytes, count, stepper) }
     }
     let storage = stepper.cast::<u64>();
     // SAFETY: set up or zeroed, as promised; every `Machine` begins with its calls, and these say which it

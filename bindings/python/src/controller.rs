@@ -1,7 +1,7 @@
 //! A fractional PID controller as an object.
 
 use crate::errors::{Failure, Outcome, guarded};
-use fvi_core::{Actuator, PidError, PidGains, PidInputs, StateReader, StateWriter};
+use fvi_core::{Actuator, PidError, PidGains, PidInputs, StateReader, StateWriter, Stateful};
 use fvi_host::language::InputError;
 use fvi_host::scenario::Scenario;
 use fvi_host::simulation::control::{SumPid, pid};

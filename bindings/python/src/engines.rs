@@ -5,7 +5,7 @@ use crate::memory::{keys, memory, refused, restore, transfer};
 use crate::run::engine;
 use crate::weights::convolution;
 use fvi_core::{
-    ActsOn, FractionalOperator, Memory as _, OperatorError, SavedChannels, Start, StateReader, StateWriter,
+    ActsOn, FractionalOperator, Memory as _, OperatorError, SavedChannels, Start, StateReader, StateWriter, Stateful,
 };
 use fvi_host::memory::HostMemory;
 use fvi_host::numerics::exponential_table::SMALLEST_TOLERANCE;

@@ -2,7 +2,7 @@
 
 use crate::documents::Tree;
 use crate::errors::{Failure, Outcome, guarded};
-use fvi_core::{Memory, MemoryError, StateError, StateReader};
+use fvi_core::{Stateful, Memory, MemoryError, StateError, StateReader};
 use fvi_host::language::Document;
 use fvi_host::memory::{EngineError, HostMemory, MemoryRequest};
 use fvi_host::numerics::transfer::TransferFunction;

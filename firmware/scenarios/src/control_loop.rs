@@ -13,7 +13,7 @@ use core::fmt;
 use fvi_core::{
     Coefficients, DampingTerm, Derivative, ExponentialSum, ExponentialTable, Fixed, FractionalOperator,
     Galerkin, Integrator, Kernel, Mass, NoForce, Quadratic, Start, StateError, StateReader, StateWriter,
-    System,
+    Stateful, System,
 };
 use nalgebra::SVector;
 

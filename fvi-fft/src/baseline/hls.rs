@@ -1,6 +1,6 @@
 //! Fast online convolution in its textbook form.
 
-use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
+use fvi_core::{Memory, MemoryError, ParameterError, Stateful, check_channels};
 use rustfft::num_complex::Complex;
 
 use crate::plans::Plans;
@@ -161,3 +161,5 @@ impl Memory<f64> for Hls {
         size_of::<Self>() + rows(&self.planes) + rows(&self.signal) + rows(&self.terms) + complex
     }
 }
+
+impl Stateful for Hls {}

@@ -1,6 +1,6 @@
 //! The plain double sum.
 
-use fvi_core::{Memory, MemoryError, ParameterError, check_channels};
+use fvi_core::{Memory, MemoryError, ParameterError, Stateful, check_channels};
 
 use crate::weights::{Weights, check_shape, take_planes};
 
@@ -94,3 +94,5 @@ impl Memory<f64> for Naive {
         size_of::<Self>() + size_of_val(self.leading.as_slice()) + rows(&self.planes) + rows(&self.signal)
     }
 }
+
+impl Stateful for Naive {}

@@ -5,7 +5,7 @@ use crate::numerics::starting_defects::PowerDefects;
 use crate::numerics::transfer::TransferFunction;
 use fvi_core::{
     ActsOn, BdfOrder, Memory, MemoryError, ParameterError, Real, Shape, StateError, StateReader, StateWriter,
-    check_channels, fingerprint, header_bytes,
+    Stateful, check_channels, fingerprint, header_bytes,
 };
 use nalgebra::{DMatrix, DVector};
 
@@ -277,7 +277,9 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
     fn overruns(&self) -> Option<usize> {
         self.memory.overruns()
     }
+}
 
+impl<T: Real, M: Memory<T>> Stateful for StartingCorrection<T, M> {
     fn state_bytes(&self) -> usize {
         let first = self.first.iter().chain([&self.last]).map(Vec::len).sum::<usize>();
         header_bytes(3) + T::BYTES + first * f64::BYTES + self.memory.state_bytes()

@@ -5,7 +5,7 @@ use super::space::AnySpace;
 use crate::scenario::Attached;
 use fvi_core::{
     Block, DampedMotion, Damping, DampingError, Derivative, Kernel, Memory, MemoryError, Mismatch, Real,
-    Sample, StateError, StateReader, StateWriter, add_multiple,
+    Sample, StateError, StateReader, StateWriter, Stateful, add_multiple,
 };
 use std::ops::Range;
 
@@ -282,7 +282,9 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
         let of_channels = Sample { from: &self.from, behind: &self.behind, ..*sample };
         self.channels.push(&of_channels, &self.increments, &mut self.scratch)
     }
+}
 
+impl<T: Real, M: Memory<T>> Stateful for ChannelDamping<T, M> {
     fn state_bytes(&self) -> usize {
         self.channels.state_bytes()
     }

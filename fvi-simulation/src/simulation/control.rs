@@ -12,7 +12,7 @@ use crate::scenario::{Controller, SampledInput, Scenario};
 use crate::simulation::{GridState, Precision};
 use fvi_core::{
     ExponentialSum, FractionalPid, Kernel, ParameterError, PidInputs, PidLaw, Real, StateError, StateReader,
-    StateWriter,
+    StateWriter, Stateful,
 };
 use std::collections::VecDeque;
 

@@ -19,7 +19,7 @@ use crate::simulation::massless;
 use explicit::Direct;
 use fvi_core::{
     Block, DampedMotion, Derivative, Equations, Instant, Kernel, Mechanics, Memory, MemoryError,
-    ParameterError, Real, Sample, Sampling, Scheme, StateError, StateReader, StateWriter,
+    ParameterError, Real, Sample, Sampling, Scheme, StateError, StateReader, StateWriter, Stateful,
 };
 use fvi_scenario::with_staged_method;
 use nalgebra::DMatrix;

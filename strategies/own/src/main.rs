@@ -2,7 +2,7 @@
 //!
 //!     cargo run --release -- race.toml out
 
-use fvi_strategies::fvi_core::{Memory, MemoryError, check_channels};
+use fvi_strategies::fvi_core::{Memory, MemoryError, Stateful, check_channels};
 use fvi_strategies::{Lab, LabError, Made, Strategy};
 
 /// The last 256 samples one by one, and those before as means of sixteen: O(N/16) a step, right for signals
@@ -86,6 +86,8 @@ impl Memory<f64> for Coarse {
         8 * [&self.weights, &self.sums, &self.samples, &self.means].map(Vec::capacity).iter().sum::<usize>()
     }
 }
+
+impl Stateful for Coarse {}
 
 fn main() -> Result<(), LabError> {
     let mut arguments = std::env::args().skip(1);

@@ -4,7 +4,7 @@ use fvi_core::{
     Actuator, AntiWindup, BdfOrder, Bumpless, ConvolutionWeights, DerivativeFilter, DerivativeOf, Direct,
     ExponentialSum, ExponentialTable, FixedDirect, FractionalIntegral, FractionalOperator, FractionalPid,
     Kernel, Memory, Memoryless, Overflow, PidGains, PidInputs, PidLaw, PidSettings, Quadrature, Real, Ring,
-    RungeKutta, Start, StateReader, StateWriter, Tiled, check_channels, leading_bdf_weight, left_operator,
+    RungeKutta, Start, StateReader, StateWriter, Stateful, Tiled, check_channels, leading_bdf_weight, left_operator,
     monic_bdf_table, monic_bdf_table_f32, right_operator,
 };
 use heapless::Deque;

@@ -4,7 +4,7 @@ use fvi_core::{
     BdfOrder, Coefficients, Collocation, Damping, DampingTerm, Derivative, Direct, ExplicitDamping,
     ExplicitEuler, Fixed, Force, Galerkin, ImplicitEuler, Instant, Integrator, Kernel, Mass, NoForce,
     NodeGalerkin, Outcome, Overflow, Potential, Quadratic, Quadrature, Real, RungeKutta, Scheme, Stability,
-    StateReader, StateWriter, System, TimeForce, check_stability,
+    StateReader, StateWriter, Stateful, System, TimeForce, check_stability,
 };
 use heapless::Deque;
 use nalgebra::{SMatrix, SVector};
