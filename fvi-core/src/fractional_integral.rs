@@ -463,8 +463,10 @@ mod tests {
             assert_eq!(writer.written(), bytes.len());
             let mut restored = on(0.2, &FIFTH);
             let mut reader = StateReader::new(&bytes);
+            assert_eq!(restored.check_state(&mut reader.clone()), Ok(()));
             assert_eq!((restored.restore(&mut reader), reader.finish()), (Ok(()), Ok(())));
             let short = StateReader::new(&bytes[..bytes.len() - 1]);
+            assert!(restored.check_state(&mut short.clone()).is_err());
             assert!(restored.restore(&mut short.clone()).is_err());
             assert!(on(0.0, &NONE).restore(&mut StateReader::new(&bytes)).is_err());
             let sample = libm::cos(f64::from(k));

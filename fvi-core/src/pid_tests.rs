@@ -391,6 +391,7 @@ fn calls_of_every_kind_give_the_outputs_of_the_law() {
                 assert_eq!(bytes_of(&pid), before);
                 let mut other = on(*pid.law().settings(), &tables);
                 let mut reader = StateReader::new(&before);
+                assert_eq!(other.check_state(&mut reader.clone()), Ok(()));
                 assert_eq!((other.restore(&mut reader), reader.finish()), (Ok(()), Ok(())));
                 pid = other;
             }
@@ -587,7 +588,9 @@ fn a_million_calls_in_any_order_leave_a_sound_controller() {
                 let bytes = state(&pid);
                 let mut other = made(*pid.law());
                 other.restore(&mut StateReader::new(&bytes)).unwrap();
-                assert!(pid.restore(&mut StateReader::new(&bytes[..bytes.len() - 1])).is_err());
+                let short = StateReader::new(&bytes[..bytes.len() - 1]);
+                assert!(pid.check_state(&mut short.clone()).is_err());
+                assert!(pid.restore(&mut short.clone()).is_err());
                 assert_eq!(state(&pid), bytes);
                 pid = other;
                 false

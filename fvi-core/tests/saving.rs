@@ -26,9 +26,14 @@ fn saved<T: Real>(memory: &dyn Memory<T>) -> Vec<u8> {
     bytes
 }
 
-fn restore<T: Real>(memory: &mut dyn Memory<T>, bytes: &[u8]) -> Result<(), StateError> {
-    let mut reader = StateReader::new(bytes);
-    memory.restore(&mut reader)?;
+/// Restores, after a look whether it will.
+fn restore<S: Stateful + ?Sized>(object: &mut S, bytes: &[u8]) -> Result<(), StateError> {
+    let (mut ahead, mut reader) = (StateReader::new(bytes), StateReader::new(bytes));
+    let checked = object.check_state(&mut ahead);
+    let restored = object.restore(&mut reader);
+    assert_eq!(checked.is_ok(), restored.is_ok(), "{checked:?} {restored:?}");
+    restored?;
+    assert_eq!(ahead.left(), reader.left());
     reader.finish()
 }
 
@@ -198,12 +203,10 @@ where
     first.save(&mut StateWriter::new(&mut bytes)).unwrap();
     let before = *second.state();
     for length in 0..bytes.len() {
-        assert!(second.restore(&mut StateReader::new(&bytes[..length])).is_err(), "{length} bytes");
+        assert!(restore(&mut second, &bytes[..length]).is_err(), "{length} bytes");
     }
     assert!(*second.state() == before, "a refusal changed the state");
-    let mut reader = StateReader::new(&bytes);
-    second.restore(&mut reader).unwrap();
-    reader.finish().unwrap();
+    restore(&mut second, &bytes).unwrap();
     for _ in 0..20 {
         advance(&mut first, 1);
         advance(&mut second, 1);
@@ -268,16 +271,16 @@ fn an_operator_goes_on_with_the_same_bits() {
         let mut bytes = vec![0; first.state_bytes()];
         first.save(&mut StateWriter::new(&mut bytes)).unwrap();
         for other in [starts[(index + 1) % 3], Start::CaputoWithRise { rise: 0.25 }] {
-            let refused = operator(other).restore(&mut StateReader::new(&bytes));
+            let refused = restore(&mut operator(other), &bytes);
             assert!(
                 matches!(refused, Err(StateError::Mismatch { .. })),
                 "{start:?} as {other:?}: {refused:?}"
             );
         }
         for length in 0..bytes.len() {
-            assert!(second.clone().restore(&mut StateReader::new(&bytes[..length])).is_err());
+            assert!(restore(&mut second.clone(), &bytes[..length]).is_err());
         }
-        second.restore(&mut StateReader::new(&bytes)).unwrap();
+        restore(&mut second, &bytes).unwrap();
         for _ in 0..10 {
             assert_eq!(first.push(0.7).unwrap().to_bits(), second.push(0.7).unwrap().to_bits(), "{start:?}");
         }
