@@ -12,7 +12,7 @@ use crate::node_galerkin::NodeStorage;
 use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 use crate::scheme::{Outcome, Sampling, Scheme, State, Step, StepError, conclude};
-use crate::space::{Block, Space, called, part, part_mut, vector_at, vectors, vectors_mut};
+use crate::space::{Block, Space, called, last_vector, part, part_mut, vector_at, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics, NodalRule};
 use crate::workspace::Workspace;
 
@@ -201,7 +201,7 @@ impl<T: Real> CollocationTables<'_, T> {
             newton(work.increments, work.residual, offset, work.matrix, balance)?.iterations
         };
         self.place_stages(work.increments, X::slice(&velocity), step.size, work.stages);
-        let rise = vectors(work.stages, coordinates).last().unwrap_or(&[]);
+        let rise = last_vector(work.stages, coordinates);
         // p_{k+1} = p_k + h M Σ_j b_j a_j
         let mean = X::slice_mut(&mut velocity);
         mean.fill(T::zero());

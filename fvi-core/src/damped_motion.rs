@@ -8,7 +8,7 @@ use crate::linear::add_multiple;
 use crate::memory::{ActsOn, Memory, MemoryError};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
-use crate::space::{Space, part_mut, vectors, vectors_mut};
+use crate::space::{Space, part_mut, parts_mut, vectors, vectors_mut};
 
 /// On what the fractional derivative acts.
 ///
@@ -250,7 +250,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
         let (coordinates, nodes) = (sample.from.len(), sample.fractions.len());
-        let (stored, rest) = scratch.split_at_mut_checked(coordinates * nodes).unwrap_or_default();
+        let (stored, rest) = parts_mut(scratch, coordinates * nodes);
         if nodes == 1 {
             let ends_at_node = sample.behind.is_empty() && !self.memory.is_empty();
             let without_drift = !matches!(self.start, Subtraction::PositionAndVelocity);

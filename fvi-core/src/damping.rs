@@ -9,7 +9,7 @@ use crate::linear::add_multiple;
 use crate::memory::{Memory, MemoryError};
 use crate::real::Real;
 use crate::saving::{StateError, StateReader, StateWriter, Stateful};
-use crate::space::{Block, Space, part_mut, vectors, vectors_mut};
+use crate::space::{Block, Space, part_mut, parts_mut, vectors, vectors_mut};
 
 /// Damping with memory: none, one term or several.
 ///
@@ -163,7 +163,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> Damping<T, X> for DampingTerm<T, X, M> 
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
         let (coordinates, nodes) = (sample.from.len(), sample.fractions.len());
-        let (term, rest) = scratch.split_at_mut_checked(coordinates * nodes).unwrap_or_default();
+        let (term, rest) = parts_mut(scratch, coordinates * nodes);
         self.motion.memory_terms(sample, term)?;
         if nodes == 1 {
             self.motion.complete(0, sample, term);

@@ -8,7 +8,7 @@ use crate::error::ParameterError;
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
-use crate::space::{vectors, vectors_mut};
+use crate::space::{part, vectors, vectors_mut};
 use crate::weighted_sum::weighted_sum;
 
 /// Storage of one channel: the samples as two slices, backwards in time.
@@ -236,7 +236,7 @@ where
     }
 
     fn leading(&self) -> &[T] {
-        self.leading.get(..self.stages * self.stages).unwrap_or(&[])
+        part(&self.leading, self.stages * self.stages)
     }
 
     fn len(&self) -> usize {

@@ -7,7 +7,7 @@ use crate::newton::{Equations, newton, size};
 use crate::one_node::OneNode;
 use crate::real::Real;
 use crate::scheme::{Outcome, State, Step, StepError, conclude};
-use crate::space::{Block, Space, called, part, part_mut, vector_at, vectors, vectors_mut};
+use crate::space::{Block, Space, called, last_vector, part, part_mut, vector_at, vectors, vectors_mut};
 use crate::system::{Instant, Mechanics, NodalRule};
 use crate::workspace::Workspace;
 
@@ -132,7 +132,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         work.begin(damping, step, &at_end, state)?;
         let iterations = self.solve::<X, E, G, ()>(work, mechanics, None, step, state)?;
         let coordinates = work.known.len();
-        let rise = vectors(work.increments, coordinates).last().unwrap_or(&[]);
+        let rise = last_vector(work.increments, coordinates);
         damping.add_leading(rise, work.known, work.scratch);
         // The first N numbers of the residual hold the impulse, and in the end p_{k+1} − p_k.
         let kick = part_mut(work.residual, coordinates);
@@ -176,7 +176,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         work.begin(damping, step, self.nodes, state)?;
         let iterations = self.solve(work, mechanics, Some(damping), step, state)?;
         let coordinates = X::slice(&state.position).len();
-        let rise = vectors(work.increments, coordinates).last().unwrap_or(&[]);
+        let rise = last_vector(work.increments, coordinates);
         let kick = part_mut(work.residual, coordinates);
         kick.iter_mut().for_each(|number| *number = -*number);
         let found = Outcome { increments: work.stages, rise, kick };

@@ -8,7 +8,7 @@ use crate::error::{ParameterError, check_step_size};
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
-use crate::space::{vectors, vectors_mut};
+use crate::space::{part_from, vectors, vectors_mut};
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"expo";
@@ -958,7 +958,7 @@ where
 
     fn leading(&self) -> &[T] {
         let state = self.state.as_ref();
-        state.get(state.len().saturating_sub(self.table.stages * self.table.stages)..).unwrap_or(&[])
+        part_from(state, state.len().saturating_sub(self.table.stages * self.table.stages))
     }
 
     fn len(&self) -> usize {
@@ -973,7 +973,7 @@ where
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         check_channels(self.layout.channels(), term.len())?;
         self.check_room()?;
-        let ready = self.state.as_ref().get(self.layout.term_start()..).unwrap_or(&[]);
+        let ready = part_from(self.state.as_ref(), self.layout.term_start());
         match (term, ready) {
             // One channel needs no set-up of a loop.
             ([term], [ready, ..]) => *term = *ready,

@@ -10,7 +10,7 @@ use crate::newton::{Factors, StepMatrix};
 use crate::quadrature::{Quadrature, lobatto_half};
 use crate::real::Real;
 use crate::scheme::{Sampling, Scheme, State, Step, StepError};
-use crate::space::vectors_mut;
+use crate::space::{part_mut, vectors_mut};
 use crate::system::Mechanics;
 use crate::workspace::{CachedFactor, Workspace};
 
@@ -98,7 +98,7 @@ impl<T: Real> Tables<'_, T> {
             "at least the degree of the polynomials",
         )?;
         let mut points = [0.0; MAX_DEGREE + 1];
-        let points = points.get_mut(..=degree).unwrap_or(&mut []);
+        let points = part_mut(&mut points, degree + 1);
         for (point, &(d, _)) in points.iter_mut().zip(half) {
             *point = d;
         }

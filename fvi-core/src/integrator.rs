@@ -11,7 +11,7 @@ use crate::memory::MemoryError;
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
 use crate::scheme::{Outcome, Rounding, Sampling, Scheme, State, Step, StepError, conclude};
-use crate::space::{Block, Space};
+use crate::space::{Block, Space, part_mut};
 use crate::system::{Force, Mechanics, Potential, System};
 
 /// Integrates d/dt ∂L/∂v − ∂L/∂q = F + u − Σ_m ρ_m D₋^{β_m} q step by step.
@@ -326,7 +326,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
             Sampling::MainNodes => (&at_end[..], 0),
             Sampling::Nodes(fractions) => (fractions, fractions.len() * coordinates),
         };
-        let behind = S::carried_mut(storage).get_mut(..stored).unwrap_or(&mut []);
+        let behind = part_mut(S::carried_mut(storage), stored);
         let from = X::slice(&state.position);
         let sample = Sample { from, behind: &*behind, time, length: *step_size, fractions };
         damping.add_known(&sample, known, scratch)?;

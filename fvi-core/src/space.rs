@@ -94,6 +94,31 @@ pub(crate) fn part_mut<T>(numbers: &mut [T], count: usize) -> &mut [T] {
     numbers.get_mut(..count).unwrap_or_default()
 }
 
+/// The numbers of a work array from `start` on, as [`part`].
+#[inline(always)]
+pub(crate) fn part_from<T>(numbers: &[T], start: usize) -> &[T] {
+    #[cfg(test)]
+    assert!(start <= numbers.len(), "a work array of {} numbers, from {start} on", numbers.len());
+    numbers.get(start..).unwrap_or_default()
+}
+
+/// The first `count` numbers of a work array, as [`part`], and the others, to change them.
+#[inline(always)]
+pub(crate) fn parts_mut<T>(numbers: &mut [T], count: usize) -> (&mut [T], &mut [T]) {
+    #[cfg(test)]
+    assert!(count <= numbers.len(), "a work array of {} numbers, {count} wanted", numbers.len());
+    numbers.split_at_mut_checked(count).unwrap_or_default()
+}
+
+/// The last vector of a row of vectors, as [`part`].
+#[inline(always)]
+pub(crate) fn last_vector<T>(numbers: &[T], width: usize) -> &[T] {
+    let found = vectors(numbers, width).last();
+    #[cfg(test)]
+    assert!(found.is_some(), "no vector of {width} in {} numbers", numbers.len());
+    found.unwrap_or_default()
+}
+
 /// Vector `index` of a row of vectors, as [`part`].
 #[inline(always)]
 pub(crate) fn vector_at<T>(numbers: &[T], width: usize, index: usize) -> &[T] {

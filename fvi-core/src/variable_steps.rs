@@ -7,6 +7,7 @@ use crate::real::Real;
 use crate::resolvent::{At, LANES, Lanes, Resolvent};
 use crate::runge_kutta::RungeKutta;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
+use crate::space::{part, part_from, parts_mut};
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"rate";
@@ -333,7 +334,7 @@ where
 
     fn leading(&self) -> &[T] {
         let end = self.first_coordinate();
-        self.state.as_ref().get(end - R * R..end).unwrap_or(&[])
+        part_from(part(self.state.as_ref(), end), end - R * R)
     }
 
     fn len(&self) -> usize {
@@ -359,8 +360,7 @@ where
         let resolvent = self.resolvent;
         let table = self.table.borrow();
         let rates = table.rates.len();
-        let (operators, rest) =
-            self.state.as_mut().split_at_mut_checked((2 * R + 1) * rates).unwrap_or_default();
+        let (operators, rest) = parts_mut(self.state.as_mut(), (2 * R + 1) * rates);
         let blocks = operators.as_chunks_mut::<LANES>().0.chunks_exact_mut(2 * R + 1);
         let rates = table.rates.as_chunks::<LANES>().0;
         let coefficients = table.coefficients.as_chunks::<LANES>().0;

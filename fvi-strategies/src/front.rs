@@ -1,6 +1,7 @@
 //! Which strategy wins where: fronts, fits and sentences.
 
 use crate::precision::Precision;
+use crate::race::STANDS;
 use crate::record::{RaceRecord, Record, Row};
 
 /// Pareto front: indices of the points to which no other point is better in both coordinates, sorted by the
@@ -20,16 +21,23 @@ pub(crate) fn front(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
-/// A point of error and time: strategy, confidence interval of the time, error relative to Σ|w||x|.
+/// A point of error and time: strategy, range of the time, error relative to Σ|w||x|.
 struct Timed<'a> {
     strategy: &'a str,
-    between_ns: (f64, f64),
+    range_ns: (f64, f64),
     error: f64,
+}
+
+/// Times of a row that are not told from its own: the confidence interval of its mean, but not less than what
+/// a median is measured to.
+fn range_ns(row: &Row) -> (f64, f64) {
+    let (low, high) = row.between_ns;
+    (low.min((1.0 - STANDS) * row.mean_ns), high.max((1.0 + STANDS) * row.mean_ns))
 }
 
 /// The strategies on the Pareto front of error and mean time of some races, which differ in their tolerance
 /// only, and those that the spread of the times does not tell from it: no other strategy with as small an
-/// error is faster beyond the confidence intervals of both.
+/// error is faster beyond the ranges of both.
 pub(crate) fn front_and_ties<'a>(races: &[&'a RaceRecord]) -> (Vec<&'a str>, Vec<&'a str>) {
     let rows = || races.iter().flat_map(|race| race.rows.iter().map(move |row| (race, row)));
     let error = |race: &RaceRecord, row: &Row| row.error_u * race.precision.unit();
@@ -37,7 +45,7 @@ pub(crate) fn front_and_ties<'a>(races: &[&'a RaceRecord]) -> (Vec<&'a str>, Vec
     let timed: Vec<Timed<'_>> = rows()
         .map(|(race, row)| Timed {
             strategy: &row.strategy,
-            between_ns: row.between_ns,
+            range_ns: range_ns(row),
             error: error(race, row),
         })
         .collect();
@@ -52,7 +60,7 @@ pub(crate) fn front_and_ties<'a>(races: &[&'a RaceRecord]) -> (Vec<&'a str>, Vec
     };
     let on_it = distinct(&mut front(&points).into_iter());
     let is_beaten = |one: &Timed<'_>| {
-        timed.iter().any(|other| other.error <= one.error && other.between_ns.1 < one.between_ns.0)
+        timed.iter().any(|other| other.error <= one.error && other.range_ns.1 < one.range_ns.0)
     };
     let unbeaten = distinct(&mut (0..timed.len()).filter(|&index| !is_beaten(&timed[index])));
     let ties = unbeaten.into_iter().filter(|name| !on_it.contains(name)).collect();
@@ -163,11 +171,11 @@ pub(crate) fn eligible(race: &RaceRecord) -> Vec<&Row> {
     race.rows.iter().filter(|row| row.within).collect()
 }
 
-/// The fastest row of a race, and the rows whose confidence intervals overlap its own.
+/// The fastest row of a race, and the rows whose ranges of times overlap its own.
 pub(crate) fn fastest(race: &RaceRecord) -> Option<(&Row, Vec<&Row>)> {
     let rows = eligible(race);
     let best = rows.iter().copied().min_by(|a, b| a.mean_ns.total_cmp(&b.mean_ns))?;
-    let tie = |row: &&Row| row.strategy != best.strategy && row.between_ns.0 <= best.between_ns.1;
+    let tie = |row: &&Row| row.strategy != best.strategy && range_ns(row).0 <= range_ns(best).1;
     Some((best, rows.into_iter().filter(tie).collect()))
 }
 

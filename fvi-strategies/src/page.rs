@@ -36,7 +36,8 @@ pub(crate) fn page(record: &Record, plan: &Plan, strategies: &[Strategy]) -> Str
         growth(&mut page, &races, &names);
     }
     fronts(&mut page, record, &names);
-    page.push_str("<h2>All numbers</h2>\n<p>Times in ns a step. <i>between</i>: the median lies there with a probability of 95 %. \
+    page.push_str("<h2>All numbers</h2>\n<p>Times in ns a step. <i>between</i>: the median lies there with a probability of 95 %; \
+        ties are those whose intervals overlap, 5 % to either side at least. \
         † sums weights of its own, and has its error from their plain sum. Numbers in red are beyond the tolerance. \
         <i>weights</i>: error of the quadrature itself on t², |Σwx − K(d/dt)t²|/Σ|w||x| at the end of the run, \
         where it is known; a smaller tolerance brings no sum closer to the operator.</p>\n");

@@ -145,26 +145,26 @@ impl Stateful for EqualSteps {}
 /// Of implicit Euler, which is Radau IIA with one stage.
 fn any_step(task: &Task) -> Result<Made, Declined> {
     let family = ConvolutionFamily::RadauIia { stages: 1 };
-    let plan = Plan::new(task, Engine::AnyStep, family, None)?;
+    let parts = RequestParts::new(task, Engine::AnyStep, family, None)?;
     if task.kernel.order.get() != 1 {
         return Err(Declined::sits_out("it is for Runge–Kutta quadrature, of which BDF of order 1 is one"));
     }
     if task.precision == Precision::F32 {
         return Err(Declined::sits_out("in single precision its terms are right to some hundred u"));
     }
-    let request = MemoryRequest { end: Some(task.length as f64 * task.kernel.step), ..plan.request(task) };
+    let request = MemoryRequest { end: Some(task.length as f64 * task.kernel.step), ..parts.request(task) };
     let memory = engine(&request, &Tables::default())?;
     Ok(Made::of(AnyMemory::F64(Box::new(EqualSteps { memory, step: task.kernel.step }))))
 }
 
 /// What a request for an engine refers to.
-struct Plan<'a> {
+struct RequestParts<'a> {
     transfer: &'a TransferFunction,
     convolution: Convolution,
     history: History,
 }
 
-impl<'a> Plan<'a> {
+impl<'a> RequestParts<'a> {
     fn new(
         task: &'a Task,
         engine: Engine,
@@ -221,8 +221,8 @@ fn direct<T: Engines>(weights: &[f64], task: &Task) -> Result<Box<dyn Memory<T> 
 /// for a complex pair.
 fn exponential_sum(task: &Task, name: Engine) -> Result<Made, Declined> {
     let family = ConvolutionFamily::Bdf { order: task.kernel.order.get() };
-    let plan = Plan::new(task, name, family, Some(table_tolerance(task)))?;
-    let (request, tables) = (plan.request(task), Tables::default());
+    let parts = RequestParts::new(task, name, family, Some(table_tolerance(task)))?;
+    let (request, tables) = (parts.request(task), Tables::default());
     let made = Made::of(match task.precision {
         Precision::F64 => AnyMemory::F64(engine(&request, &tables)?),
         Precision::F32 => AnyMemory::F32(engine(&request, &tables)?),

@@ -33,7 +33,7 @@ const COMPARED_CHANNELS: usize = 3;
 /// Errors up to this multiple of u count as rounding and are accepted with any tolerance.
 const ROUNDING: f64 = 16.0;
 /// A median counts as reliable if half the width of its confidence interval is at most this fraction of it.
-const STANDS: f64 = 0.05;
+pub(crate) const STANDS: f64 = 0.05;
 
 /// A strategy in a race.
 pub(crate) struct Runner {

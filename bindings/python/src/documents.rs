@@ -118,9 +118,11 @@ impl Tree {
             Self::Text(words) => write_text(words, text),
             Self::List(entries) => {
                 text.push('[');
-                for entry in entries {
+                for (index, entry) in entries.iter().enumerate() {
+                    if index > 0 {
+                        *text += ", ";
+                    }
                     entry.write_inline(text);
-                    text.push(',');
                 }
                 text.push(']');
             }
