@@ -13,7 +13,7 @@ use fvi_scenario::language::InputError;
 
 use crate::front::winners;
 use crate::machine::Machine;
-use crate::page::page;
+use crate::page::{Page, page};
 use crate::plan::Plan;
 use crate::race::{FoundOut, run};
 use crate::record::{Kind, Record};
@@ -77,6 +77,9 @@ pub enum LabError {
 /// Name of the file with the record, from which races continue.
 const RECORD: &str = "strategies.json";
 
+/// Directory of the pictures, which are written when all races are done or stopped.
+const PICTURES: &str = "pictures";
+
 impl Default for Lab {
     fn default() -> Self {
         Self::new()
@@ -123,7 +126,7 @@ impl Lab {
     /// repeated. `progress` receives the number of races done and a description of the current one.
     ///
     /// The files are rewritten after each race: `strategies.csv`, `strategies.html`, and the record
-    /// `strategies.json`.
+    /// `strategies.json`; the pictures of the page are written to `pictures` at the end.
     ///
     /// # Errors
     /// [`LabError`]; a failing strategy is not an error but is listed in the summary.
@@ -189,7 +192,8 @@ impl Lab {
             }
         }
         progress(done, "");
-        write(&record, plan, &strategies, &output)?;
+        let page = write(&record, plan, &strategies, &output)?;
+        write_pictures(&page, &output)?;
         let found_out = found_out(&record);
         Ok(Summary { record, races: plan.races(), found_out, directory: directory.to_owned() })
     }
@@ -200,13 +204,24 @@ fn write(
     plan: &Plan,
     strategies: &[Strategy],
     output: &OutputDirectory,
-) -> Result<(), LabError> {
+) -> Result<Page, LabError> {
     let failed = |name: &str, error: std::io::Error| FileError { path: output.join(name), source: error };
     let table = record.table().map_err(|error| failed("strategies.csv", error.into()))?;
     let kept = serde_json::to_string(record).map_err(|error| failed(RECORD, error.into()))?;
     write_text(&output.join("strategies.csv"), &table)?;
-    write_text(&output.join("strategies.html"), &page(record, plan, strategies))?;
+    let page = page(record, plan, strategies);
+    write_text(&output.join("strategies.html"), &page.html)?;
     write_text(&output.join(RECORD), &kept)?;
+    Ok(page)
+}
+
+/// The pictures of the page as files.
+fn write_pictures(page: &Page, output: &OutputDirectory) -> Result<(), LabError> {
+    let directory = output.join(PICTURES);
+    std::fs::create_dir_all(&directory).map_err(|source| FileError { path: directory.clone(), source })?;
+    for (name, picture) in &page.pictures {
+        write_text(&directory.join(format!("{name}.svg")), picture)?;
+    }
     Ok(())
 }
 

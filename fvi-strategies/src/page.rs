@@ -5,7 +5,7 @@ use std::fmt::Write;
 use fvi_rivals::fitted_exponent;
 
 use crate::front::{eligible, families, fastest, front, front_and_ties, groups, least, winners};
-use crate::picture::{Picture, Point, escaped};
+use crate::picture::{self, Picture, Point, escaped};
 use crate::plan::{Plan, SIGNALS};
 use crate::record::{Kind, RaceRecord, Record, Row};
 use crate::strategy::Strategy;
@@ -13,16 +13,37 @@ use crate::strategy::Strategy;
 const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}\
 h1{font-size:1.5em}h2{font-size:1.2em;margin-top:2em}table{border-collapse:collapse;font-size:13px;margin:.6em 0}\
 td,th{padding:2px 8px;border-bottom:1px solid #ddd;text-align:right}td:first-child,th:first-child{text-align:left}\
-svg{width:100%;max-width:760px;display:block;margin:.5em 0}svg text{font:12px system-ui,sans-serif}.h{font-weight:600}\
-.m{text-anchor:middle}.e{text-anchor:end}.g{stroke:#e4e4e4;fill:none}.no{color:#a33}code{background:#f4f4f4;padding:0 3px}";
+svg{width:100%;max-width:760px;display:block;margin:.5em 0}.no{color:#a33}code{background:#f4f4f4;padding:0 3px}";
+
+/// A page, and its pictures as files of their own.
+pub(crate) struct Page {
+    pub(crate) html: String,
+    /// Names without an ending, and contents.
+    pub(crate) pictures: Vec<(String, String)>,
+}
+
+impl Page {
+    /// Adds a picture to the page and to the files, under a name of the words without what file systems or
+    /// shells treat in ways of their own.
+    fn picture(&mut self, words: &str, picture: &Picture<'_>) {
+        self.html.push_str(&picture.svg());
+        let plain = |letter: char| if letter.is_alphanumeric() || letter == '.' { letter } else { '-' };
+        let mut name: String = words.chars().map(plain).collect();
+        while self.pictures.iter().any(|(known, _)| *known == name) {
+            name.push('-');
+        }
+        self.pictures.push((name, picture.file()));
+    }
+}
 
 /// The whole page.
-pub(crate) fn page(record: &Record, plan: &Plan, strategies: &[Strategy]) -> String {
+pub(crate) fn page(record: &Record, plan: &Plan, strategies: &[Strategy]) -> Page {
     let names: Vec<String> = strategies.iter().map(|strategy| strategy.name.clone()).collect();
     let title = plan.title.as_deref().unwrap_or("Strategies for online convolution");
     let mut page = format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{0}</title><style>{STYLE}</style></head><body>\n<h1>{0}</h1>\n",
-        escaped(title)
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{0}</title><style>{STYLE}{1}</style></head><body>\n<h1>{0}</h1>\n",
+        escaped(title),
+        picture::STYLE
     );
     head(&mut page, record, plan);
     page.push_str("<h2>Which strategy wins where</h2>\n<ul>\n");
@@ -32,17 +53,19 @@ pub(crate) fn page(record: &Record, plan: &Plan, strategies: &[Strategy]) -> Str
     page.push_str("</ul>\n");
     winners_table(&mut page, record);
     found_out(&mut page, record);
+    let mut whole = Page { html: page, pictures: Vec::new() };
     for races in families(record) {
-        growth(&mut page, &races, &names);
+        growth(&mut whole, &races, &names);
     }
-    fronts(&mut page, record, &names);
+    fronts(&mut whole, record, &names);
+    let page = &mut whole.html;
     page.push_str("<h2>All numbers</h2>\n<p>Times in ns a step. <i>between</i>: the median lies there with a probability of 95 %; \
         ties are those whose intervals overlap, 5 % to either side at least. \
         † sums weights of its own, and has its error from their plain sum. Numbers in red are beyond the tolerance. \
         <i>weights</i>: error of the quadrature itself on t², |Σwx − K(d/dt)t²|/Σ|w||x| at the end of the run, \
         where it is known; a smaller tolerance brings no sum closer to the operator.</p>\n");
     for race in &record.races {
-        numbers(&mut page, race);
+        numbers(page, race);
     }
     page.push_str("<h2>The strategies</h2>\n<table><tr><th>name</th><th>what it is</th></tr>\n");
     for strategy in strategies {
@@ -50,7 +73,7 @@ pub(crate) fn page(record: &Record, plan: &Plan, strategies: &[Strategy]) -> Str
         let _ = writeln!(page, "<tr><td><code>{name}</code></td><td>{description}</td></tr>");
     }
     page.push_str("</table>\n</body></html>\n");
-    page
+    whole
 }
 
 fn head(page: &mut String, record: &Record, plan: &Plan) {
@@ -164,7 +187,7 @@ fn found_out(page: &mut String, record: &Record) {
 }
 
 /// Cost against length, with fitted exponents.
-fn growth(page: &mut String, races: &[&RaceRecord], names: &[String]) {
+fn growth(page: &mut Page, races: &[&RaceRecord], names: &[String]) {
     if races.len() < 2 {
         return;
     }
@@ -210,16 +233,18 @@ fn growth(page: &mut String, races: &[&RaceRecord], names: &[String]) {
             );
         }
     }
-    let _ = writeln!(page, "<h2>{}</h2>", escaped(&heading));
-    page.push_str(&picture.svg());
+    let _ = writeln!(page.html, "<h2>{}</h2>", escaped(&heading));
+    page.picture(&heading.replace("Cost against length:", "growth"), &picture);
     let _ = writeln!(
-        page,
+        page.html,
         "<p>Exponents p of cost ~ steps<sup>p</sup>, of a step, by least squares over these lengths:</p><table><tr><th>strategy</th><th>of mean time</th><th>of the worst step</th><th>of counted operations</th></tr>\n{fits}</table>"
     );
 }
 
 /// One view of the results.
 struct View {
+    /// Beginning of its file's name.
+    file: &'static str,
     title: &'static str,
     x: &'static str,
     y: &'static str,
@@ -227,27 +252,31 @@ struct View {
 }
 
 /// The Pareto fronts of error and cost at every length, over all tolerances.
-fn fronts(page: &mut String, record: &Record, names: &[String]) {
+fn fronts(page: &mut Page, record: &Record, names: &[String]) {
     let views = [
         View {
+            file: "error-time",
             title: "Error and time",
             x: "mean time of a step / ns",
             y: "error / Σ|w||x|",
             of: |race, row| (row.mean_ns, row.error_u * race.precision.unit()),
         },
         View {
+            file: "error-bytes",
             title: "Error and memory",
             x: "bytes",
             y: "error / Σ|w||x|",
             of: |race, row| (row.bytes as f64, row.error_u * race.precision.unit()),
         },
         View {
+            file: "worst-mean",
             title: "Worst step and mean step, within the tolerance",
             x: "mean time of a step / ns",
             y: "longest step / ns",
             of: |_, row| (row.mean_ns, row.worst_ns),
         },
         View {
+            file: "p99.9-mean",
             title: "p99.9 and mean step, within the tolerance",
             x: "mean time of a step / ns",
             y: "99.9 % of the steps are no longer than / ns",
@@ -264,7 +293,7 @@ fn fronts(page: &mut String, record: &Record, names: &[String]) {
             if race.channels == 1 { "" } else { "s" },
             race.precision.name()
         );
-        let _ = writeln!(page, "<h2>{}</h2>", escaped(&heading));
+        let _ = writeln!(page.html, "<h2>{}</h2>", escaped(&heading));
         for (index, view) in views.iter().enumerate() {
             let mut picture = Picture {
                 title: view.title,
@@ -293,7 +322,8 @@ fn fronts(page: &mut String, record: &Record, names: &[String]) {
                 }
             }
             picture.lines.push((best, false));
-            page.push_str(&picture.svg());
+            page.picture(&heading.replace("Pareto fronts:", view.file), &picture);
+            let page = &mut page.html;
             let _ = write!(page, "<p>On the front, from left to right: {}.", on_it.join(", "));
             let (_, ties) = if index == 0 { front_and_ties(&group) } else { Default::default() };
             if !ties.is_empty() {

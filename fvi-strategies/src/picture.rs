@@ -1,4 +1,4 @@
-//! Pictures as SVG within a page: points over logarithmic axes.
+//! Pictures as SVG, within a page and as files: points over logarithmic axes.
 
 use std::fmt::Write;
 
@@ -35,6 +35,10 @@ const COLOURS: [&str; 10] = [
 /// Shapes of marks, as paths around the origin.
 const MARKS: [&str; 3] = ["M-4,0a4,4 0 1,0 8,0a4,4 0 1,0 -8,0z", "M-4,-4h8v8h-8z", "M0,-5l5,9h-10z"];
 
+/// Style of the pictures, in a page and in a file.
+pub(crate) const STYLE: &str = "svg text{font:12px system-ui,sans-serif}.h{font-weight:600}\
+.m{text-anchor:middle}.e{text-anchor:end}.g{stroke:#e4e4e4;fill:none}";
+
 /// A text with the special characters of HTML escaped.
 pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
@@ -53,7 +57,18 @@ fn ends(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
 }
 
 impl Picture<'_> {
+    /// For a page that has the [`STYLE`].
     pub(crate) fn svg(&self) -> String {
+        self.drawn("", "")
+    }
+
+    /// The content of a file.
+    pub(crate) fn file(&self) -> String {
+        let paper = "<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>";
+        self.drawn(" xmlns=\"http://www.w3.org/2000/svg\"", &format!("<style>{STYLE}</style>{paper}"))
+    }
+
+    fn drawn(&self, language: &str, before: &str) -> String {
         let (x0, x1) = ends(self.points.iter().map(|point| point.x));
         let (y0, y1) = ends(self.points.iter().map(|point| point.y));
         let across = |x: f64| LEFT + (x - x0) / (x1 - x0) * (WIDTH - LEFT - RIGHT);
@@ -63,7 +78,7 @@ impl Picture<'_> {
         let title = escaped(self.title);
         let _ = writeln!(
             svg,
-            "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{title}\"><text x=\"{LEFT}\" y=\"20\" class=\"h\">{title}</text>"
+            "<svg{language} viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{title}\">{before}<text x=\"{LEFT}\" y=\"20\" class=\"h\">{title}</text>"
         );
         for (ticks, vertical) in [(decades(x0, x1), true), (decades(y0, y1), false)] {
             for tick in ticks {
@@ -183,6 +198,7 @@ mod tests {
         let svg = picture.svg();
         assert!(svg.contains("one &amp; two") && svg.contains("a&lt;b") && svg.contains("&quot;here&quot;"));
         assert!(!svg.contains("unused") && !svg.contains("NaN") && svg.matches("<polyline").count() == 1);
+        assert!(!svg.contains("<style>") && picture.file().contains("<style>"));
         assert_eq!(superscript(-12), "⁻¹²");
         assert_eq!(decades(-0.2, 3.4), [0, 1, 2, 3]);
     }

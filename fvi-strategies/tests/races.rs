@@ -173,6 +173,16 @@ fn every_strategy_is_measured_and_the_table_has_its_columns() {
     {
         assert!(page.contains(word), "{word}");
     }
+    // Each of its pictures is a file, too: growth of eight families, four views of eight fronts.
+    let pictures: Vec<_> =
+        fs::read_dir(place.path().join("out/pictures")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    assert_eq!((pictures.len(), page.matches("<svg").count()), (8 + 4 * 8, 8 + 4 * 8));
+    let front = place.path().join("out/pictures/error-time-root---half---300-steps--3-channels--f32.svg");
+    assert!(pictures.contains(&front), "{pictures:?}");
+    for picture in &pictures {
+        let picture = fs::read_to_string(picture).unwrap();
+        assert!(picture.starts_with("<svg xmlns=") && picture.ends_with("</svg>\n"), "{picture}");
+    }
 }
 
 #[test]

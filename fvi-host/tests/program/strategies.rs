@@ -22,6 +22,7 @@ fn a_file_of_strategies_leads_to_a_table_a_page_and_sentences() {
         );
     }
     assert!(workplace.path("out/race/strategies.html").exists());
+    assert!(workplace.path("out/race/pictures/error-bytes-root--64-steps--1-channel--f64.svg").exists());
     // Going on from what is complete measures nothing again.
     let output = workplace.fvi(&["strategies", "race.toml", "--resume", "--quiet"]);
     assert!(output.status.success() && output.stdout.is_empty(), "{}", text(&output.stderr));
