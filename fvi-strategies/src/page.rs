@@ -23,16 +23,16 @@ pub(crate) struct Page {
 }
 
 impl Page {
-    /// Adds a picture to the page and to the files, under a name of the words without what file systems or
-    /// shells treat in ways of their own.
-    fn picture(&mut self, words: &str, picture: &Picture<'_>) {
+    /// Adds a picture to the page and, with a title of its own, to the files. Their names are made of words,
+    /// without what file systems or shells treat in ways of their own.
+    fn picture(&mut self, words: &str, title: &str, picture: &Picture<'_>) {
         self.html.push_str(&picture.svg());
         let plain = |letter: char| if letter.is_alphanumeric() || letter == '.' { letter } else { '-' };
         let mut name: String = words.chars().map(plain).collect();
         while self.pictures.iter().any(|(known, _)| *known == name) {
             name.push('-');
         }
-        self.pictures.push((name, picture.file()));
+        self.pictures.push((name, picture.file(title)));
     }
 }
 
@@ -234,7 +234,7 @@ fn growth(page: &mut Page, races: &[&RaceRecord], names: &[String]) {
         }
     }
     let _ = writeln!(page.html, "<h2>{}</h2>", escaped(&heading));
-    page.picture(&heading.replace("Cost against length:", "growth"), &picture);
+    page.picture(&heading.replace("Cost against length:", "growth"), &heading, &picture);
     let _ = writeln!(
         page.html,
         "<p>Exponents p of cost ~ steps<sup>p</sup>, of a step, by least squares over these lengths:</p><table><tr><th>strategy</th><th>of mean time</th><th>of the worst step</th><th>of counted operations</th></tr>\n{fits}</table>"
@@ -322,7 +322,8 @@ fn fronts(page: &mut Page, record: &Record, names: &[String]) {
                 }
             }
             picture.lines.push((best, false));
-            page.picture(&heading.replace("Pareto fronts:", view.file), &picture);
+            let named = |words: &str| heading.replace("Pareto fronts", words);
+            page.picture(&named(view.file).replace(": ", " "), &named(view.title), &picture);
             let page = &mut page.html;
             let _ = write!(page, "<p>On the front, from left to right: {}.", on_it.join(", "));
             let (_, ties) = if index == 0 { front_and_ties(&group) } else { Default::default() };

@@ -59,23 +59,23 @@ fn ends(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
 impl Picture<'_> {
     /// For a page that has the [`STYLE`].
     pub(crate) fn svg(&self) -> String {
-        self.drawn("", "")
+        self.drawn(self.title, "", "")
     }
 
-    /// The content of a file.
-    pub(crate) fn file(&self) -> String {
+    /// The content of a file, with a title that tells what it shows without a page.
+    pub(crate) fn file(&self, title: &str) -> String {
         let paper = "<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>";
-        self.drawn(" xmlns=\"http://www.w3.org/2000/svg\"", &format!("<style>{STYLE}</style>{paper}"))
+        self.drawn(title, " xmlns=\"http://www.w3.org/2000/svg\"", &format!("<style>{STYLE}</style>{paper}"))
     }
 
-    fn drawn(&self, language: &str, before: &str) -> String {
+    fn drawn(&self, title: &str, language: &str, before: &str) -> String {
         let (x0, x1) = ends(self.points.iter().map(|point| point.x));
         let (y0, y1) = ends(self.points.iter().map(|point| point.y));
         let across = |x: f64| LEFT + (x - x0) / (x1 - x0) * (WIDTH - LEFT - RIGHT);
         let up = |y: f64| HEIGHT - BOTTOM - (y - y0) / (y1 - y0) * (HEIGHT - TOP - BOTTOM);
         let place = |point: &Point| (across(point.x.max(1e-300).log10()), up(point.y.max(1e-300).log10()));
         let mut svg = String::new();
-        let title = escaped(self.title);
+        let title = escaped(title);
         let _ = writeln!(
             svg,
             "<svg{language} viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{title}\">{before}<text x=\"{LEFT}\" y=\"20\" class=\"h\">{title}</text>"
@@ -198,7 +198,8 @@ mod tests {
         let svg = picture.svg();
         assert!(svg.contains("one &amp; two") && svg.contains("a&lt;b") && svg.contains("&quot;here&quot;"));
         assert!(!svg.contains("unused") && !svg.contains("NaN") && svg.matches("<polyline").count() == 1);
-        assert!(!svg.contains("<style>") && picture.file().contains("<style>"));
+        assert!(!svg.contains("<style>") && picture.file("three").contains("<style>"));
+        assert!(picture.file("three").contains(">three</text>"));
         assert_eq!(superscript(-12), "⁻¹²");
         assert_eq!(decades(-0.2, 3.4), [0, 1, 2, 3]);
     }
