@@ -2,6 +2,8 @@
 //!
 //!     cargo run --release -- race.toml out
 
+mod two_stage;
+
 use fvi_strategies::fvi_core::{Memory, MemoryError, Stateful, check_channels};
 use fvi_strategies::{Lab, LabError, Made, Strategy};
 
@@ -97,7 +99,13 @@ fn main() -> Result<(), LabError> {
         1 => Ok(Made::memory(Coarse::new(&task.weights))),
         _ => Err(fvi_strategies::Declined::SitsOut("it is for one channel".to_owned())),
     });
-    let summary = Lab::new().with(coarse.without_bound()).run(file.as_ref(), out.as_ref())?;
+    let two_stage = Strategy::new("fft-convolver", "a partition in blocks of two sizes, of audio", |task| {
+        match task.channels {
+            1 => Ok(Made::memory(two_stage::TwoStage::new(&task.weights)?)),
+            _ => Err(fvi_strategies::Declined::SitsOut("it is for one channel".to_owned())),
+        }
+    });
+    let summary = Lab::new().with(coarse.without_bound()).with(two_stage).run(file.as_ref(), out.as_ref())?;
     println!("{summary}");
     Ok(())
 }
