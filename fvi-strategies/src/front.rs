@@ -102,13 +102,9 @@ impl Agreement {
         let mut agreement = Self::default();
         let Some((first, others)) = runs.split_first() else { return agreement };
         for race in &first.races {
-            let same = |run: &'_ Record| -> Option<usize> {
-                run.races
-                    .iter()
-                    .position(|other| other.is_of_group(race) && other.tolerance == race.tolerance)
-            };
+            let is_same = |other: &&RaceRecord| other.is_of_group(race) && other.tolerance == race.tolerance;
             let found: Option<Vec<&RaceRecord>> =
-                others.iter().map(|run| same(run).map(|index| &run.races[index])).collect();
+                others.iter().map(|run| run.races.iter().find(is_same)).collect();
             let Some(found) = found else { continue };
             let winners: Vec<_> = std::iter::once(race)
                 .chain(found)
