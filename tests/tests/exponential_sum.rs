@@ -5,6 +5,7 @@ use fvi_fft::{ChunkedExponentialSum, Engines, Vectorised};
 use fvi_host::numerics::exponential_table::{
     ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
 };
+use fvi_tests::convergence::larger;
 use fvi_tests::reference;
 
 /// Exponents of the quadrature: everywhere in (−1, 2), and near whole numbers.
@@ -118,7 +119,7 @@ fn every_weight_is_within_the_smallest_tolerance_for_every_order_and_exponent() 
                     let error = (kernel.weight(n) - exact).abs();
                     if error == 0.0 { 0.0 } else { error / exact.abs() }
                 });
-                let error = errors.fold(0.0, f64::max);
+                let error = errors.fold(0.0, larger);
                 assert!(
                     error <= tolerance,
                     "order {order}, exponent {exponent}, horizon {horizon}: {error:e}"

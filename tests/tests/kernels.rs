@@ -12,7 +12,7 @@ use fvi_host::numerics::transfer::TransferFunction;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario, kernel_of_symbol};
 use fvi_host::simulation::motion::Motion;
 use fvi_host::simulation::{GridState, Precision, Simulation};
-use fvi_tests::convergence::observed_order;
+use fvi_tests::convergence::{larger, observed_order};
 use nalgebra::Complex;
 use proptest::prelude::*;
 
@@ -316,7 +316,7 @@ fn motions_have_the_orders_of_node_form_for_kernels_with_random_parameters() {
                 let error = |(time, exact): (f64, f64)| {
                     (states[(time * steps_in_one as f64) as usize].position[0] - exact).abs()
                 };
-                exact.map(error).into_iter().fold(0.0, f64::max)
+                exact.map(error).into_iter().fold(0.0, larger)
             };
             let errors = [64, 128, 256].map(error);
             let orders = [0, 1].map(|k| (errors[k] / errors[k + 1]).log2());

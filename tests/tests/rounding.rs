@@ -7,6 +7,7 @@ use fvi_core::{
 use fvi_host::language::Document;
 use fvi_host::scenario::{Engine, Scenario};
 use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_tests::convergence::larger;
 use fvi_tests::reference;
 use nalgebra::vector;
 use std::path::Path;
@@ -55,7 +56,7 @@ fn rounding_error(at: &str, engine: Engine) -> f64 {
             state.position[0] - row[&format!("{prefix}_q")],
             state.momentum[0] - row[&format!("{prefix}_p")],
         ];
-        worst = errors.into_iter().map(f64::abs).fold(worst, f64::max);
+        worst = errors.into_iter().map(f64::abs).fold(worst, larger);
     }
     worst
 }
