@@ -115,7 +115,7 @@ fn terms(memory: &mut dyn Memory<f64>, samples: &[f64]) -> Vec<f64> {
 
 /// The larger of two errors; NaN counts as larger than any number.
 fn larger(largest: f64, error: f64) -> f64 {
-    if error <= largest { largest } else { error }
+    if largest.is_nan() || error <= largest { largest } else { error }
 }
 
 fn weights_of_root(count: usize) -> Result<Vec<f64>, ParameterError> {
@@ -240,15 +240,14 @@ fn filters() -> Vec<Claim> {
     let printed = recursion(0.5, 1e-2, 1e2, 5).collect::<Vec<_>>();
     let zeros: Vec<f64> = printed.iter().map(|section| section.zero).collect();
     let poles: Vec<f64> = printed.iter().filter_map(|section| section.pole).collect();
-    let recursive = printed_difference(&zeros, 10.0, &[10.0, 298.5, 1218.0, 768.5, 74.97, 1.0])
-        .max(printed_difference(&poles, 1.0, &[1.0, 74.97, 768.5, 1218.0, 298.5, 10.0]));
+    let recursive = larger(
+        printed_difference(&zeros, 10.0, &[10.0, 298.5, 1218.0, 768.5, 74.97, 1.0]),
+        printed_difference(&poles, 1.0, &[1.0, 74.97, 768.5, 1218.0, 298.5, 10.0]),
+    );
     let through_nine = Rational::through_gains(0.5, 0.1, 10.0, 4).map_or(f64::NAN, |fraction| {
-        printed_difference(fraction.zeros(), 1.0, &[1.0, 13.0, 20.84, 4.876, 0.08551]).max(
-            printed_difference(
-                fraction.poles(),
-                1.0 / fraction.gain(),
-                &[0.08549, 4.877, 20.84, 12.995, 1.0],
-            ),
+        larger(
+            printed_difference(&fraction.zeros, 1.0, &[1.0, 13.0, 20.84, 4.876, 0.08551]),
+            printed_difference(&fraction.poles, 1.0 / fraction.gain, &[0.08549, 4.877, 20.84, 12.995, 1.0]),
         )
     });
     vec![
@@ -534,4 +533,17 @@ fn oblivious_quadrature() -> Result<Vec<Claim>, ParameterError> {
             is_rounding: false,
         },
     ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_that_is_no_number_is_the_largest_wherever_it_comes() {
+        for errors in [[f64::NAN, 1.0, 2.0], [1.0, f64::NAN, 2.0], [1.0, 2.0, f64::NAN]] {
+            assert!(errors.into_iter().fold(0.0, larger).is_nan(), "{errors:?}");
+        }
+        assert_eq!([1.0, 3.0, 2.0].into_iter().fold(0.0, larger), 3.0);
+    }
 }

@@ -56,9 +56,9 @@ pub fn matsuda(
 /// gain · Π (s + zero)/(s + pole), both ascending.
 #[derive(Clone, Debug)]
 pub(crate) struct Rational {
-    gain: f64,
-    zeros: Vec<f64>,
-    poles: Vec<f64>,
+    pub(crate) gain: f64,
+    pub(crate) zeros: Vec<f64>,
+    pub(crate) poles: Vec<f64>,
 }
 
 impl Rational {
@@ -125,21 +125,6 @@ impl Rational {
     pub(crate) fn value(&self, s: f64) -> f64 {
         let factors = self.zeros.iter().zip(&self.poles).map(|(zero, pole)| (s + zero) / (s + pole));
         self.gain * factors.product::<f64>()
-    }
-
-    /// Factor of Π (s + zero)/(s + pole).
-    pub(crate) fn gain(&self) -> f64 {
-        self.gain
-    }
-
-    /// The negatives of the zeros, ascending.
-    pub(crate) fn zeros(&self) -> &[f64] {
-        &self.zeros
-    }
-
-    /// The negatives of the poles, ascending.
-    pub(crate) fn poles(&self) -> &[f64] {
-        &self.poles
     }
 
     /// Largest relative error on the band.
