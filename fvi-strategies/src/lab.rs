@@ -219,8 +219,8 @@ fn write(
 fn write_pictures(page: &Page, output: &OutputDirectory) -> Result<(), LabError> {
     let directory = output.join(PICTURES);
     std::fs::create_dir_all(&directory).map_err(|source| FileError { path: directory.clone(), source })?;
-    for (name, picture) in &page.pictures {
-        write_text(&directory.join(format!("{name}.svg")), picture)?;
+    for picture in &page.pictures {
+        write_text(&directory.join(format!("{}.svg", picture.name)), &picture.content())?;
     }
     Ok(())
 }

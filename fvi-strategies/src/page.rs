@@ -15,24 +15,38 @@ h1{font-size:1.5em}h2{font-size:1.2em;margin-top:2em}table{border-collapse:colla
 td,th{padding:2px 8px;border-bottom:1px solid #ddd;text-align:right}td:first-child,th:first-child{text-align:left}\
 svg{width:100%;max-width:760px;display:block;margin:.5em 0}.no{color:#a33}code{background:#f4f4f4;padding:0 3px}";
 
-/// A page, and its pictures as files of their own.
+/// A page, and its pictures, which are files of their own, too.
 pub(crate) struct Page {
     pub(crate) html: String,
-    /// Names without an ending, and contents.
-    pub(crate) pictures: Vec<(String, String)>,
+    pub(crate) pictures: Vec<PictureFile>,
+}
+
+/// What a file of a picture is made of.
+pub(crate) struct PictureFile {
+    /// Without an ending.
+    pub(crate) name: String,
+    title: String,
+    body: String,
+}
+
+impl PictureFile {
+    pub(crate) fn content(&self) -> String {
+        picture::as_file(&self.title, &self.body)
+    }
 }
 
 impl Page {
     /// Adds a picture to the page and, with a title of its own, to the files. Their names are made of words,
     /// without what file systems or shells treat in ways of their own.
-    fn picture(&mut self, words: &str, title: &str, picture: &Picture<'_>) {
-        self.html.push_str(&picture.svg());
+    fn picture(&mut self, title: &str, words: &str, title_of_file: &str, picture: &Picture<'_>) {
+        let body = picture.body();
+        self.html.push_str(&picture::in_page(title, &body));
         let plain = |letter: char| if letter.is_alphanumeric() || letter == '.' { letter } else { '-' };
         let mut name: String = words.chars().map(plain).collect();
-        while self.pictures.iter().any(|(known, _)| *known == name) {
+        while self.pictures.iter().any(|known| known.name == name) {
             name.push('-');
         }
-        self.pictures.push((name, picture.file(title)));
+        self.pictures.push(PictureFile { name, title: title_of_file.to_owned(), body });
     }
 }
 
@@ -200,8 +214,7 @@ fn growth(page: &mut Page, races: &[&RaceRecord], names: &[String]) {
         first.precision.name(),
         first.tolerance
     );
-    let mut picture =
-        Picture { title: &heading, x: "steps", y: "ns a step", names, points: Vec::new(), lines: Vec::new() };
+    let mut picture = Picture { x: "steps", y: "ns a step", names, points: Vec::new(), lines: Vec::new() };
     let mut fits = String::new();
     for (series, name) in names.iter().enumerate() {
         let rows: Vec<(&RaceRecord, &Row)> = races
@@ -234,7 +247,7 @@ fn growth(page: &mut Page, races: &[&RaceRecord], names: &[String]) {
         }
     }
     let _ = writeln!(page.html, "<h2>{}</h2>", escaped(&heading));
-    page.picture(&heading.replace("Cost against length:", "growth"), &heading, &picture);
+    page.picture(&heading, &heading.replace("Cost against length:", "growth"), &heading, &picture);
     let _ = writeln!(
         page.html,
         "<p>Exponents p of cost ~ steps<sup>p</sup>, of a step, by least squares over these lengths:</p><table><tr><th>strategy</th><th>of mean time</th><th>of the worst step</th><th>of counted operations</th></tr>\n{fits}</table>"
@@ -295,14 +308,7 @@ fn fronts(page: &mut Page, record: &Record, names: &[String]) {
         );
         let _ = writeln!(page.html, "<h2>{}</h2>", escaped(&heading));
         for (index, view) in views.iter().enumerate() {
-            let mut picture = Picture {
-                title: view.title,
-                x: view.x,
-                y: view.y,
-                names,
-                points: Vec::new(),
-                lines: Vec::new(),
-            };
+            let mut picture = Picture { x: view.x, y: view.y, names, points: Vec::new(), lines: Vec::new() };
             for race in &group {
                 let rows: Vec<&Row> = if index >= 2 { eligible(race) } else { race.rows.iter().collect() };
                 for row in rows {
@@ -323,7 +329,7 @@ fn fronts(page: &mut Page, record: &Record, names: &[String]) {
             }
             picture.lines.push((best, false));
             let named = |words: &str| heading.replace("Pareto fronts", words);
-            page.picture(&named(view.file).replace(": ", " "), &named(view.title), &picture);
+            page.picture(view.title, &named(view.file).replace(": ", " "), &named(view.title), &picture);
             let page = &mut page.html;
             let _ = write!(page, "<p>On the front, from left to right: {}.", on_it.join(", "));
             let (_, ties) = if index == 0 { front_and_ties(&group) } else { Default::default() };

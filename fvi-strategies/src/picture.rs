@@ -13,7 +13,6 @@ pub(crate) struct Point {
 
 /// Points, with lines through some of them.
 pub(crate) struct Picture<'a> {
-    pub(crate) title: &'a str,
     pub(crate) x: &'a str,
     pub(crate) y: &'a str,
     pub(crate) names: &'a [String],
@@ -57,29 +56,14 @@ fn ends(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
 }
 
 impl Picture<'_> {
-    /// For a page that has the [`STYLE`].
-    pub(crate) fn svg(&self) -> String {
-        self.drawn(self.title, "", "")
-    }
-
-    /// The content of a file, with a title that tells what it shows without a page.
-    pub(crate) fn file(&self, title: &str) -> String {
-        let paper = "<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>";
-        self.drawn(title, " xmlns=\"http://www.w3.org/2000/svg\"", &format!("<style>{STYLE}</style>{paper}"))
-    }
-
-    fn drawn(&self, title: &str, language: &str, before: &str) -> String {
+    /// All below the title.
+    pub(crate) fn body(&self) -> String {
         let (x0, x1) = ends(self.points.iter().map(|point| point.x));
         let (y0, y1) = ends(self.points.iter().map(|point| point.y));
         let across = |x: f64| LEFT + (x - x0) / (x1 - x0) * (WIDTH - LEFT - RIGHT);
         let up = |y: f64| HEIGHT - BOTTOM - (y - y0) / (y1 - y0) * (HEIGHT - TOP - BOTTOM);
         let place = |point: &Point| (across(point.x.max(1e-300).log10()), up(point.y.max(1e-300).log10()));
         let mut svg = String::new();
-        let title = escaped(title);
-        let _ = writeln!(
-            svg,
-            "<svg{language} viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{title}\">{before}<text x=\"{LEFT}\" y=\"20\" class=\"h\">{title}</text>"
-        );
         for (ticks, vertical) in [(decades(x0, x1), true), (decades(y0, y1), false)] {
             for tick in ticks {
                 let label = format!("10{}", superscript(tick));
@@ -153,9 +137,27 @@ impl Picture<'_> {
                 escaped(name)
             );
         }
-        svg.push_str("</svg>\n");
         svg
     }
+}
+
+/// A picture in a page that has the [`STYLE`].
+pub(crate) fn in_page(title: &str, body: &str) -> String {
+    framed("", title, "", body)
+}
+
+/// A picture as the content of a file, whose title tells what it shows without a page.
+pub(crate) fn as_file(title: &str, body: &str) -> String {
+    let paper = "<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>";
+    let before = format!("<style>{STYLE}</style>{paper}");
+    framed(" xmlns=\"http://www.w3.org/2000/svg\"", title, &before, body)
+}
+
+fn framed(language: &str, title: &str, before: &str, body: &str) -> String {
+    let title = escaped(title);
+    format!(
+        "<svg{language} viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{title}\">{before}<text x=\"{LEFT}\" y=\"20\" class=\"h\">{title}</text>\n{body}</svg>\n"
+    )
 }
 
 /// Exponents of powers of ten between two values, thinned out if there are many.
@@ -188,18 +190,18 @@ mod tests {
         let names = ["a<b".to_owned(), "unused".to_owned()];
         let point = |x, y| Point { series: 0, x, y, words: "\"here\"".to_owned() };
         let picture = Picture {
-            title: "one & two",
             x: "x",
             y: "y",
             names: &names,
             points: vec![point(1.0, 1e-12), point(100.0, 0.0)],
             lines: vec![(vec![0, 1], true)],
         };
-        let svg = picture.svg();
+        let body = picture.body();
+        let svg = in_page("one & two", &body);
         assert!(svg.contains("one &amp; two") && svg.contains("a&lt;b") && svg.contains("&quot;here&quot;"));
         assert!(!svg.contains("unused") && !svg.contains("NaN") && svg.matches("<polyline").count() == 1);
-        assert!(!svg.contains("<style>") && picture.file("three").contains("<style>"));
-        assert!(picture.file("three").contains(">three</text>"));
+        let file = as_file("three", &body);
+        assert!(!svg.contains("<style>") && file.contains("<style>") && file.contains(">three</text>"));
         assert_eq!(superscript(-12), "⁻¹²");
         assert_eq!(decades(-0.2, 3.4), [0, 1, 2, 3]);
     }

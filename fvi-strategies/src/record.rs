@@ -113,8 +113,7 @@ impl RaceRecord {
 
     /// Whether the races differ in their tolerance at most.
     pub(crate) fn is_of_group(&self, other: &Self) -> bool {
-        self.kernel == other.kernel
-            && (self.length, self.channels, self.precision) == (other.length, other.channels, other.precision)
+        self.is_of(&other.kernel, other.length, other.channels, other.precision, self.tolerance)
     }
 
     /// Short description of the race.
