@@ -73,7 +73,8 @@ pub(crate) fn page(record: &Record, plan: &Plan, strategies: &[Strategy]) -> Pag
     }
     fronts(&mut whole, record, &names);
     let page = &mut whole.html;
-    page.push_str("<h2>All numbers</h2>\n<p>Times in ns a step. <i>between</i>: the median lies there with a probability of 95 %; \
+    page.push_str("<h2>All numbers</h2>\n<p>Times in ns a step. <i>between</i>: the median lies there with a probability of 95 %, \
+        within this run: another run of the program may shift the times of a strategy further; \
         ties are those whose intervals overlap, 5 % to either side at least. \
         † sums weights of its own, and has its error from their plain sum. Numbers in red are beyond the tolerance. \
         <i>weights</i>: error of the quadrature itself on t², |Σwx − K(d/dt)t²|/Σ|w||x| at the end of the run, \
