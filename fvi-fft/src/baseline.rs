@@ -6,12 +6,14 @@
 
 mod compensated_sum;
 mod hls;
+mod larger;
 mod naive;
 mod offline_fft;
 mod signal;
 
 pub use compensated_sum::{CompensatedSum, MemoryTerm, memory_term};
 pub use hls::Hls;
+pub use larger::larger;
 pub use naive::Naive;
 pub use offline_fft::OfflineFft;
 pub use signal::Signal;

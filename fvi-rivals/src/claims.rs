@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, ParameterError};
-use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
+use fvi_fft::baseline::{MemoryTerm, Signal, larger, memory_term};
 use nalgebra::Complex;
 
 use crate::dyadic_exponentials::{Term, power_rules};
@@ -111,11 +111,6 @@ fn terms(memory: &mut dyn Memory<f64>, samples: &[f64]) -> Vec<f64> {
         if served.is_ok() { term[0] } else { f64::NAN }
     };
     samples.iter().map(&mut step).collect()
-}
-
-/// The larger of two errors; NaN counts as larger than any number.
-fn larger(largest: f64, error: f64) -> f64 {
-    if largest.is_nan() || error <= largest { largest } else { error }
 }
 
 fn weights_of_root(count: usize) -> Result<Vec<f64>, ParameterError> {
@@ -533,17 +528,4 @@ fn oblivious_quadrature() -> Result<Vec<Claim>, ParameterError> {
             is_rounding: false,
         },
     ])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_error_that_is_no_number_is_the_largest_wherever_it_comes() {
-        for errors in [[f64::NAN, 1.0, 2.0], [1.0, f64::NAN, 2.0], [1.0, 2.0, f64::NAN]] {
-            assert!(errors.into_iter().fold(0.0, larger).is_nan(), "{errors:?}");
-        }
-        assert_eq!([1.0, 3.0, 2.0].into_iter().fold(0.0, larger), 3.0);
-    }
 }

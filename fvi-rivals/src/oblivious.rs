@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 
 use fvi_core::{Memory, MemoryError, ParameterError, Stateful};
+use fvi_fft::baseline::larger;
 use nalgebra::Complex;
 
 use crate::dyadic_exponentials::lags_to_compare;
@@ -252,9 +253,9 @@ fn contour(
     let error = |nodes: &[Node]| {
         let of = |&n: &usize| {
             let sum: f64 = nodes.iter().map(|node| (node.factor * node.decay.powi(n as i32)).im).sum();
-            (sum - weights[n]).abs() / envelope[n]
+            let error = (sum - weights[n]).abs();
+            if error == 0.0 { 0.0 } else { error / envelope[n] }
         };
-        let larger = |largest: f64, error: f64| if error <= largest { largest } else { error };
         lags.iter().map(of).fold(0.0, larger)
     };
     let digits = -libm::log(tolerance) + 2.0;

@@ -1,10 +1,6 @@
 //! Errors and observed orders of convergence.
 
-/// The larger of two errors, for folds; one that is no number is larger than any, which `f64::max` would
-/// leave out.
-pub fn larger(largest: f64, error: f64) -> f64 {
-    if largest.is_nan() || error <= largest { largest } else { error }
-}
+use fvi_fft::baseline::larger;
 
 /// Largest distance between two sequences.
 pub fn largest_error(found: &[f64], expected: &[f64]) -> f64 {

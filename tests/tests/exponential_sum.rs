@@ -1,11 +1,11 @@
 //! The exponential-sum memory: every weight, and every term, against independent values.
 
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, MemoryError};
+use fvi_fft::baseline::larger;
 use fvi_fft::{ChunkedExponentialSum, Engines, Vectorised};
 use fvi_host::numerics::exponential_table::{
     ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
 };
-use fvi_tests::convergence::larger;
 use fvi_tests::reference;
 
 /// Exponents of the quadrature: everywhere in (−1, 2), and near whole numbers.

@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use fvi_core::{ActsOn, BdfOrder, Memory};
+use fvi_fft::baseline::larger;
 use fvi_fft::baseline::{Signal, memory_term};
 use fvi_host::language::Document;
 use fvi_host::memory::{EngineError, Memories, MemoryRequest};
@@ -12,7 +13,7 @@ use fvi_host::numerics::transfer::TransferFunction;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario, kernel_of_symbol};
 use fvi_host::simulation::motion::Motion;
 use fvi_host::simulation::{GridState, Precision, Simulation};
-use fvi_tests::convergence::{larger, observed_order};
+use fvi_tests::convergence::observed_order;
 use nalgebra::Complex;
 use proptest::prelude::*;
 

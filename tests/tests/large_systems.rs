@@ -1,10 +1,10 @@
 //! Large systems against what is known of them: motions along one mode, the dense way, other ways to say the
 //! same.
 
+use fvi_fft::baseline::larger;
 use fvi_host::language::Document;
 use fvi_host::scenario::{Engine, Scenario, States, SymmetricMatrix};
 use fvi_host::simulation::{GridState, Precision, Simulation, Solver, SolverChoice};
-use fvi_tests::convergence::larger;
 use nalgebra::DMatrix;
 use serde_json::json;
 use std::f64::consts::PI;

@@ -6,7 +6,7 @@ use fvi_core::{
     ExplicitDamping, ExplicitEuler, Galerkin, ImplicitEuler, Integrator, Mass, NoForce, Potential, Quadratic,
     Scheme, Stability, System, check_stability,
 };
-use fvi_tests::convergence::larger;
+use fvi_fft::baseline::larger;
 use fvi_tests::motion::{Motion, Pendulum, diagonal, integrate, term, weights};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3, matrix, vector};
 

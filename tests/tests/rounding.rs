@@ -4,10 +4,10 @@ use fvi_core::{
     BdfOrder, DampingTerm, Derivative::Caputo, Galerkin, Integrator, Kernel, Mass, NoForce, Quadratic,
     System, monic_increment_table_f32,
 };
+use fvi_fft::baseline::larger;
 use fvi_host::language::Document;
 use fvi_host::scenario::{Engine, Scenario};
 use fvi_host::simulation::{GridState, Precision, Simulation};
-use fvi_tests::convergence::larger;
 use fvi_tests::reference;
 use nalgebra::vector;
 use std::path::Path;

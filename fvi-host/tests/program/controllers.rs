@@ -3,6 +3,7 @@
 
 use crate::tune::Complex;
 use crate::workplace::{Workplace, text};
+use fvi_fft::baseline::larger;
 use fvi_host::lab::run::{RunEnd, RunOptions, run};
 use fvi_host::scenario::Scenario;
 use fvi_host::simulation::Precision;
@@ -91,7 +92,7 @@ impl Law {
 /// Largest differences of columns from what is expected, by row.
 fn worst(found: &[f64], expected: &[f64]) -> f64 {
     assert_eq!(found.len(), expected.len());
-    found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, larger)
 }
 
 /// q̈ + q = u, on a scheme that is exact to rounding at this step.
@@ -337,7 +338,7 @@ fn sampled_loops_approach_the_step_responses_of_continuous_ones() {
             let (times, values) = (run.column("t"), run.column(measures));
             let every = (0.5 / sample).round() as usize;
             let rows = (every..times.len()).step_by(every);
-            rows.map(|row| (values[row] - exact(times[row])).abs()).fold(0.0, f64::max)
+            rows.map(|row| (values[row] - exact(times[row])).abs()).fold(0.0, larger)
         };
         let errors = [0.02, 0.01, 0.005].map(error);
         println!("{measures}, {delay}: {errors:?}");

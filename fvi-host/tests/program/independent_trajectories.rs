@@ -2,6 +2,7 @@
 //! column's largest value: see `dense_bdf.py` and `dense_galerkin.py` in `tests/reference`.
 
 use crate::workplace::Workplace;
+use fvi_fft::baseline::larger;
 
 fn agrees(name: &str, scenario: &str) {
     let path = format!("{}/../tests/reference/trajectory_{name}.csv", env!("CARGO_MANIFEST_DIR"));
@@ -16,8 +17,7 @@ fn agrees(name: &str, scenario: &str) {
     for (index, column) in columns.iter().enumerate() {
         let largest = rows.iter().fold(0.0_f64, |largest, row| largest.max(row[index].abs()));
         let found = run.column(column);
-        let error =
-            found.iter().zip(&rows).map(|(found, row)| (found - row[index]).abs()).fold(0.0, f64::max);
+        let error = found.iter().zip(&rows).map(|(found, row)| (found - row[index]).abs()).fold(0.0, larger);
         assert!(
             error <= 1e-11 * largest,
             "{name}: {column} differs by {error}, its largest value is {largest}"

@@ -1,6 +1,7 @@
 //! Jumps and kinks in the position: walls, backlash, dead zones and forces like those of dry friction,
 //! against solutions that go from one to the next in closed form.
 
+use fvi_fft::baseline::larger;
 use fvi_host::lab::run::{Run, RunEnd, RunSummary};
 use fvi_host::scenario::Scenario;
 use fvi_host::simulation::Precision;
@@ -475,7 +476,7 @@ fn walls_of_any_stiffness_shift_positions_and_energies_by_some_tolerances() {
             assert_eq!(summary.end, RunEnd::Completed);
             let times: Vec<f64> = rows.iter().map(|row| row[0]).collect();
             let exact = wall.solve((-1.5, 0.0), &times);
-            let most = |errors: &mut dyn Iterator<Item = f64>| errors.fold(0.0, f64::max) / tolerance;
+            let most = |errors: &mut dyn Iterator<Item = f64>| errors.fold(0.0, larger) / tolerance;
             let pairs = || rows.iter().zip(&exact);
             let position = most(&mut pairs().map(|(row, (q, _))| (row[1] - q).abs()));
             let momentum = most(&mut pairs().map(|(row, (_, p))| (row[2] - p).abs()));
@@ -500,8 +501,8 @@ fn error_on_equal_steps(system: &Piecewise, scheme: &Value, convolution: Option<
     assert_eq!(summary.end, RunEnd::Completed);
     let times: Vec<f64> = rows.iter().map(|row| row[0]).collect();
     let exact = system.solve((1.0, 0.3), &times);
-    let errors = rows.iter().zip(exact).map(|(row, (q, v))| (row[1] - q).abs().max((row[2] - v).abs()));
-    errors.fold(0.0, f64::max)
+    let errors = rows.iter().zip(exact).map(|(row, (q, v))| larger((row[1] - q).abs(), (row[2] - v).abs()));
+    errors.fold(0.0, larger)
 }
 
 #[test]

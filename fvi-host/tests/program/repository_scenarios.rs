@@ -1,6 +1,7 @@
 //! Every scenario in the repository does what its comment says.
 
 use crate::workplace::{Run, Workplace, text};
+use fvi_fft::baseline::larger;
 use fvi_host::scenario::Scenario;
 use fvi_host::simulation::Precision;
 use fvi_host::simulation::motion::Motion;
@@ -75,7 +76,7 @@ fn every_scenario_is_accepted_and_makes_its_first_steps() {
 fn van_der_pols_oscillator_reaches_its_cycle_on_adaptive_steps_too() {
     let cycle = run("van-der-pol");
     let largest =
-        |run: &Run| run.rows.iter().filter(|row| row[0] > 40.0).map(|row| row[1].abs()).fold(0.0, f64::max);
+        |run: &Run| run.rows.iter().filter(|row| row[0] > 40.0).map(|row| row[1].abs()).fold(0.0, larger);
     assert!((1.8..2.1).contains(&largest(&cycle)) && cycle.rows[0][1] == 0.01, "{}", largest(&cycle));
     // The same cycle by other means.
     let step = "step = 0.02\nend = 60.0";

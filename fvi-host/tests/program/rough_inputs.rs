@@ -1,6 +1,7 @@
 //! Samples and records act from their own times on, wherever these lie in a step.
 
 use super::workplace::{Workplace, text};
+use fvi_fft::baseline::larger;
 use fvi_host::lab::run::{Run, RunEnd};
 use fvi_host::scenario::Scenario;
 use fvi_host::simulation::Precision;
@@ -45,8 +46,8 @@ fn positions(place: &Workplace, scheme: &str, force: &str, rest: &str) -> Vec<[f
 /// The largest distance between two motions.
 fn distance(one: &[[f64; 2]], other: &[[f64; 2]]) -> f64 {
     assert_eq!(one.len(), other.len());
-    let difference = |(a, b): (&[f64; 2], &[f64; 2])| (a[0] - b[0]).abs().max((a[1] - b[1]).abs());
-    one.iter().zip(other).map(difference).fold(0.0, f64::max)
+    let difference = |(a, b): (&[f64; 2], &[f64; 2])| larger((a[0] - b[0]).abs(), (a[1] - b[1]).abs());
+    one.iter().zip(other).map(difference).fold(0.0, larger)
 }
 
 const SCHEMES: [&str; 2] = [

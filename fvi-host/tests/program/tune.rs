@@ -1,6 +1,7 @@
 //! `fvi tune`: margins by a scan written here, loops by runs of the plant, refusals.
 
 use crate::workplace::{Workplace, text};
+use fvi_fft::baseline::larger;
 use serde_json::Value;
 use std::f64::consts::PI;
 use std::fs;
@@ -92,7 +93,7 @@ fn margins_are_those_of_a_dense_scan() {
     assert!(20.0 * sensitivity(0.001).log10() <= -20.0);
     let scan = |from: f64, to: f64| (0..=200_000).map(move |k| from * (to / from).powf(f64::from(k) / 2e5));
     assert!(scan(10.0, 100.0).all(|omega| 20.0 * complementary(omega).log10() <= -20.0));
-    let largest = |size: &dyn Fn(f64) -> f64| scan(1e-5, 10.0).map(size).fold(0.0, f64::max);
+    let largest = |size: &dyn Fn(f64) -> f64| scan(1e-5, 10.0).map(size).fold(0.0, larger);
     for (key, found) in [("margins.ms", largest(&sensitivity)), ("margins.mt", largest(&complementary))] {
         assert!((number(&record, key) / found - 1.0).abs() < 1e-6, "{key}: {found}");
     }
@@ -264,7 +265,7 @@ fn rules_and_bounds_give_what_they_say() {
             let open = law.times(plant).times(Complex((0.2 * omega).cos(), -(0.2 * omega).sin()));
             ONE.plus(open).size().recip()
         };
-        (0..=40_000).map(size).fold(0.0, f64::max)
+        (0..=40_000).map(size).fold(0.0, larger)
     };
     for share in [-0.04, -0.02, -0.01, 0.0, 0.01, 0.02, 0.04] {
         assert!(largest(kp * (1.0 + share), 1.01 * ki) > 1.4, "{share}");
@@ -373,8 +374,7 @@ fn an_unstable_plant_is_tuned_although_unstable_loops_keep_the_bounds() {
         };
         assert!((open(2.0).size() - 1.0).abs() < 1e-9, "{structure}");
         assert!((open(2.0).phase().to_degrees() + 135.0).abs() < 1e-6, "{structure}");
-        let ms =
-            (1..100_000).map(|k| ONE.plus(open(1e-3 * f64::from(k))).inverse().size()).fold(0.0, f64::max);
+        let ms = (1..100_000).map(|k| ONE.plus(open(1e-3 * f64::from(k))).inverse().size()).fold(0.0, larger);
         assert!(
             ms <= 2.0 + 1e-6 && (ms / number(&record, "margins.ms") - 1.0).abs() < 1e-4,
             "{structure}: {ms}"

@@ -34,7 +34,7 @@ use crate::numerics::multistep_weights::multistep_weights;
 use crate::numerics::principal_cut::PrincipalCut;
 use crate::numerics::transfer::TransferFunction;
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, Real};
-use fvi_fft::baseline::CompensatedSum;
+use fvi_fft::baseline::{CompensatedSum, larger};
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -356,14 +356,14 @@ impl ExponentialKernel {
                 .zip(cuts)
                 .map(|((rule, exact), cut)| largest_error(rule, exact, head, horizon, cut.floor(head)))
                 .collect();
-            let largest = errors.iter().copied().fold(0.0, f64::max);
+            let largest = errors.iter().copied().fold(0.0, larger);
             reached = reached.min(largest);
             // Near integer exponents the tail is tiny, and its errors are relaxed.
             let missed = |((&error, exact), cut): ((&f64, &Vec<f64>), &S)| {
                 let tail = head as f64 * exact[head].abs();
                 let is_nothing =
                     cut.floor(head) == 0.0 && error * tail <= NOTHING * tolerance * exact[0].abs();
-                error > tolerance && !is_nothing
+                (error > tolerance || error.is_nan()) && !is_nothing
             };
             if errors.iter().zip(&exact).zip(cuts).any(missed) {
                 continue;
@@ -489,11 +489,12 @@ fn largest_error(
     let sparse = lags(head + DENSE_LAGS + 1, last);
     dense
         .chain(sparse)
-        .map(|n| match exact[n] {
-            weight if weight.abs() >= floor => (sum_of_exponentials(exponentials, n) / weight - 1.0).abs(),
-            weight => (sum_of_exponentials(exponentials, n) - weight).abs() / floor,
+        .map(|n| match (exact[n], sum_of_exponentials(exponentials, n)) {
+            (weight, sum) if weight == sum => 0.0,
+            (weight, sum) if weight.abs() >= floor => (sum / weight - 1.0).abs(),
+            (weight, sum) => (sum - weight).abs() / floor,
         })
-        .fold(0.0, f64::max)
+        .fold(0.0, larger)
 }
 
 /// Source of a kernel's weights and of the exponentials for their tail.
