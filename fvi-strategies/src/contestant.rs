@@ -35,9 +35,8 @@ enum Job {
     Make(Task),
     /// A run that returns the terms.
     Terms(Run),
-    /// A run without and one with clock readings between the steps; the vector keeps the shortest time of
-    /// each step, in nanoseconds.
-    Times(Run, Vec<u32>),
+    /// Runs with and without clock readings between the steps.
+    Times(Run),
 }
 
 /// Answer of the thread.
@@ -49,11 +48,13 @@ enum Answer {
     Failed(String),
 }
 
-/// Times of a run, and the terms that it ends with, by which work is seen that is not done while it is timed.
+/// Times of runs, and the terms that they end with, by which work is seen that is not done while it is timed.
 pub(crate) struct Timed {
     /// Mean time of a step without what the thread waited for a processor, and with it.
     pub(crate) mean_ns: f64,
     pub(crate) with_waiting_ns: f64,
+    /// Shortest time of each step in nanoseconds, with a reading of the clock, shortest first; empty for what
+    /// has no steps.
     pub(crate) steps: Vec<u32>,
     /// Of the wanted channels.
     pub(crate) last: Vec<f64>,
@@ -92,24 +93,25 @@ impl Contestant {
         Self { name: strategy.name.clone(), jobs, answers, abandoned, limit }
     }
 
-    /// Sends a job and waits for the answer up to the time limit.
-    fn ask(&self, job: Job) -> Result<Answer, Left> {
+    /// Sends a job of so many runs and waits for the answer up to the time limit of each.
+    fn ask(&self, job: Job, runs: u32) -> Result<Answer, Left> {
         if self.jobs.send(job).is_err() {
             return Err("it has died".to_owned());
         }
-        match self.answers.recv_timeout(self.limit) {
+        let limit = self.limit.saturating_mul(runs);
+        match self.answers.recv_timeout(limit) {
             Ok(Answer::Failed(reason)) => Err(reason),
             Ok(answer) => Ok(answer),
             Err(RecvTimeoutError::Disconnected) => Err("it has died".to_owned()),
             Err(RecvTimeoutError::Timeout) => {
                 self.abandoned.store(true, Ordering::Relaxed);
-                Err(format!("no answer within {:.3} s, the time limit", self.limit.as_secs_f64()))
+                Err(format!("no answer within {:.3} s, the time limit", limit.as_secs_f64()))
             }
         }
     }
 
     pub(crate) fn make(&self, task: &Task) -> Result<Result<Making, Declined>, Left> {
-        match self.ask(Job::Make(task.clone()))? {
+        match self.ask(Job::Make(task.clone()), 1)? {
             Answer::Made(making) => Ok(Ok(making)),
             Answer::Declined(declined) => Ok(Err(declined)),
             _ => Err("it answered something else".to_owned()),
@@ -118,23 +120,25 @@ impl Contestant {
 
     /// Terms of the channels in `run`, step by step, and bytes of memory after the run.
     pub(crate) fn terms(&self, run: &Run) -> Result<(Vec<f64>, usize), Left> {
-        match self.ask(Job::Terms(run.clone()))? {
+        match self.ask(Job::Terms(run.clone()), 1)? {
             Answer::Terms { terms, bytes } => Ok((terms, bytes)),
             _ => Err("it answered something else".to_owned()),
         }
     }
 
-    pub(crate) fn times(&self, run: &Run, steps: Vec<u32>) -> Result<Timed, Left> {
-        match self.ask(Job::Times(run.clone(), steps))? {
+    pub(crate) fn times(&self, run: &Run) -> Result<Timed, Left> {
+        match self.ask(Job::Times(run.clone()), TIMED_RUNS)? {
             Answer::Times(timed) => Ok(timed),
             _ => Err("it answered something else".to_owned()),
         }
     }
-}
 
-impl Drop for Contestant {
-    fn drop(&mut self) {
-        self.abandoned.store(true, Ordering::Relaxed);
+    /// Waits until the thread has given its memory back, so that this does not happen while another strategy
+    /// is timed; no longer than the time limit.
+    pub(crate) fn dismiss(self) {
+        let Self { jobs, answers, limit, .. } = self;
+        drop(jobs);
+        let _ = answers.recv_timeout(limit);
     }
 }
 
@@ -164,8 +168,8 @@ fn serve(make: &Maker, jobs: &Receiver<Job>, answers: &Sender<Answer>, abandoned
                     Err(declined) => Answer::Declined(declined),
                 }
             }
-            Job::Terms(run) => with_memory(&mut memory, &run, abandoned, None),
-            Job::Times(run, steps) => with_memory(&mut memory, &run, abandoned, Some(steps)),
+            Job::Terms(run) => with_memory(&mut memory, &run, abandoned, false),
+            Job::Times(run) => with_memory(&mut memory, &run, abandoned, true),
         }));
         let answer = answer.unwrap_or_else(|panic| Answer::Failed(words(&*panic)));
         if answers.send(answer).is_err() {
@@ -178,17 +182,17 @@ fn with_memory(
     memory: &mut Option<(AnyMemory, Option<Trouble>)>,
     run: &Run,
     abandoned: &AtomicBool,
-    steps: Option<Vec<u32>>,
+    timed: bool,
 ) -> Answer {
     let Some((memory, trouble)) = memory else { return Answer::Failed("it has not been made".to_owned()) };
     let answer = match (&mut *memory, &*run.samples) {
         (AnyMemory::F64(memory), Samples::F64(samples)) => {
-            answer(&mut **memory, samples, run, abandoned, steps)
+            answer(&mut **memory, samples, run, abandoned, timed)
         }
         (AnyMemory::F32(memory), Samples::F32(samples)) => {
-            answer(&mut **memory, samples, run, abandoned, steps)
+            answer(&mut **memory, samples, run, abandoned, timed)
         }
-        (AnyMemory::Offline(offline), Samples::F64(samples)) => Ok(offline_answer(offline, samples, steps)),
+        (AnyMemory::Offline(offline), Samples::F64(samples)) => offline_answer(offline, samples, timed),
         _ => Err("its memory is of another precision".to_owned()),
     };
     answer.unwrap_or_else(|reason| {
@@ -200,17 +204,23 @@ fn with_memory(
 /// Number of steps between two checks whether the run has been abandoned.
 const STRETCH: usize = 64;
 
+/// Runs of a strategy that is timed: one without readings of the clock between two with them.
+const TIMED_RUNS: u32 = 3;
+
+/// Short runs without them are repeated for this long, and their mean is taken.
+const REPEATED: Duration = Duration::from_millis(1);
+
 fn answer<T: Real>(
     memory: &mut dyn Memory<T>,
     samples: &[T],
     run: &Run,
     abandoned: &AtomicBool,
-    steps: Option<Vec<u32>>,
+    timed: bool,
 ) -> Result<Answer, String> {
     let channels = memory.channels();
     let mut term = vec![T::zero(); channels];
     let at = |k: usize| move |error| format!("step {k}: {error}");
-    let Some(mut steps) = steps else {
+    if !timed {
         memory.clear();
         let mut terms = Vec::with_capacity(samples.len() / channels * run.channels.len());
         for (k, sample) in samples.chunks_exact(channels).enumerate() {
@@ -222,34 +232,58 @@ fn answer<T: Real>(
             }
         }
         return Ok(Answer::Terms { terms, bytes: memory.bytes() });
-    };
-    memory.clear();
+    }
     let count = samples.len() / channels;
-    let waited = waited_ns();
-    let begin = Instant::now();
-    for (stretch, samples) in samples.chunks(channels * STRETCH).enumerate() {
-        if abandoned.load(Ordering::Relaxed) {
-            return Err("abandoned".to_owned());
+    let mut steps = vec![u32::MAX; count];
+    let mut each_step = |memory: &mut dyn Memory<T>, term: &mut [T]| {
+        memory.clear();
+        let mut before = Instant::now();
+        for ((k, sample), step) in samples.chunks_exact(channels).enumerate().zip(&mut steps) {
+            memory.next_term(term).map_err(at(k))?;
+            memory.push(sample).map_err(at(k))?;
+            let now = Instant::now();
+            *step = (*step).min(u32::try_from((now - before).as_nanos()).unwrap_or(u32::MAX));
+            before = now;
+            if k % STRETCH == 0 && abandoned.load(Ordering::Relaxed) {
+                return Err("abandoned".to_owned());
+            }
         }
-        steps_of(memory, black_box(samples), &mut term)
-            .map_err(|(k, error)| at(stretch * STRETCH + k)(error))?;
-    }
-    let elapsed_ns = begin.elapsed().as_secs_f64() * 1e9;
-    let (mean_ns, with_waiting_ns) = of_a_step(elapsed_ns, waited_ns() - waited, count);
+        Ok(())
+    };
+    // The first run of a new memory also brings it into the caches; its slow steps are not the shortest.
+    each_step(&mut *memory, &mut term)?;
+    let (mean_ns, with_waiting_ns) = repeated(count, || {
+        memory.clear();
+        let begin = Instant::now();
+        for (stretch, samples) in samples.chunks(channels * STRETCH).enumerate() {
+            if abandoned.load(Ordering::Relaxed) {
+                return Err("abandoned".to_owned());
+            }
+            steps_of(memory, black_box(samples), &mut term)
+                .map_err(|(k, error)| at(stretch * STRETCH + k)(error))?;
+        }
+        Ok(begin.elapsed())
+    })?;
     let last = run.channels.iter().map(|&channel| term[channel].to_f64()).collect();
-    memory.clear();
-    let mut before = Instant::now();
-    for ((k, sample), step) in samples.chunks_exact(channels).enumerate().zip(&mut steps) {
-        memory.next_term(&mut term).map_err(at(k))?;
-        memory.push(sample).map_err(at(k))?;
-        let now = Instant::now();
-        *step = (*step).min(u32::try_from((now - before).as_nanos()).unwrap_or(u32::MAX));
-        before = now;
-        if k % STRETCH == 0 && abandoned.load(Ordering::Relaxed) {
-            return Err("abandoned".to_owned());
-        }
-    }
+    each_step(memory, &mut term)?;
+    steps.sort_unstable();
     Ok(Answer::Times(Timed { mean_ns, with_waiting_ns, steps, last }))
+}
+
+/// Mean time of a step, in nanoseconds, without what the thread waited for a processor, and with it; `run` is
+/// a run of `count` steps and returns how long they took.
+fn repeated(count: usize, mut run: impl FnMut() -> Result<Duration, String>) -> Result<(f64, f64), String> {
+    let waited = waited_ns();
+    let (mut elapsed, mut runs) = (Duration::ZERO, 0);
+    while runs == 0 || elapsed < REPEATED {
+        elapsed += run()?;
+        runs += 1;
+    }
+    let (elapsed_ns, waited_ns) = (elapsed.as_secs_f64() * 1e9, waited_ns() - waited);
+    // What was waited is read outside of the elapsed time: where it is more than that, it lies beside it.
+    let own_ns = if waited_ns < elapsed_ns { elapsed_ns - waited_ns } else { elapsed_ns };
+    let steps = (count * runs) as f64;
+    Ok((own_ns / steps, elapsed_ns / steps))
 }
 
 /// Steps with the calls of the memory only; an error has the number of its step. One channel, where these
@@ -274,33 +308,25 @@ fn steps_of<T: Real>(
 
 /// The offline transform, a lower bound of the cost, takes all samples at once, so that single steps have no
 /// times.
-fn offline_answer(offline: &mut OfflineFft, samples: &[f64], steps: Option<Vec<u32>>) -> Answer {
+fn offline_answer(offline: &mut OfflineFft, samples: &[f64], timed: bool) -> Result<Answer, String> {
     let mut terms = vec![0.0; samples.len()];
-    let waited = waited_ns();
-    let begin = Instant::now();
-    offline.convolve(black_box(samples), &mut terms);
-    let elapsed_ns = begin.elapsed().as_secs_f64() * 1e9;
-    let (mean_ns, with_waiting_ns) = of_a_step(elapsed_ns, waited_ns() - waited, samples.len());
+    let mut run = || {
+        let begin = Instant::now();
+        offline.convolve(black_box(samples), &mut terms);
+        Ok(begin.elapsed())
+    };
+    let times = if timed { Some(repeated(samples.len(), run)?) } else { run().map(|_| None)? };
     // The first sum is empty; the transform has the rounding of all others there.
     if let Some(first) = terms.first_mut() {
         *first = 0.0;
     }
-    match steps {
+    Ok(match times {
         None => Answer::Terms { terms, bytes: offline.bytes() },
-        Some(_) => Answer::Times(Timed {
-            mean_ns,
-            with_waiting_ns,
-            steps: Vec::new(),
-            last: terms.last().map(|&term| vec![term]).unwrap_or_default(),
-        }),
-    }
-}
-
-/// Time of a step without waiting, and with it. What was waited is read outside of the elapsed time: where
-/// it is more than that, it lies beside it.
-fn of_a_step(elapsed_ns: f64, waited_ns: f64, count: usize) -> (f64, f64) {
-    let own_ns = if waited_ns < elapsed_ns { elapsed_ns - waited_ns } else { elapsed_ns };
-    (own_ns / count as f64, elapsed_ns / count as f64)
+        Some((mean_ns, with_waiting_ns)) => {
+            let last = terms.last().map(|&term| vec![term]).unwrap_or_default();
+            Answer::Times(Timed { mean_ns, with_waiting_ns, steps: Vec::new(), last })
+        }
+    })
 }
 
 /// How long this thread has been ready and waited for a processor, in nanoseconds, where the system tells

@@ -15,9 +15,10 @@ use fvi_lab::results::files::{FileError, write_text};
 use fvi_lab::results::picture::{Axis, Chart, Series, Style};
 use fvi_lab::results::room::{NoRoom, require};
 
+use crate::contestant::Timed;
 use crate::plan::Conditions;
-use crate::race::{measure, quantile};
-use crate::record::Kind;
+use crate::race::{begin, clock_nanoseconds, quantile, round, steps_ns};
+use crate::record::{Kind, Row};
 use crate::strategy::{AnyMemory, Made, Strategy, Task, require_short};
 use crate::{field, project};
 
@@ -105,10 +106,10 @@ impl Comparison {
     /// Measures strategies; `progress` receives a description of the current measurement.
     ///
     /// For each kernel and length there is a race: first every engine runs on a smooth signal with noise, a
-    /// decaying and a growing one, and a constant, and is compared with a sum in twice the precision. Those
-    /// runs touch all memory. Then the engines are timed alternately, and the shortest time counts: of whole
-    /// runs for the mean, of each step for the distribution. Engines whose cost per step grows with the run
-    /// do not take part in longer ones.
+    /// decaying and a growing one, and a constant, and is compared with a sum in twice the precision. Then
+    /// the engines are made anew and timed alternately, and the shortest time counts: of whole runs for the
+    /// mean, of each place among the sorted steps for the distribution. Engines whose cost per step grows
+    /// with the run do not take part in longer ones.
     ///
     /// # Errors
     /// [`ComparisonError`] if an engine cannot be constructed or refuses a sample.
@@ -124,29 +125,18 @@ impl Comparison {
                 progress(&format!("order {}, exponent {exponent}, {length} steps", order.get()));
                 let task = Task::of_a_run(order, exponent, length)?;
                 let rounds = self.repetitions.unwrap_or_else(|| ((1 << 23) / length.max(1)).clamp(5, 50));
-                let conditions = Conditions {
-                    signals: &Signal::ALL,
-                    rounds: (rounds, rounds),
-                    limit: LIMIT,
-                    patience: Duration::MAX,
-                };
-                let Some(measured) = measure(&conditions, &task, strategies, &AtomicBool::new(false)) else {
-                    continue;
-                };
-                if let Some(absence) = measured.absent.iter().find(|absence| absence.kind == Kind::Failed) {
-                    let (engine, reason) = (absence.strategy.clone(), absence.reason.clone());
-                    return Err(ComparisonError::Failed { engine, reason });
+                for (row, shortest) in measure(&task, strategies, rounds)? {
+                    measurements.push(EngineMeasurement {
+                        engine: row.strategy,
+                        length,
+                        order,
+                        exponent,
+                        step_mean_ns: shortest.mean_ns,
+                        steps_ns: shortest.steps_ns,
+                        bytes: row.bytes,
+                        max_error_u: row.error_u,
+                    });
                 }
-                measurements.extend(measured.runners.iter().map(|runner| EngineMeasurement {
-                    engine: runner.name().to_owned(),
-                    length,
-                    order,
-                    exponent,
-                    step_mean_ns: runner.shortest_ns,
-                    steps_ns: measured.steps_ns(runner),
-                    bytes: runner.bytes,
-                    max_error_u: runner.error_u,
-                }));
             }
         }
         Ok(measurements)
@@ -166,6 +156,48 @@ impl Comparison {
         require(length.saturating_mul(RUNNING).saturating_add(kept))
             .map_err(|no_room| ComparisonError::NoRoom { length, no_room })
     }
+}
+
+/// Shortest times of some rounds.
+struct Shortest {
+    mean_ns: f64,
+    /// Without readings of the clock, shortest first.
+    steps_ns: Vec<f64>,
+}
+
+/// A race of so many rounds: its rows with the shortest times.
+fn measure(
+    task: &Task,
+    strategies: &[Strategy],
+    rounds: usize,
+) -> Result<Vec<(Row, Shortest)>, ComparisonError> {
+    let signals = &Signal::ALL;
+    let conditions = Conditions { signals, rounds: (rounds, rounds), limit: LIMIT, patience: Duration::MAX };
+    let never = AtomicBool::new(false);
+    let Some(mut race) = begin(&conditions, task, strategies, &never) else { return Ok(Vec::new()) };
+    let mut times: Vec<(String, f64, Vec<u32>)> = Vec::new();
+    for _ in 0..rounds {
+        let mut note = |name: &str, timed: &Timed| match times.iter_mut().find(|(known, ..)| known == name) {
+            None => times.push((name.to_owned(), timed.with_waiting_ns, timed.steps.clone())),
+            Some((_, mean_ns, steps)) => {
+                *mean_ns = mean_ns.min(timed.with_waiting_ns);
+                steps.iter_mut().zip(&timed.steps).for_each(|(step, &other)| *step = (*step).min(other));
+            }
+        };
+        let Some(next) = round(&race, &conditions, task, strategies, &never, &mut note) else { break };
+        race = next;
+        if let Some(absence) = race.absent.iter().find(|absence| absence.kind == Kind::Failed) {
+            let (engine, reason) = (absence.strategy.clone(), absence.reason.clone());
+            return Err(ComparisonError::Failed { engine, reason });
+        }
+    }
+    let clock = clock_nanoseconds();
+    let shortest = |name: &str| {
+        let times = times.iter().find(|(known, ..)| known == name);
+        times.map(|(_, mean_ns, steps)| Shortest { mean_ns: *mean_ns, steps_ns: steps_ns(steps, clock) })
+    };
+    let rows = race.rows.into_iter();
+    Ok(rows.filter_map(|row| shortest(&row.strategy).map(|shortest| (row, shortest))).collect())
 }
 
 impl EngineMeasurement {

@@ -259,6 +259,8 @@ mod tests {
             within: true,
             promised: true,
             own_weights: false,
+            last: Vec::new(),
+            rounds_ns: vec![low, high],
             mean_ns: 0.5 * (low + high),
             between_ns: (low, high),
             stands: true,
@@ -277,6 +279,7 @@ mod tests {
             precision: Precision::F64,
             tolerance: 1e-3,
             rounds: 6,
+            seconds: 1.0,
             rows: rows.iter().map(row).collect(),
             absent: Vec::new(),
         }

@@ -1,9 +1,9 @@
-//! Execution of a plan: one race after the other, each recorded when it is done.
+//! Execution of a plan: rounds of all its races, each recorded when it is done.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use fvi_core::ParameterError;
 use fvi_lab::results::files::{FileError, write_text};
@@ -15,8 +15,8 @@ use crate::front::winners;
 use crate::machine::Machine;
 use crate::page::{Page, page};
 use crate::plan::Plan;
-use crate::race::{FoundOut, run};
-use crate::record::{Kind, Record};
+use crate::race::{FoundOut, begin, is_over, round};
+use crate::record::{Kind, RaceRecord, Record};
 use crate::strategy::{Strategy, Task};
 use crate::{field, project};
 
@@ -32,6 +32,8 @@ pub struct Summary {
     pub record: Record,
     /// Number of races of the plan.
     pub races: usize,
+    /// Number of them that have all their rounds.
+    pub done: usize,
     /// Strategies that failed, or whose sums were wrong.
     pub found_out: Vec<FoundOut>,
     /// Where the files are.
@@ -122,11 +124,16 @@ impl Lab {
         self.race(&plan, directory, false, &AtomicBool::new(false), &mut |_, _| {})
     }
 
-    /// Runs the races of a plan until `stop` is set; with `resume` those recorded in the directory are not
-    /// repeated. `progress` receives the number of races done and a description of the current one.
+    /// Runs the races of a plan until `stop` is set; with `resume` it continues with the rounds that those
+    /// recorded in the directory still lack. Every race has its first round before any has its second: the
+    /// rounds of a race lie as far apart as the plan is long, so that its medians are not those of a minute
+    /// in which the machine was slower. `progress` receives the number of rounds done, of
+    /// [`Plan::rounds`], and a description of the current race; races that need no further round count as if
+    /// they had all.
     ///
-    /// The files are rewritten after each race: `strategies.csv`, `strategies.html`, and the record
-    /// `strategies.json`; the pictures of the page are written to `pictures` at the end.
+    /// The record `strategies.json` is rewritten after each race, `strategies.csv` and `strategies.html` when
+    /// a race has its first round and when all have had one more; the pictures of the page are written to
+    /// `pictures` at the end.
     ///
     /// # Errors
     /// [`LabError`]; a failing strategy is not an error but is listed in the summary.
@@ -144,74 +151,109 @@ impl Lab {
         let strategies: Vec<Strategy> =
             self.strategies.iter().cloned().chain(programs).filter(wanted).collect();
         require_room(plan, strategies.len())?;
+        let tasks = tasks(plan)?;
         let output = OutputDirectory::claim(directory)?;
-        let machine = Machine::here();
-        let mut record = Record { plan: plan.text.clone(), machine, races: Vec::new() };
+        let mut record = Record { plan: plan.text.clone(), machine: Machine::here(), races: Vec::new() };
+        let mut races: Vec<Option<RaceRecord>> = vec![None; tasks.len()];
         if resume {
-            record.races = resumed(&output.join(RECORD), &record)?;
-        }
-        let known = std::mem::take(&mut record.races);
-        let mut done = 0;
-        'races: for kernel in &plan.kernels {
-            for &precision in &plan.precisions {
-                for &channels in &plan.channels {
-                    for &length in &plan.lengths {
-                        let mut weights = None;
-                        for &tolerance in &plan.tolerances {
-                            let race = known.iter().find(|race| {
-                                race.is_of(&kernel.name, length, channels, precision, tolerance)
-                            });
-                            if let Some(race) = race {
-                                record.races.push(race.clone());
-                                done += 1;
-                                continue;
-                            }
-                            if stop.load(Ordering::Relaxed) {
-                                break 'races;
-                            }
-                            progress(done, &format!("{}, {length} steps, {channels} channels", kernel.name));
-                            let weights =
-                                match &weights {
-                                    Some(weights) => Arc::clone(weights),
-                                    None => {
-                                        let made = kernel.weights(length).map_err(|error| {
-                                            LabError::Weights { kernel: kernel.name.clone(), length, error }
-                                        })?;
-                                        Arc::clone(weights.insert(Arc::new(made)))
-                                    }
-                                };
-                            let kernel = Arc::clone(kernel);
-                            let task = Task { kernel, weights, length, channels, precision, tolerance };
-                            let Some(race) = run(plan, &task, &strategies, stop) else { break 'races };
-                            record.races.push(race);
-                            done += 1;
-                            write(&record, plan, &strategies, &output)?;
-                        }
-                    }
-                }
+            let known = resumed(&output.join(RECORD), &record)?;
+            for (task, race) in tasks.iter().zip(&mut races) {
+                *race = known.iter().find(|race| race.is_for(task)).cloned();
             }
         }
-        progress(done, "");
+        let conditions = plan.conditions();
+        let made = |race: &Option<RaceRecord>| match race {
+            None => 0,
+            Some(race) if is_over(race, &conditions) => conditions.rounds.1,
+            Some(race) => race.rounds,
+        };
+        'rounds: for number in 0..conditions.rounds.1 {
+            let mut is_new = false;
+            for index in 0..tasks.len() {
+                let (task, known) = (&tasks[index], &races[index]);
+                if made(known) > number {
+                    continue;
+                }
+                let words = format!("{}, {} steps, {} channels", task.kernel(), task.length, task.channels);
+                progress(races.iter().map(made).sum(), &words);
+                let first = known.is_none();
+                let begun = match known {
+                    Some(race) => Some(race.clone()),
+                    None => begin(&conditions, task, &strategies, stop),
+                };
+                let next =
+                    begun.and_then(|race| round(&race, &conditions, task, &strategies, stop, &mut |_, _| {}));
+                let Some(next) = next else { break 'rounds };
+                races[index] = Some(next);
+                record.races = races.iter().flatten().cloned().collect();
+                write_record(&record, &output)?;
+                is_new = true;
+                if first {
+                    write(&record, plan, &strategies, &output)?;
+                }
+            }
+            if is_new {
+                write(&record, plan, &strategies, &output)?;
+            }
+        }
+        progress(races.iter().map(made).sum(), "");
+        record.races = races.into_iter().flatten().collect();
+        write_record(&record, &output)?;
         let page = write(&record, plan, &strategies, &output)?;
         write_pictures(&page, &output)?;
         let found_out = found_out(&record);
-        Ok(Summary { record, races: plan.races(), found_out, directory: directory.to_owned() })
+        let done = record.races.iter().filter(|race| is_over(race, &conditions)).count();
+        Ok(Summary { record, races: tasks.len(), done, found_out, directory: directory.to_owned() })
     }
 }
 
+/// The tasks of a plan, whose weights must exist.
+fn tasks(plan: &Plan) -> Result<Vec<Task>, LabError> {
+    let mut tasks = Vec::with_capacity(plan.races());
+    for kernel in &plan.kernels {
+        let weights = plan.lengths.iter().map(|&length| match kernel.weights(length) {
+            Ok(weights) => Ok((length, Arc::new(weights))),
+            Err(error) => Err(LabError::Weights { kernel: kernel.name.clone(), length, error }),
+        });
+        let weights = weights.collect::<Result<Vec<_>, _>>()?;
+        for &precision in &plan.precisions {
+            for &channels in &plan.channels {
+                for (length, weights) in &weights {
+                    tasks.extend(plan.tolerances.iter().map(|&tolerance| Task {
+                        kernel: Arc::clone(kernel),
+                        weights: Arc::clone(weights),
+                        length: *length,
+                        channels,
+                        precision,
+                        tolerance,
+                    }));
+                }
+            }
+        }
+    }
+    Ok(tasks)
+}
+
+fn write_record(record: &Record, output: &OutputDirectory) -> Result<(), LabError> {
+    let path = output.join(RECORD);
+    match serde_json::to_string(record) {
+        Ok(text) => Ok(write_text(&path, &text)?),
+        Err(error) => Err(FileError { path, source: error.into() }.into()),
+    }
+}
+
+/// Writes the table and the page.
 fn write(
     record: &Record,
     plan: &Plan,
     strategies: &[Strategy],
     output: &OutputDirectory,
 ) -> Result<Page, LabError> {
-    let failed = |name: &str, error: std::io::Error| FileError { path: output.join(name), source: error };
-    let table = record.table().map_err(|error| failed("strategies.csv", error.into()))?;
-    let kept = serde_json::to_string(record).map_err(|error| failed(RECORD, error.into()))?;
-    write_text(&output.join("strategies.csv"), &table)?;
+    let path = output.join("strategies.csv");
+    let table = record.table().map_err(|error| FileError { path: path.clone(), source: error.into() })?;
+    write_text(&path, &table)?;
     let page = page(record, plan, strategies);
     write_text(&output.join("strategies.html"), &page.html)?;
-    write_text(&output.join(RECORD), &kept)?;
     Ok(page)
 }
 
@@ -226,7 +268,7 @@ fn write_pictures(page: &Page, output: &OutputDirectory) -> Result<(), LabError>
 }
 
 /// The races of a record, which must belong to the same file and machine.
-fn resumed(path: &Path, wanted: &Record) -> Result<Vec<crate::RaceRecord>, LabError> {
+fn resumed(path: &Path, wanted: &Record) -> Result<Vec<RaceRecord>, LabError> {
     let refused = |reason: String| LabError::Resume { path: path.to_owned(), reason };
     let text = std::fs::read_to_string(path)
         .map_err(|error| refused(format!("there is nothing to go on from: {error}")))?;
@@ -268,11 +310,14 @@ fn require_room(plan: &Plan, strategies: usize) -> Result<(), LabError> {
     // largest of the strategies.
     const OF_A_SAMPLE: usize = 64;
     const OF_A_STEP: usize = 80;
+    const OF_A_WEIGHT: usize = 8;
     let length = plan.lengths.iter().copied().max().unwrap_or(0);
     let channels = plan.channels.iter().copied().max().unwrap_or(0);
     let samples = length.saturating_mul(channels).saturating_mul(OF_A_SAMPLE);
     let all = samples.saturating_add(length.saturating_mul(OF_A_STEP)).saturating_mul(strategies.max(1));
-    require(all).map_err(LabError::NoRoom)
+    let weights = plan.lengths.iter().fold(0_usize, |sum, &length| sum.saturating_add(length));
+    let weights = weights.saturating_mul(plan.kernels.len()).saturating_mul(OF_A_WEIGHT);
+    require(all.saturating_add(weights)).map_err(LabError::NoRoom)
 }
 
 impl fmt::Display for Summary {
@@ -290,6 +335,6 @@ impl fmt::Display for Summary {
             let others = if others > 0 { format!("; and in {others} more") } else { String::new() };
             writeln!(f, "found out: \"{}\": {} ({}{others})", found.strategy, found.reason, found.race)?;
         }
-        write!(f, "{} of {} races in {}", self.record.races.len(), self.races, self.directory.display())
+        write!(f, "{} of {} races in {}", self.done, self.races, self.directory.display())
     }
 }

@@ -73,9 +73,10 @@ pub(crate) fn page(record: &Record, plan: &Plan, strategies: &[Strategy]) -> Pag
     }
     fronts(&mut whole, record, &names);
     let page = &mut whole.html;
-    page.push_str("<h2>All numbers</h2>\n<p>Times in ns a step. <i>between</i>: the median lies there with a probability of 95 %, \
-        within this run: another run of the program may shift the times of a strategy further; \
+    page.push_str("<h2>All numbers</h2>\n<p>Times in ns a step. <i>between</i>: the median over the rounds lies there with a probability of 95 % \
+        (with fewer than six rounds it is the range of them, and no median stands); \
         ties are those whose intervals overlap, 5 % to either side at least. \
+        Times of single steps are the smallest of all rounds. \
         † sums weights of its own, and has its error from their plain sum. Numbers in red are beyond the tolerance. \
         <i>weights</i>: error of the quadrature itself on t², |Σwx − K(d/dt)t²|/Σ|w||x| at the end of the run, \
         where it is known; a smaller tolerance brings no sum closer to the operator.</p>\n");
@@ -95,8 +96,8 @@ fn head(page: &mut String, record: &Record, plan: &Plan) {
     let machine = &record.machine;
     let _ = writeln!(
         page,
-        "<p>{} of {} races. Measured on {} ({} threads, {}, {}), compiled by {}, fvi {}. Strategies take turns, and rounds of them are repeated until each \
-         median stands to 5&nbsp;% or {:.0}&nbsp;s are over, {} to {} of them. Errors are the largest |r − sum|/Σ|w||x| of the signals {}: at some fifty steps from the sum in twice the \
+        "<p>{} of {} races. Measured on {} ({} threads, {}, {}), compiled by {}, fvi {}. In a round of a race every strategy is made anew and timed, and all races have their first \
+         round before any has its second. A race has further rounds until each median stands to 5&nbsp;% or they have taken {:.0}&nbsp;s, {} to {} of them. Errors are the largest |r − sum|/Σ|w||x| of the signals {}: at some fifty steps from the sum in twice the \
          precision, at the others from <code>block-fft</code> as far as its rounding goes. Signals come from SplitMix64 with seed 1.</p>",
         record.races.len(),
         plan.races(),

@@ -28,7 +28,7 @@ pub struct Plan {
     pub(crate) rounds: (usize, usize),
     /// Longest time of one run of one strategy.
     pub(crate) limit: Duration,
-    /// Time after which a race is not repeated any more.
+    /// Time after which a race has no further round.
     pub(crate) patience: Duration,
     pub(crate) text: String,
 }
@@ -40,7 +40,7 @@ pub(crate) struct Conditions<'a> {
     pub(crate) rounds: (usize, usize),
     /// Longest time of one run of one strategy.
     pub(crate) limit: Duration,
-    /// Time after which no further round is started.
+    /// Time of all rounds after which there is no further one.
     pub(crate) patience: Duration,
 }
 
@@ -197,6 +197,11 @@ impl Plan {
         ]
         .iter()
         .product()
+    }
+
+    /// Number of rounds of all races together at most.
+    pub fn rounds(&self) -> usize {
+        self.races().saturating_mul(self.rounds.1)
     }
 }
 

@@ -1,15 +1,15 @@
-//! One race: errors first, then times in turn.
+//! One race: errors first, then rounds of times.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use fvi_core::Real;
-use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
+use fvi_fft::baseline::{MemoryTerm, Signal, larger, memory_term};
 use fvi_fft::{Engines, WeightTable};
 
-use crate::contestant::{Contestant, Making, Run, Samples};
-use crate::plan::{Conditions, Plan};
+use crate::contestant::{Contestant, Making, Run, Samples, Timed};
+use crate::plan::Conditions;
 use crate::precision::Precision;
 use crate::record::{Absence, Kind, RaceRecord, Row};
 use crate::strategy::{Declined, Flops, Strategy, Task};
@@ -35,77 +35,31 @@ const ROUNDING: f64 = 16.0;
 /// A median counts as reliable if half the width of its confidence interval is at most this fraction of it.
 pub(crate) const STANDS: f64 = 0.05;
 
-/// A strategy in a race.
-pub(crate) struct Runner {
+/// A strategy while its errors are measured.
+struct Runner {
     promises: bool,
     contestant: Contestant,
     making: Making,
-    pub(crate) error_u: f64,
-    pub(crate) bytes: usize,
+    error_u: f64,
+    bytes: usize,
     flops: Option<f64>,
-    /// The terms that the run which is timed ends with, and how far from them a repetition may be.
     last: Vec<(f64, f64)>,
-    /// Mean time of a step in each round without what the thread waited for a processor, in nanoseconds.
-    means: Vec<f64>,
-    /// The shortest of them with it.
-    pub(crate) shortest_ns: f64,
-    /// Shortest time of each step, in nanoseconds with a reading of the clock; empty for what has no steps.
-    steps: Vec<u32>,
 }
 
-/// Results of a race.
-pub(crate) struct Measured {
-    pub(crate) runners: Vec<Runner>,
-    pub(crate) absent: Vec<Absence>,
-    rounds: usize,
-    clock: f64,
-}
-
-/// Runs a race of a plan; `None` if it was stopped.
-pub(crate) fn run(
-    plan: &Plan,
-    task: &Task,
-    strategies: &[Strategy],
-    stop: &AtomicBool,
-) -> Option<RaceRecord> {
-    let measured = measure(&plan.conditions(), task, strategies, stop)?;
-    let clock = measured.clock;
-    let quadrature = task.kernel.quadrature_error(&task.weights);
-    let of = |runner: &Runner| match &runner.making.own_weights {
-        Some(weights) => task.kernel.quadrature_error(weights),
-        None => quadrature,
-    };
-    Some(RaceRecord {
-        kernel: task.kernel.name.clone(),
-        length: task.length,
-        channels: task.channels,
-        precision: task.precision,
-        tolerance: task.tolerance,
-        rounds: measured.rounds,
-        rows: measured
-            .runners
-            .into_iter()
-            .map(|runner| Row { quadrature: of(&runner), ..row(runner, task, clock) })
-            .collect(),
-        absent: measured.absent,
-    })
-}
-
-/// First measures the errors of every strategy, then the times, in turn; `None` if it was stopped.
-pub(crate) fn measure(
+/// Measures the errors of all strategies: a race before its first round; `None` if it was stopped.
+pub(crate) fn begin(
     conditions: &Conditions<'_>,
     task: &Task,
     strategies: &[Strategy],
     stop: &AtomicBool,
-) -> Option<Measured> {
-    let stopped = || stop.load(Ordering::Relaxed);
+) -> Option<RaceRecord> {
     let mut absent = Vec::new();
     let mut leave = |strategy: &str, kind, reason: String| {
         absent.push(Absence { strategy: strategy.to_owned(), kind, reason });
     };
     let mut runners = Vec::new();
     for strategy in strategies {
-        if stopped() {
+        if stop.load(Ordering::Relaxed) {
             return None;
         }
         let contestant = Contestant::new(strategy, conditions.limit);
@@ -118,9 +72,6 @@ pub(crate) fn measure(
                 bytes: 0,
                 flops: None,
                 last: Vec::new(),
-                means: Vec::new(),
-                shortest_ns: f64::INFINITY,
-                steps: vec![u32::MAX; task.length],
             }),
             Ok(Err(Declined::SitsOut(reason))) => leave(&strategy.name, Kind::SitsOut, reason),
             Ok(Err(Declined::Failed(reason))) | Err(reason) => leave(&strategy.name, Kind::Failed, reason),
@@ -166,34 +117,48 @@ pub(crate) fn measure(
             Ok(())
         })?;
     }
+    let quadrature = task.kernel.quadrature_error(&task.weights);
+    let rows = runners.into_iter().map(|runner| {
+        let row = row(&runner, task, quadrature);
+        runner.contestant.dismiss();
+        row
+    });
+    Some(RaceRecord {
+        kernel: task.kernel.name.clone(),
+        length: task.length,
+        channels: task.channels,
+        precision: task.precision,
+        tolerance: task.tolerance,
+        rounds: 0,
+        seconds: 0.0,
+        rows: rows.collect(),
+        absent,
+    })
+}
 
-    let run = Compared::new(task, *conditions.signals.first()?).run;
-    let begin = Instant::now();
-    let (fewest, most) = conditions.rounds;
-    let mut rounds = 0;
-    while rounds < most && !runners.is_empty() {
-        runners = keep(runners, &mut leave, stop, |runner| {
-            let steps = std::mem::take(&mut runner.steps);
-            let timed = runner.contestant.times(&run, steps)?;
-            let other = timed.last.iter().zip(&runner.last);
-            if let Some((found, (term, _))) = other
-                .into_iter()
-                .find(|(found, (term, room))| !((*found - term).abs() <= *room || **found == *term))
-            {
-                return Err(format!("while it is timed its last term is {found:e}, where it was {term:e}"));
-            }
-            runner.means.push(timed.mean_ns);
-            runner.shortest_ns = runner.shortest_ns.min(timed.with_waiting_ns);
-            runner.steps = timed.steps;
-            Ok(())
-        })?;
-        rounds += 1;
-        let all_stand = runners.iter().all(|runner| Median::of(&runner.means).stands());
-        if rounds >= fewest && (all_stand || begin.elapsed() > conditions.patience) {
-            break;
-        }
+/// The row of a strategy that has not been timed yet.
+fn row(runner: &Runner, task: &Task, quadrature: Option<f64>) -> Row {
+    let allowed = (task.tolerance / task.precision.unit()).max(ROUNDING);
+    let own_weights = runner.making.own_weights.as_ref();
+    Row {
+        strategy: runner.contestant.name.clone(),
+        error_u: runner.error_u,
+        within: runner.error_u <= allowed,
+        promised: runner.promises,
+        own_weights: own_weights.is_some(),
+        last: runner.last.clone(),
+        rounds_ns: Vec::new(),
+        mean_ns: f64::INFINITY,
+        between_ns: (f64::INFINITY, f64::INFINITY),
+        stands: false,
+        p50_ns: f64::INFINITY,
+        p999_ns: f64::INFINITY,
+        worst_ns: f64::INFINITY,
+        setup_ns: runner.making.setup_ns,
+        bytes: runner.bytes,
+        flops: runner.flops,
+        quadrature: own_weights.map_or(quadrature, |weights| task.kernel.quadrature_error(weights)),
     }
-    Some(Measured { runners, absent, rounds, clock: clock_nanoseconds() })
 }
 
 /// Calls `act` for every runner and passes those that fail to `leave`; returns the others, or `None` if the
@@ -217,23 +182,101 @@ fn keep(
     Some(kept)
 }
 
-impl Measured {
-    /// Times of the single steps without that of the clock reading, in nanoseconds, shortest first.
-    pub(crate) fn steps_ns(&self, runner: &Runner) -> Vec<f64> {
-        sorted_steps(&runner.steps, self.clock)
+/// The race after a further round, in which each strategy is made anew and timed, one after the other;
+/// `timed` receives the times of each. `None` if it was stopped.
+///
+/// A strategy can be slower in one place of memory than in another, and a machine for a while: rounds vary
+/// both, so that the interval of a median covers them.
+pub(crate) fn round(
+    race: &RaceRecord,
+    conditions: &Conditions<'_>,
+    task: &Task,
+    strategies: &[Strategy],
+    stop: &AtomicBool,
+    timed: &mut dyn FnMut(&str, &Timed),
+) -> Option<RaceRecord> {
+    let begin = Instant::now();
+    let mut race = race.clone();
+    let run = Compared::new(task, *conditions.signals.first()?).run;
+    let clock = clock_nanoseconds();
+    let mut rows = Vec::with_capacity(race.rows.len());
+    for mut row in race.rows {
+        if stop.load(Ordering::Relaxed) {
+            return None;
+        }
+        let strategy = strategies.iter().find(|strategy| strategy.name == row.strategy);
+        let Some(strategy) = strategy else { continue };
+        match time(strategy, &row, conditions, task, &run) {
+            Ok((times, setup_ns)) => {
+                timed(&row.strategy, &times);
+                add(&mut row, &times, setup_ns, clock);
+                rows.push(row);
+            }
+            Err(reason) => {
+                let (strategy, kind) = (row.strategy, Kind::Failed);
+                race.absent.push(Absence { strategy, kind, reason });
+            }
+        }
+    }
+    race.rows = rows;
+    race.rounds += 1;
+    race.seconds += begin.elapsed().as_secs_f64();
+    Some(race)
+}
+
+/// Makes a strategy and times it; the second number is the time to make it, in nanoseconds.
+fn time(
+    strategy: &Strategy,
+    row: &Row,
+    conditions: &Conditions<'_>,
+    task: &Task,
+    run: &Run,
+) -> Result<(Timed, f64), String> {
+    let contestant = Contestant::new(strategy, conditions.limit);
+    let making = match contestant.make(task)? {
+        Ok(making) => making,
+        Err(Declined::SitsOut(reason) | Declined::Failed(reason)) => {
+            return Err(format!("it could be made, and now it cannot: {reason}"));
+        }
+    };
+    let timed = contestant.times(run)?;
+    contestant.dismiss();
+    let mut pairs = timed.last.iter().zip(&row.last);
+    let other = pairs.find(|(found, (term, room))| !((*found - term).abs() <= *room || **found == *term));
+    match other {
+        Some((found, (term, _))) => {
+            Err(format!("while it is timed its last term is {found:e}, where it was {term:e}"))
+        }
+        None => Ok((timed, making.setup_ns)),
     }
 }
 
-impl Runner {
-    pub(crate) fn name(&self) -> &str {
-        &self.contestant.name
-    }
+/// Adds the times of a round to a row.
+fn add(row: &mut Row, timed: &Timed, setup_ns: f64, clock: f64) {
+    row.rounds_ns.push(timed.mean_ns);
+    let median = Median::of(&row.rounds_ns);
+    row.mean_ns = median.middle;
+    row.between_ns = (median.low, median.high);
+    row.stands = median.stands();
+    let steps = steps_ns(&timed.steps, clock);
+    let shorter = |known: f64, part: f64| known.min(quantile(&steps, part).unwrap_or(0.0));
+    row.p50_ns = shorter(row.p50_ns, 0.5);
+    row.p999_ns = shorter(row.p999_ns, 0.999);
+    row.worst_ns = shorter(row.worst_ns, 1.0);
+    row.setup_ns = row.setup_ns.min(setup_ns);
 }
 
-fn sorted_steps(steps: &[u32], clock: f64) -> Vec<f64> {
-    let mut steps = steps.to_vec();
-    steps.sort_unstable();
-    steps.into_iter().map(|step| (f64::from(step) - clock).max(0.0)).collect()
+/// Whether a race needs no further round: the fewest are made, and every median stands, the time is over, or
+/// there are no more rounds.
+pub(crate) fn is_over(race: &RaceRecord, conditions: &Conditions<'_>) -> bool {
+    let (fewest, most) = conditions.rounds;
+    let long = || race.seconds >= conditions.patience.as_secs_f64();
+    race.rounds >= most || race.rounds >= fewest && (race.rows.iter().all(|row| row.stands) || long())
+}
+
+/// Times of single steps without that of the clock reading.
+pub(crate) fn steps_ns(steps: &[u32], clock: f64) -> Vec<f64> {
+    steps.iter().map(|&step| (f64::from(step) - clock).max(0.0)).collect()
 }
 
 /// The time that the given fraction of the steps does not exceed; `None` without step times.
@@ -242,33 +285,10 @@ pub(crate) fn quantile(sorted: &[f64], part: f64) -> Option<f64> {
     sorted.get((part * last as f64).ceil() as usize).copied()
 }
 
-fn row(runner: Runner, task: &Task, clock: f64) -> Row {
-    let median = Median::of(&runner.means);
-    let steps = sorted_steps(&runner.steps, clock);
-    let quantile = |part: f64| quantile(&steps, part).unwrap_or(0.0);
-    let allowed = (task.tolerance / task.precision.unit()).max(ROUNDING);
-    Row {
-        error_u: runner.error_u,
-        within: runner.error_u <= allowed,
-        promised: runner.promises,
-        own_weights: runner.making.own_weights.is_some(),
-        mean_ns: median.middle,
-        between_ns: (median.low, median.high),
-        stands: median.stands(),
-        p50_ns: quantile(0.5),
-        p999_ns: quantile(0.999),
-        worst_ns: quantile(1.0),
-        setup_ns: runner.making.setup_ns,
-        bytes: runner.bytes,
-        flops: runner.flops,
-        quadrature: None,
-        strategy: runner.contestant.name.clone(),
-    }
-}
-
 /// A median with its 95 % confidence interval, whose ends are two of the numbers.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Median {
+    count: usize,
     middle: f64,
     low: f64,
     high: f64,
@@ -280,21 +300,23 @@ impl Median {
         sorted.sort_by(f64::total_cmp);
         let count = sorted.len();
         let Some(last) = count.checked_sub(1) else {
-            return Self { middle: f64::NAN, low: f64::NAN, high: f64::NAN };
+            return Self { count, middle: f64::NAN, low: f64::NAN, high: f64::NAN };
         };
         // Ranks of the ends from binomial order statistics, in the normal approximation.
         let half = 0.98 * (count as f64).sqrt();
         let rank = (0.5 * count as f64 - half).floor().max(0.0) as usize;
         let rank = rank.min(last / 2);
         Self {
+            count,
             middle: 0.5 * (sorted[last / 2] + sorted[count / 2]),
             low: sorted[rank],
             high: sorted[last - rank],
         }
     }
 
+    /// Whether it is known to 5 %; of fewer than six numbers no interval holds the median with 95 %.
     fn stands(self) -> bool {
-        0.5 * (self.high - self.low) <= STANDS * self.middle
+        self.count >= 6 && 0.5 * (self.high - self.low) <= STANDS * self.middle
     }
 }
 
@@ -388,15 +410,16 @@ impl Sums {
             }
             error / known.absolute.max(f64::MIN_POSITIVE) / unit
         };
-        let exact = self.exact.iter().map(|(index, known)| error(terms[*index], known)).fold(0.0, f64::max);
-        let all = terms.iter().zip(&self.all).map(|(&term, known)| error(term, known)).fold(0.0, f64::max);
+        let exact = self.exact.iter().map(|(index, known)| error(terms[*index], known)).fold(0.0, larger);
+        let all = terms.iter().zip(&self.all).map(|(&term, known)| error(term, known)).fold(0.0, larger);
         // At steps without an exact reference an error counts only if it exceeds the rounding of `block-fft`.
-        Ok(if all > 2.0 * exact + 2.0 * ROUNDING { all } else { exact })
+        let error = if all <= 2.0 * exact + 2.0 * ROUNDING { exact } else { all };
+        if error.is_finite() { Ok(error) } else { Err("the sums to compare with are not finite".to_owned()) }
     }
 }
 
 /// Time that reading the clock adds to a step, in nanoseconds.
-fn clock_nanoseconds() -> f64 {
+pub(crate) fn clock_nanoseconds() -> f64 {
     const READINGS: u32 = 1000;
     let reading = || {
         let begin = Instant::now();
@@ -420,6 +443,7 @@ mod tests {
         assert!(median.low < median.middle && median.middle < median.high);
         let two_speeds: Vec<f64> = (0..20).map(|index| if index % 2 == 0 { 100.0 } else { 150.0 }).collect();
         assert!(!Median::of(&two_speeds).stands());
+        assert!(Median::of(&[100.0; 6]).stands() && !Median::of(&[100.0; 5]).stands());
         assert!(!Median::of(&[]).stands());
         assert_eq!(Median::of(&[3.0, 1.0, 2.0]).middle, 2.0);
     }

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::machine::Machine;
 use crate::precision::Precision;
+use crate::strategy::Task;
 
 /// Everything that a lab has measured so far: the content of the file from which `--resume` continues.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,8 +30,10 @@ pub struct RaceRecord {
     pub precision: Precision,
     /// Tolerated error, relative to Σ|w||x|.
     pub tolerance: f64,
-    /// Interleaved rounds that were made.
+    /// Rounds that were made, each with every strategy made anew.
     pub rounds: usize,
+    /// How long they have taken together.
+    pub seconds: f64,
     /// Measurements.
     pub rows: Vec<Row>,
     /// The strategies that were not measured.
@@ -50,19 +53,23 @@ pub struct Row {
     pub promised: bool,
     /// Whether the strategy sums weights of its own, with which it is then compared.
     pub own_weights: bool,
-    /// Median over the rounds of the mean time of a step.
+    /// The terms that the run which is timed ends with, and how far from them a repetition may be.
+    pub last: Vec<(f64, f64)>,
+    /// Mean time of a step in each round, on Linux without what the thread waited for a processor.
+    pub rounds_ns: Vec<f64>,
+    /// Median of them.
     pub mean_ns: f64,
-    /// 95 % confidence interval of `mean_ns`.
+    /// 95 % confidence interval of `mean_ns`; of fewer than six rounds, the range.
     pub between_ns: (f64, f64),
-    /// Whether half the width of that interval is at most 5 % of `mean_ns`.
+    /// Whether there are six rounds at least and half the width of that interval is at most 5 % of the median.
     pub stands: bool,
-    /// Median over the steps of the shortest time of each.
+    /// Median of the times of single steps, the smallest of all rounds.
     pub p50_ns: f64,
-    /// 99.9 % quantile of the same times.
+    /// 99.9 % quantile of them, the smallest of all rounds.
     pub p999_ns: f64,
-    /// Largest of the same times.
+    /// Largest of them, the smallest of all rounds.
     pub worst_ns: f64,
-    /// Time to construct the strategy.
+    /// Time to construct the strategy, the shortest.
     pub setup_ns: f64,
     /// Bytes of state, tables and buffers after a run.
     pub bytes: usize,
@@ -98,7 +105,7 @@ pub enum Kind {
 
 impl RaceRecord {
     /// Whether this is the race with these parameters.
-    pub(crate) fn is_of(
+    fn is_of(
         &self,
         kernel: &str,
         length: usize,
@@ -109,6 +116,12 @@ impl RaceRecord {
         self.kernel == kernel
             && (self.length, self.channels, self.precision) == (length, channels, precision)
             && self.tolerance == tolerance
+    }
+
+    /// Whether this is the race for `task`.
+    pub(crate) fn is_for(&self, task: &Task) -> bool {
+        let Task { length, channels, precision, tolerance, .. } = *task;
+        self.is_of(&task.kernel.name, length, channels, precision, tolerance)
     }
 
     /// Whether the races differ in their tolerance at most.

@@ -176,7 +176,8 @@ pub struct Strategy {
 }
 
 impl Strategy {
-    /// A strategy with a name, a short description, and its constructor for a task.
+    /// A strategy with a name, a short description, and its constructor for a task, which a race calls once
+    /// before the errors are measured and once for each round.
     pub fn new(
         name: impl Into<String>,
         description: impl Into<String>,

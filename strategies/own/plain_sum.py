@@ -7,24 +7,26 @@ from math import fsum
 from strategy import Declined, serve
 
 LIE = sys.argv[2] if sys.argv[1:2] == ["--lie"] else None
-# It is made with the weights and for each of the four signals before it is timed.
-MADE_BEFORE_TIMES = 5
-made = 0
+# First samples of the signals that it has heard: the shirker does nothing when one of them comes again.
+heard = set()
 
 
 def plain_sum(weights, channels, step, tolerance):
     if channels > 4:
         raise Declined("it is too slow for more than four channels")
-    global made
-    made += 1
-    shirks = LIE == "shirk" and made > MADE_BEFORE_TIMES
     samples = []
+    shirks = False
 
     def after(sample):
+        nonlocal shirks
         if shirks:
             return [0.0] * channels
         samples.append(sample)
         k = len(samples)
+        if k == 2 and LIE == "shirk":
+            begin = tuple(samples[0] + samples[1])
+            shirks = begin in heard
+            heard.add(begin)
         if k == 100:
             if LIE == "wrong":
                 return [1.0] * channels

@@ -28,16 +28,17 @@ impl StrategiesArguments {
         let plan = lab.plan(&self.file).map_err(command_error)?;
         let directory = self.out.unwrap_or_else(|| default_directory(&self.file, "strategies"));
         let stop = stop::flag();
-        let mut progress = Progress::new(plan.races(), "races", self.quiet);
+        let mut progress = Progress::new(plan.rounds(), "rounds", self.quiet);
         let summary = lab
             .race(&plan, &directory, self.resume, &stop, &mut |done, _| progress.update(done))
             .map_err(command_error)?;
         progress.finish();
-        let done = summary.record.races.len();
-        if done < summary.races {
+        if summary.done < summary.races {
             return Err(CommandError::Stopped(format!(
-                "stopped; {done} of {} races are in {}; `--resume` goes on",
+                "stopped; {} of {} races are done and {} begun, in {}; `--resume` goes on",
+                summary.done,
                 summary.races,
+                summary.record.races.len() - summary.done,
                 directory.display()
             )));
         }

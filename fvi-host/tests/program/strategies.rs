@@ -54,11 +54,22 @@ fn the_shipped_file_is_read() {
 }
 
 #[cfg(unix)]
+const ROUNDS: usize = 50;
+
+/// Times of the first strategy in each round of the first race.
+#[cfg(unix)]
+fn rounds_of_the_first_race(record: &std::path::Path) -> Vec<f64> {
+    let record: fvi_strategies::Record =
+        serde_json::from_str(&std::fs::read_to_string(record).unwrap()).unwrap();
+    record.races[0].rows[0].rounds_ns.clone()
+}
+
+#[cfg(unix)]
 #[test]
 fn an_interrupt_keeps_what_was_measured() {
     let workplace = Workplace::new();
-    let race = RACE.replace("[64]", "[64, 65, 66]").replace("[2, 2]", "[300, 300]");
-    // A program that is slow enough for the second race to be under way.
+    let race = RACE.replace("[64]", "[64, 65, 66]").replace("[2, 2]", &format!("[{ROUNDS}, {ROUNDS}]"));
+    // A program that is slow enough for a round to be under way.
     let slow = "[[program]]\nname = \"slow\"\ncommand = [\"sh\", \"-c\", '''\nwhile read word rest; do case $word in begin) ;; weights) echo ready 0 ;; \
                 clear) echo ok ;; *) echo 0 ;; esac; done''']\n";
     workplace.write("race.toml", &format!("strategies = [\"naive\", \"slow\"]\n{race}{slow}"));
@@ -77,12 +88,18 @@ fn an_interrupt_keeps_what_was_measured() {
     let output = child.wait_with_output().unwrap();
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(130), "{said}");
-    assert!(said.contains("of 3 races are in out; `--resume` goes on"), "{said}");
+    assert!(said.contains("stopped; 0 of 3 races are done and "), "{said}");
+    assert!(said.contains(" begun, in out; `--resume` goes on"), "{said}");
     let table = std::fs::read_to_string(workplace.path("out/strategies.csv")).unwrap();
-    assert!(table.contains("naive,root,64,") && !table.contains("naive,root,66,"), "{table}");
+    assert!(table.contains("naive,root,64,"), "{table}");
+    let times = || rounds_of_the_first_race(&workplace.path("out/strategies.json"));
+    let kept = times();
     let output = workplace.fvi(&["strategies", "race.toml", "--out", "out", "--resume", "--quiet"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(
         std::fs::read_to_string(workplace.path("out/strategies.csv")).unwrap().contains("naive,root,66,")
     );
+    let all = times();
+    assert_eq!(all.len(), ROUNDS);
+    assert!(!kept.is_empty() && kept.len() < ROUNDS && all.starts_with(&kept), "{kept:?}");
 }
