@@ -61,7 +61,7 @@ pub struct Row {
     pub mean_ns: f64,
     /// 95 % confidence interval of `mean_ns`; of fewer than six rounds, the range.
     pub between_ns: (f64, f64),
-    /// Whether there are six rounds at least and half the width of that interval is at most 5 % of the median.
+    /// Whether there are six rounds at least and half of that interval is at most 5 % of the median.
     pub stands: bool,
     /// Median of the times of single steps, the smallest of all rounds.
     pub p50_ns: f64,
