@@ -1,6 +1,7 @@
 //! The comparison of `fvi compare-engines`, a short form of the strategy lab: the project's memories for s^β
 //! as constructed in runs; first agreement, then time per step and memory.
 
+use std::collections::HashMap;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -29,7 +30,7 @@ pub struct Comparison {
     pub lengths: Vec<usize>,
     /// Kernels: order of the backward differentiation formula and exponent of the quadrature, at step size 1.
     pub kernels: Vec<(BdfOrder, f64)>,
-    /// Timed runs of each engine; `None`: the shorter a run, the more of them.
+    /// Rounds in which each engine is made anew and timed; `None`: the shorter a run, the more of them.
     pub repetitions: Option<usize>,
 }
 
@@ -107,8 +108,8 @@ impl Comparison {
     ///
     /// For each kernel and length there is a race: first every engine runs on a smooth signal with noise, a
     /// decaying and a growing one, and a constant, and is compared with a sum in twice the precision. Then
-    /// the engines are made anew and timed alternately, and the shortest time counts: of whole runs for the
-    /// mean, of each place among the sorted steps for the distribution. Engines whose cost per step grows
+    /// the engines are made anew and timed, round by round, and the shortest time counts: of whole runs for
+    /// the mean, of each place among the sorted steps for the distribution. Engines whose cost per step grows
     /// with the run do not take part in longer ones.
     ///
     /// # Errors
@@ -125,6 +126,7 @@ impl Comparison {
                 progress(&format!("order {}, exponent {exponent}, {length} steps", order.get()));
                 let task = Task::of_a_run(order, exponent, length)?;
                 let rounds = self.repetitions.unwrap_or_else(|| ((1 << 23) / length.max(1)).clamp(5, 50));
+                let clock = clock_nanoseconds();
                 for (row, shortest) in measure(&task, strategies, rounds)? {
                     measurements.push(EngineMeasurement {
                         engine: row.strategy,
@@ -132,7 +134,7 @@ impl Comparison {
                         order,
                         exponent,
                         step_mean_ns: shortest.mean_ns,
-                        steps_ns: shortest.steps_ns,
+                        steps_ns: steps_ns(&shortest.steps, clock),
                         bytes: row.bytes,
                         max_error_u: row.error_u,
                     });
@@ -161,8 +163,8 @@ impl Comparison {
 /// Shortest times of some rounds.
 struct Shortest {
     mean_ns: f64,
-    /// Without readings of the clock, shortest first.
-    steps_ns: Vec<f64>,
+    /// Of the steps, shortest first, with a reading of the clock.
+    steps: Vec<u32>,
 }
 
 /// A race of so many rounds: its rows with the shortest times.
@@ -175,15 +177,15 @@ fn measure(
     let conditions = Conditions { signals, rounds: (rounds, rounds), limit: LIMIT, patience: Duration::MAX };
     let never = AtomicBool::new(false);
     let Some(mut race) = begin(&conditions, task, strategies, &never) else { return Ok(Vec::new()) };
-    let mut times: Vec<(String, f64, Vec<u32>)> = Vec::new();
+    let mut shortest: HashMap<String, Shortest> = HashMap::new();
+    let mut note = |name: &str, timed: &Timed| {
+        let known = shortest
+            .entry(name.to_owned())
+            .or_insert_with(|| Shortest { mean_ns: f64::INFINITY, steps: timed.steps.clone() });
+        known.mean_ns = known.mean_ns.min(timed.with_waiting_ns);
+        known.steps.iter_mut().zip(&timed.steps).for_each(|(step, &other)| *step = (*step).min(other));
+    };
     for _ in 0..rounds {
-        let mut note = |name: &str, timed: &Timed| match times.iter_mut().find(|(known, ..)| known == name) {
-            None => times.push((name.to_owned(), timed.with_waiting_ns, timed.steps.clone())),
-            Some((_, mean_ns, steps)) => {
-                *mean_ns = mean_ns.min(timed.with_waiting_ns);
-                steps.iter_mut().zip(&timed.steps).for_each(|(step, &other)| *step = (*step).min(other));
-            }
-        };
         let Some(next) = round(&race, &conditions, task, strategies, &never, &mut note) else { break };
         race = next;
         if let Some(absence) = race.absent.iter().find(|absence| absence.kind == Kind::Failed) {
@@ -191,13 +193,8 @@ fn measure(
             return Err(ComparisonError::Failed { engine, reason });
         }
     }
-    let clock = clock_nanoseconds();
-    let shortest = |name: &str| {
-        let times = times.iter().find(|(known, ..)| known == name);
-        times.map(|(_, mean_ns, steps)| Shortest { mean_ns: *mean_ns, steps_ns: steps_ns(steps, clock) })
-    };
     let rows = race.rows.into_iter();
-    Ok(rows.filter_map(|row| shortest(&row.strategy).map(|shortest| (row, shortest))).collect())
+    Ok(rows.filter_map(|row| shortest.remove(&row.strategy).map(|shortest| (row, shortest))).collect())
 }
 
 impl EngineMeasurement {

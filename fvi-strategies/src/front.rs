@@ -210,7 +210,7 @@ fn sentence(races: &[&RaceRecord]) -> String {
     let mut parts: Vec<(String, usize, usize)> = Vec::new();
     for race in races {
         let name = match fastest(race) {
-            None => "nobody keeps it".to_owned(),
+            None => "none (no strategy keeps it)".to_owned(),
             Some((best, ties)) if ties.is_empty() => best.strategy.clone(),
             Some((best, ties)) => {
                 let others: Vec<_> = ties.iter().map(|row| row.strategy.as_str()).collect();

@@ -23,7 +23,7 @@ pub struct CompareEnginesArguments {
     #[arg(long, value_name = "EXPONENTS", value_delimiter = ',', default_value = "0.5", value_parser = exponent,
           allow_hyphen_values = true)]
     exponent: Vec<f64>,
-    /// Timed runs of each engine [default: 5 to 50, more for shorter runs]
+    /// Rounds, in each of which every engine is made anew and timed [default: 5 to 50, more for shorter runs]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     repetitions: Option<u32>,
     /// Where the files go
