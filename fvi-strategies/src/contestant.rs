@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use fvi_core::{Memory, MemoryError, Real};
 use fvi_fft::baseline::OfflineFft;
 
-use crate::strategy::{AnyMemory, Declined, Flops, Made, Maker, Strategy, Task, Trouble};
+use crate::strategy::{AnyMemory, DOUBLE_ONLY, Declined, Flops, Made, Maker, Strategy, Task, Trouble};
 
 /// Samples of a signal in the precision of the race, step by step, one number for each channel.
 #[derive(Debug)]
@@ -68,9 +68,15 @@ pub(crate) struct Making {
     pub(crate) promises: bool,
 }
 
+/// How long a contestant is waited for before `stop` is looked at again.
+const GLANCE: Duration = Duration::from_millis(50);
+/// How long one that is abandoned has to come to its end.
+const GRACE: Duration = Duration::from_millis(500);
+
 /// A strategy in a race.
-pub(crate) struct Contestant {
+pub(crate) struct Contestant<'a> {
     pub(crate) name: String,
+    stop: &'a AtomicBool,
     jobs: Sender<Job>,
     answers: Receiver<Answer>,
     abandoned: Arc<AtomicBool>,
@@ -80,8 +86,8 @@ pub(crate) struct Contestant {
 /// Why a contestant leaves the race, as a sentence.
 pub(crate) type Left = String;
 
-impl Contestant {
-    pub(crate) fn new(strategy: &Strategy, limit: Duration) -> Self {
+impl<'a> Contestant<'a> {
+    pub(crate) fn new(strategy: &Strategy, limit: Duration, stop: &'a AtomicBool) -> Self {
         let (jobs, to_do) = channel();
         let (done, answers) = channel();
         let abandoned = Arc::new(AtomicBool::new(false));
@@ -90,28 +96,38 @@ impl Contestant {
         let _ = thread::Builder::new()
             .name(strategy.name.clone())
             .spawn(move || serve(&make, &to_do, &done, &given_up));
-        Self { name: strategy.name.clone(), jobs, answers, abandoned, limit }
+        Self { name: strategy.name.clone(), stop, jobs, answers, abandoned, limit }
     }
 
-    /// Sends a job of so many runs and waits for the answer up to the time limit of each.
+    /// Sends a job of so many runs and waits for the answer, up to the time limit of each or until it is
+    /// stopped.
     fn ask(&self, job: Job, runs: u32) -> Result<Answer, Left> {
         if self.jobs.send(job).is_err() {
             return Err("it has died".to_owned());
         }
         let limit = self.limit.saturating_mul(runs);
-        match self.answers.recv_timeout(limit) {
-            Ok(Answer::Failed(reason)) => Err(reason),
-            Ok(answer) => Ok(answer),
-            Err(RecvTimeoutError::Disconnected) => Err("it has died".to_owned()),
-            Err(RecvTimeoutError::Timeout) => {
-                self.abandoned.store(true, Ordering::Relaxed);
-                Err(format!("no answer within {:.3} s, the time limit", limit.as_secs_f64()))
+        let begin = Instant::now();
+        while begin.elapsed() < limit && !self.stop.load(Ordering::Relaxed) {
+            match self.answers.recv_timeout(GLANCE.min(limit)) {
+                Ok(Answer::Failed(reason)) => return Err(reason),
+                Ok(answer) => return Ok(answer),
+                Err(RecvTimeoutError::Disconnected) => return Err("it has died".to_owned()),
+                Err(RecvTimeoutError::Timeout) => {}
             }
         }
+        self.abandoned.store(true, Ordering::Relaxed);
+        // Programs are ended before the lab may end itself.
+        let _ = self.answers.recv_timeout(GRACE);
+        let seconds = self.limit.as_secs_f64();
+        Err(match runs {
+            1 => format!("no answer within {seconds:.3} s, the time limit"),
+            _ => format!("no answer within {runs} times {seconds:.3} s, the time limit of as many runs"),
+        })
     }
 
     pub(crate) fn make(&self, task: &Task) -> Result<Result<Making, Declined>, Left> {
-        match self.ask(Job::Make(task.clone()), 1)? {
+        let abandoned = Arc::clone(&self.abandoned);
+        match self.ask(Job::Make(Task { abandoned, ..task.clone() }), 1)? {
             Answer::Made(making) => Ok(Ok(making)),
             Answer::Declined(declined) => Ok(Err(declined)),
             _ => Err("it answered something else".to_owned()),
@@ -134,11 +150,13 @@ impl Contestant {
     }
 
     /// Waits until the thread has given its memory back, so that this does not happen while another strategy
-    /// is timed; no longer than the time limit.
+    /// is timed; no longer than the time limit, and not for one that is abandoned.
     pub(crate) fn dismiss(self) {
-        let Self { jobs, answers, limit, .. } = self;
+        let Self { jobs, answers, limit, abandoned, .. } = self;
         drop(jobs);
-        let _ = answers.recv_timeout(limit);
+        if !abandoned.load(Ordering::Relaxed) {
+            let _ = answers.recv_timeout(limit);
+        }
     }
 }
 
@@ -161,6 +179,9 @@ fn serve(make: &Maker, jobs: &Receiver<Job>, answers: &Sender<Answer>, abandoned
                     Ok(Made { memory: any, .. }) if any.channels() != task.channels => Answer::Failed(
                         format!("its memory has {} channels instead of {}", any.channels(), task.channels),
                     ),
+                    Ok(Made { memory: any, .. }) if any.precision() != task.precision => {
+                        Answer::Declined(Declined::sits_out(DOUBLE_ONLY))
+                    }
                     Ok(Made { memory: any, own_weights, flops, trouble, promises }) => {
                         memory = Some((any, trouble));
                         Answer::Made(Making { setup_ns, own_weights, flops, promises })

@@ -1,8 +1,8 @@
 //! Which strategy wins where: fronts, fits and sentences.
 
 use crate::precision::Precision;
-use crate::race::STANDS;
-use crate::record::{RaceRecord, Record, Row};
+use crate::race::{STANDS, allowed};
+use crate::record::{RaceRecord, Record, Row, counted};
 
 /// Pareto front: indices of the points to which no other point is better in both coordinates, sorted by the
 /// first coordinate.
@@ -226,15 +226,18 @@ fn sentence(races: &[&RaceRecord]) -> String {
         .into_iter()
         .map(|(name, from, to)| {
             if from == to {
-                format!("{name} at {from} steps")
+                format!("{name} at {}", counted(from, "step"))
             } else {
                 format!("{name} from {from} to {to} steps")
             }
         })
         .collect();
-    let channels = if channels == 1 { "1 channel".to_owned() } else { format!("{channels} channels") };
+    let channels = counted(channels, "channel");
+    let allowed = allowed(tolerance, precision);
+    let allowed =
+        if allowed == tolerance { format!("{tolerance:e}") } else { format!("{allowed:.1e}, rounding") };
     format!(
-        "{kernel}, {channels}, {}, error up to {tolerance:e}: fastest is {}",
+        "{kernel}, {channels}, {}, error up to {allowed}: fastest is {}",
         precision.name(),
         parts.join(", ")
     )

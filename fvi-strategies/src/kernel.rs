@@ -104,11 +104,7 @@ impl Kernel {
                 &computed
             }
         };
-        // FNV-1a
-        let bytes = weights.iter().flat_map(|weight| weight.to_bits().to_le_bytes());
-        bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-            (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-        })
+        hash(weights.iter().flat_map(|weight| weight.to_bits().to_le_bytes()))
     }
 
     /// Description as text.
@@ -220,4 +216,10 @@ fn read_weights(value: &Value<'_>, longest: usize) -> Result<Vec<f64>, InputErro
         )));
     }
     Ok(weights)
+}
+/// FNV-1a
+pub(crate) fn hash(bytes: impl Iterator<Item = u8>) -> u64 {
+    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
 }

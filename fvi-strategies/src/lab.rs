@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
 
 use fvi_core::ParameterError;
 use fvi_lab::results::files::{FileError, write_text};
@@ -25,7 +26,7 @@ pub struct Lab {
     strategies: Vec<Strategy>,
 }
 
-/// Result of a race.
+/// Results of the races of a plan.
 #[derive(Clone, Debug)]
 pub struct Summary {
     /// Everything that was measured.
@@ -40,7 +41,7 @@ pub struct Summary {
     pub directory: PathBuf,
 }
 
-/// Why a race was not run.
+/// Why races were not run, or their results not written.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LabError {
@@ -78,6 +79,11 @@ pub enum LabError {
 
 /// Name of the file with the record, from which races continue.
 const RECORD: &str = "strategies.json";
+const TABLE: &str = "strategies.csv";
+
+/// Shortest time between two writes of the files, and how many times as long as one takes it is at least.
+const BETWEEN_WRITES: Duration = Duration::from_secs(1);
+const PART_OF_TIME: u32 = 20;
 
 /// Directory of the pictures, which are written when all races are done or stopped.
 const PICTURES: &str = "pictures";
@@ -125,15 +131,13 @@ impl Lab {
     }
 
     /// Runs the races of a plan until `stop` is set; with `resume` it continues with the rounds that those
-    /// recorded in the directory still lack. Every race has its first round before any has its second: the
-    /// rounds of a race lie as far apart as the plan is long, so that its medians are not those of a minute
-    /// in which the machine was slower. `progress` receives the number of rounds done, of
-    /// [`Plan::rounds`], and a description of the current race; races that need no further round count as if
-    /// they had all.
+    /// recorded in the directory still lack, where otherwise results in it are replaced. Every race has its
+    /// first round before any has its second: the rounds of a race lie as far apart as the plan is long, so
+    /// that its medians are not those of a minute in which the machine was slower. `progress` receives the
+    /// number of rounds done, and of those that are needed as far as is known.
     ///
-    /// The record `strategies.json` is rewritten after each race, `strategies.csv` and `strategies.html` when
-    /// a race has its first round and when all have had one more; the pictures of the page are written to
-    /// `pictures` at the end.
+    /// The record `strategies.json`, `strategies.csv` and `strategies.html` are rewritten after rounds, every
+    /// second at most, and at the end; the pictures of the page are written to `pictures` at the end.
     ///
     /// # Errors
     /// [`LabError`]; a failing strategy is not an error but is listed in the summary.
@@ -143,7 +147,7 @@ impl Lab {
         directory: &Path,
         resume: bool,
         stop: &AtomicBool,
-        progress: &mut dyn FnMut(usize, &str),
+        progress: &mut dyn FnMut(usize, usize),
     ) -> Result<Summary, LabError> {
         let programs = plan.programs.iter().map(|program| program.strategy());
         let wanted =
@@ -153,7 +157,8 @@ impl Lab {
         require_room(plan, strategies.len())?;
         let tasks = tasks(plan)?;
         let output = OutputDirectory::claim(directory)?;
-        let mut record = Record { plan: plan.text.clone(), machine: Machine::here(), races: Vec::new() };
+        let mut record =
+            Record { plan: identity(plan, &strategies), machine: Machine::here(), races: Vec::new() };
         let mut races: Vec<Option<RaceRecord>> = vec![None; tasks.len()];
         if resume {
             let known = resumed(&output.join(RECORD), &record)?;
@@ -161,22 +166,23 @@ impl Lab {
                 *race = known.iter().find(|race| race.is_for(task)).cloned();
             }
         }
+        remove_pictures(&output)?;
         let conditions = plan.conditions();
-        let made = |race: &Option<RaceRecord>| match race {
-            None => 0,
-            Some(race) if is_over(race, &conditions) => conditions.rounds.1,
-            Some(race) => race.rounds,
+        let (fewest, most) = conditions.rounds;
+        let is_done =
+            |race: &Option<RaceRecord>| race.as_ref().is_some_and(|race| is_over(race, &conditions));
+        let made = |race: &Option<RaceRecord>| race.as_ref().map_or(0, |race| race.rounds);
+        let needed = |race: &Option<RaceRecord>| {
+            if is_done(race) { made(race) } else { fewest.max(made(race) + 1) }
         };
-        'rounds: for number in 0..conditions.rounds.1 {
-            let mut is_new = false;
+        let mut written: Option<(Instant, Duration)> = None;
+        'rounds: for number in 0..most {
             for index in 0..tasks.len() {
                 let (task, known) = (&tasks[index], &races[index]);
-                if made(known) > number {
+                if is_done(known) || made(known) > number {
                     continue;
                 }
-                let words = format!("{}, {} steps, {} channels", task.kernel(), task.length, task.channels);
-                progress(races.iter().map(made).sum(), &words);
-                let first = known.is_none();
+                progress(races.iter().map(made).sum(), races.iter().map(needed).sum());
                 let begun = match known {
                     Some(race) => Some(race.clone()),
                     None => begin(&conditions, task, &strategies, stop),
@@ -185,26 +191,33 @@ impl Lab {
                     begun.and_then(|race| round(&race, &conditions, task, &strategies, stop, &mut |_, _| {}));
                 let Some(next) = next else { break 'rounds };
                 races[index] = Some(next);
-                record.races = races.iter().flatten().cloned().collect();
-                write_record(&record, &output)?;
-                is_new = true;
-                if first {
+                let is_due =
+                    |(at, took): (Instant, Duration)| at.elapsed() > BETWEEN_WRITES.max(PART_OF_TIME * took);
+                if written.is_none_or(is_due) {
+                    let begin = Instant::now();
+                    record.races = races.iter().flatten().cloned().collect();
                     write(&record, plan, &strategies, &output)?;
+                    written = Some((Instant::now(), begin.elapsed()));
                 }
             }
-            if is_new {
-                write(&record, plan, &strategies, &output)?;
-            }
         }
-        progress(races.iter().map(made).sum(), "");
+        progress(races.iter().map(made).sum(), races.iter().map(needed).sum());
+        let done = races.iter().filter(|race| is_done(race)).count();
         record.races = races.into_iter().flatten().collect();
-        write_record(&record, &output)?;
         let page = write(&record, plan, &strategies, &output)?;
         write_pictures(&page, &output)?;
         let found_out = found_out(&record);
-        let done = record.races.iter().filter(|race| is_over(race, &conditions)).count();
         Ok(Summary { record, races: tasks.len(), done, found_out, directory: directory.to_owned() })
     }
+}
+
+/// What the record of a plan is known by: its file, the weights of its kernels, the strategies by name, and
+/// the programs with what their files contain.
+fn identity(plan: &Plan, strategies: &[Strategy]) -> String {
+    let names = strategies.iter().map(|strategy| format!("\n# {}", strategy.name));
+    let programs =
+        plan.programs.iter().map(|program| format!("\n# {} {:016x}", program.name, program.fingerprint()));
+    std::iter::once(plan.text.clone()).chain(names).chain(programs).collect()
 }
 
 /// The tasks of a plan, whose weights must exist.
@@ -226,6 +239,7 @@ fn tasks(plan: &Plan) -> Result<Vec<Task>, LabError> {
                         channels,
                         precision,
                         tolerance,
+                        abandoned: Arc::default(),
                     }));
                 }
             }
@@ -234,27 +248,37 @@ fn tasks(plan: &Plan) -> Result<Vec<Task>, LabError> {
     Ok(tasks)
 }
 
-fn write_record(record: &Record, output: &OutputDirectory) -> Result<(), LabError> {
-    let path = output.join(RECORD);
-    match serde_json::to_string(record) {
-        Ok(text) => Ok(write_text(&path, &text)?),
-        Err(error) => Err(FileError { path, source: error.into() }.into()),
-    }
-}
-
-/// Writes the table and the page.
+/// Writes the record, the table and the page.
 fn write(
     record: &Record,
     plan: &Plan,
     strategies: &[Strategy],
     output: &OutputDirectory,
 ) -> Result<Page, LabError> {
-    let path = output.join("strategies.csv");
-    let table = record.table().map_err(|error| FileError { path: path.clone(), source: error.into() })?;
-    write_text(&path, &table)?;
+    let failed = |name: &str, source: std::io::Error| FileError { path: output.join(name), source };
+    let table = record.table().map_err(|error| failed(TABLE, error.into()))?;
+    let kept = serde_json::to_string(record).map_err(|error| failed(RECORD, error.into()))?;
+    write_text(&output.join(TABLE), &table)?;
     let page = page(record, plan, strategies);
     write_text(&output.join("strategies.html"), &page.html)?;
+    write_text(&output.join(RECORD), &kept)?;
     Ok(page)
+}
+
+/// Removes the pictures of an earlier run, which may be of other races.
+fn remove_pictures(output: &OutputDirectory) -> Result<(), LabError> {
+    let directory = output.join(PICTURES);
+    let failed = |source| FileError { path: directory.clone(), source };
+    if !directory.is_dir() {
+        return Ok(());
+    }
+    for entry in std::fs::read_dir(&directory).map_err(failed)? {
+        let path = entry.map_err(failed)?.path();
+        if path.extension().is_some_and(|ending| ending == "svg") {
+            std::fs::remove_file(&path).map_err(|source| FileError { path, source })?;
+        }
+    }
+    Ok(())
 }
 
 /// The pictures of the page as files.
@@ -276,7 +300,8 @@ fn resumed(path: &Path, wanted: &Record) -> Result<Vec<RaceRecord>, LabError> {
         .map_err(|error| refused(format!("this is no record of strategies: {error}")))?;
     if found.plan != wanted.plan {
         return Err(refused(
-            "it was measured for another file of strategies; leave out `--resume`".to_owned(),
+            "it was measured for another file of strategies, or other strategies or programs; leave out `--resume`"
+                .to_owned(),
         ));
     }
     if found.machine != wanted.machine {
@@ -334,6 +359,11 @@ impl fmt::Display for Summary {
             let others = self.found_out[index..].iter().filter(same).count() - 1;
             let others = if others > 0 { format!("; and in {others} more") } else { String::new() };
             writeln!(f, "found out: \"{}\": {} ({}{others})", found.strategy, found.reason, found.race)?;
+        }
+        let rows = || self.record.races.iter().flat_map(|race| &race.rows);
+        let (all, restless) = (rows().count(), rows().filter(|row| !row.stands).count());
+        if restless > 0 {
+            writeln!(f, "{restless} of {all} medians do not stand to 5 %")?;
         }
         write!(f, "{} of {} races in {}", self.done, self.races, self.directory.display())
     }

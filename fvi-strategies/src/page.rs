@@ -7,13 +7,16 @@ use fvi_rivals::fitted_exponent;
 use crate::front::{eligible, families, fastest, front, front_and_ties, groups, least, winners};
 use crate::picture::{self, Picture, Point, escaped};
 use crate::plan::{Plan, SIGNALS};
-use crate::record::{Kind, RaceRecord, Record, Row};
+use crate::record::{Kind, RaceRecord, Record, Row, counted};
 use crate::strategy::Strategy;
 
 const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}\
 h1{font-size:1.5em}h2{font-size:1.2em;margin-top:2em}table{border-collapse:collapse;font-size:13px;margin:.6em 0}\
 td,th{padding:2px 8px;border-bottom:1px solid #ddd;text-align:right}td:first-child,th:first-child{text-align:left}\
 svg{width:100%;max-width:760px;display:block;margin:.5em 0}.no{color:#a33}code{background:#f4f4f4;padding:0 3px}";
+
+/// Bytes of the name of a picture: file systems take 255.
+const LONGEST_NAME: usize = 200;
 
 /// A page, and its pictures, which are files of their own, too.
 pub(crate) struct Page {
@@ -36,14 +39,17 @@ impl PictureFile {
 }
 
 impl Page {
-    /// Adds a picture to the page and, with a title of its own, to the files. Their names are made of words,
-    /// without what file systems or shells treat in ways of their own.
+    /// Adds a picture to the page and, with a title of its own, to the files. Their names are letters, digits,
+    /// points and dashes, not so long that a file system would refuse them.
     fn picture(&mut self, title: &str, words: &str, title_of_file: &str, picture: &Picture<'_>) {
         let body = picture.body();
         self.html.push_str(&picture::in_page(title, &body));
         let plain = |letter: char| if letter.is_alphanumeric() || letter == '.' { letter } else { '-' };
         let mut name: String = words.chars().map(plain).collect();
-        while self.pictures.iter().any(|known| known.name == name) {
+        while name.len() > LONGEST_NAME {
+            name.pop();
+        }
+        while self.pictures.iter().any(|known| known.name.to_lowercase() == name.to_lowercase()) {
             name.push('-');
         }
         self.pictures.push(PictureFile { name, title: title_of_file.to_owned(), body });
@@ -124,7 +130,9 @@ fn head(page: &mut String, record: &Record, plan: &Plan) {
     page.push_str("</ul>\n");
     let rows = || record.races.iter().flat_map(|race| &race.rows);
     let (all, restless) = (rows().count(), rows().filter(|row| !row.stands).count());
-    if restless == 0 {
+    if all == 0 {
+        page.push_str("<p>There are no times yet.</p>\n");
+    } else if restless == 0 {
         page.push_str("<p>Every median stands to 5 %.</p>\n");
     } else {
         let _ = writeln!(
@@ -172,11 +180,16 @@ fn found_out(page: &mut String, record: &Record) {
         for row in race.rows.iter().filter(|row| !row.within) {
             let error = row.error_u * race.precision.unit();
             let (name, words) = (escaped(&row.strategy), escaped(&race.words()));
-            let _ =
-                writeln!(rows, "<tr><td>{name}</td><td>{words}</td><td>its error is {error:.1e}</td></tr>");
+            let bound = if row.promised { "" } else { "; it has no bound" };
+            let _ = writeln!(
+                rows,
+                "<tr><td>{name}</td><td>{words}</td><td>its error is {error:.1e}{bound}</td></tr>"
+            );
         }
     }
-    if rows.is_empty() {
+    if record.races.iter().all(|race| race.rows.is_empty()) && rows.is_empty() {
+        page.push_str("<p>No strategy has been in a race yet.</p>\n");
+    } else if rows.is_empty() {
         page.push_str("<p>Every strategy in the race kept the tolerance.</p>\n");
     } else {
         page.push_str("<h2>Failed, or beyond the tolerance</h2>\n<table><tr><th>strategy</th><th>race</th><th>what is wrong</th></tr>\n");
@@ -209,10 +222,9 @@ fn growth(page: &mut Page, races: &[&RaceRecord], names: &[String]) {
     }
     let first = races[0];
     let heading = format!(
-        "Cost against length: {}, {} channel{}, {}, tolerance {:e}",
+        "Cost against length: {}, {}, {}, tolerance {:e}",
         first.kernel,
-        first.channels,
-        if first.channels == 1 { "" } else { "s" },
+        counted(first.channels, "channel"),
         first.precision.name(),
         first.tolerance
     );
@@ -231,7 +243,7 @@ fn growth(page: &mut Page, races: &[&RaceRecord], names: &[String]) {
             .collect();
         let from = picture.points.len();
         for (race, row) in &rows {
-            let words = format!("{name}: {} ns at {} steps", number(row.mean_ns), race.length);
+            let words = format!("{name}: {} ns at {}", number(row.mean_ns), counted(race.length, "step"));
             picture.points.push(Point { series, x: race.length as f64, y: row.mean_ns, words });
         }
         picture.lines.push(((from..picture.points.len()).collect(), true));
@@ -301,11 +313,10 @@ fn fronts(page: &mut Page, record: &Record, names: &[String]) {
     for group in groups(record) {
         let race = group[0];
         let heading = format!(
-            "Pareto fronts: {}, {} steps, {} channel{}, {}",
+            "Pareto fronts: {}, {}, {}, {}",
             race.kernel,
-            race.length,
-            race.channels,
-            if race.channels == 1 { "" } else { "s" },
+            counted(race.length, "step"),
+            counted(race.channels, "channel"),
             race.precision.name()
         );
         let _ = writeln!(page.html, "<h2>{}</h2>", escaped(&heading));

@@ -43,10 +43,16 @@ pub(crate) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// Ends of a logarithmic axis, with a margin beside the points.
-fn ends(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
+/// Where zeros are drawn on a logarithmic axis: at a tenth of the smallest number above.
+fn place_of_zero(numbers: impl Iterator<Item = f64>) -> f64 {
+    let smallest = numbers.filter(|&number| number > 0.0).fold(f64::INFINITY, f64::min);
+    if smallest.is_finite() { 0.1 * smallest } else { 1.0 }
+}
+
+/// Ends of a logarithmic axis, with a margin beside the points; `least` is where zeros are drawn.
+fn ends(numbers: impl Iterator<Item = f64>, least: f64) -> (f64, f64) {
     let (low, high) = numbers
-        .map(|number| number.max(1e-300).log10())
+        .map(|number| number.max(least).log10())
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), number| (low.min(number), high.max(number)));
     if low > high {
         return (0.0, 1.0);
@@ -58,16 +64,15 @@ fn ends(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
 impl Picture<'_> {
     /// All below the title.
     pub(crate) fn body(&self) -> String {
-        let (x0, x1) = ends(self.points.iter().map(|point| point.x));
-        let (y0, y1) = ends(self.points.iter().map(|point| point.y));
+        let (xs, ys) = (self.points.iter().map(|point| point.x), self.points.iter().map(|point| point.y));
+        let (least_x, least_y) = (place_of_zero(xs.clone()), place_of_zero(ys.clone()));
+        let ((x0, x1), (y0, y1)) = (ends(xs, least_x), ends(ys, least_y));
         let across = |x: f64| LEFT + (x - x0) / (x1 - x0) * (WIDTH - LEFT - RIGHT);
         let up = |y: f64| HEIGHT - BOTTOM - (y - y0) / (y1 - y0) * (HEIGHT - TOP - BOTTOM);
-        let place = |point: &Point| (across(point.x.max(1e-300).log10()), up(point.y.max(1e-300).log10()));
+        let place = |point: &Point| (across(point.x.max(least_x).log10()), up(point.y.max(least_y).log10()));
         let mut svg = String::new();
-        for (ticks, vertical) in [(decades(x0, x1), true), (decades(y0, y1), false)] {
-            for tick in ticks {
-                let label = format!("10{}", superscript(tick));
-                let tick = f64::from(tick);
+        for (ticks, vertical) in [(ticks(x0, x1), true), (ticks(y0, y1), false)] {
+            for (tick, label) in ticks {
                 if vertical {
                     let x = across(tick);
                     let _ = writeln!(
@@ -160,11 +165,30 @@ fn framed(language: &str, title: &str, before: &str, body: &str) -> String {
     )
 }
 
-/// Exponents of powers of ten between two values, thinned out if there are many.
-fn decades(low: f64, high: f64) -> Vec<i32> {
-    let (low, high) = (low.ceil() as i32, high.floor() as i32);
-    let step = ((high - low) / 8 + 1).max(1);
-    (low..=high).filter(|power| power.rem_euclid(step) == 0).collect()
+/// Logarithms of the ticks between two of them, with labels: powers of ten, thinned out if there are many, and
+/// multiples of them where there are fewer than three.
+fn ticks(low: f64, high: f64) -> Vec<(f64, String)> {
+    let (first, last) = (low.ceil() as i32, high.floor() as i32);
+    let step = ((last - first) / 8 + 1).max(1);
+    let powers = (first..=last).filter(|power| power.rem_euclid(step) == 0);
+    let powers: Vec<(f64, String)> =
+        powers.map(|power| (f64::from(power), format!("10{}", superscript(power)))).collect();
+    if powers.len() >= 3 {
+        return powers;
+    }
+    let factors: &[u32] = if high - low > 0.7 { &[1, 2, 5] } else { &[1, 2, 3, 4, 5, 6, 8] };
+    let all = (first - 1..=last).flat_map(|power| {
+        factors.iter().map(move |&factor| {
+            let place = f64::from(power) + f64::from(factor).log10();
+            let label = match (factor, power) {
+                (1, _) => format!("10{}", superscript(power)),
+                (_, 0..=4) => format!("{}", factor * 10u32.pow(power.unsigned_abs())),
+                _ => format!("{factor}·10{}", superscript(power)),
+            };
+            (place, label)
+        })
+    });
+    all.filter(|&(place, _)| (low..=high).contains(&place)).collect()
 }
 
 fn superscript(power: i32) -> String {
@@ -203,6 +227,18 @@ mod tests {
         let file = as_file("three", &body);
         assert!(!svg.contains("<style>") && file.contains("<style>") && file.contains(">three</text>"));
         assert_eq!(superscript(-12), "⁻¹²");
-        assert_eq!(decades(-0.2, 3.4), [0, 1, 2, 3]);
+        let labels = |low, high| ticks(low, high).into_iter().map(|(_, label)| label).collect::<Vec<_>>();
+        assert_eq!(labels(-0.2, 3.4), ["10⁰", "10¹", "10²", "10³"]);
+        assert_eq!(labels(2.2, 3.4), ["200", "500", "10³", "2000"]);
+        assert_eq!(labels(-4.4, -3.6), ["5·10⁻⁵", "10⁻⁴", "2·10⁻⁴"]);
+    }
+
+    #[test]
+    fn a_zero_is_drawn_below_all_other_points() {
+        let names = ["a".to_owned()];
+        let point = |x, y| Point { series: 0, x, y, words: String::new() };
+        let points = vec![point(1.0, 10.0), point(2.0, 0.0), point(3.0, 30.0)];
+        let body = Picture { x: "x", y: "y", names: &names, points, lines: Vec::new() }.body();
+        assert!(body.contains(">10¹</text>") && !body.contains("10⁻"), "{body}");
     }
 }

@@ -12,6 +12,7 @@ use fvi_core::{Memory, MemoryError, Stateful, check_channels};
 use fvi_scenario::language::InputError;
 use fvi_scenario::language::document::{Document, Table};
 
+use crate::kernel::hash;
 use crate::strategy::{AnyMemory, Declined, Made, Strategy, Task, require_double};
 
 /// A `[[program]]` of the file.
@@ -50,6 +51,13 @@ impl Program {
         Ok(Self { name: word.to_owned(), command: words, directory: document.resolve(""), limit })
     }
 
+    /// Hash of the command and of the files that it names, by which a record knows what was measured.
+    pub(crate) fn fingerprint(&self) -> u64 {
+        let files = self.command.iter().filter_map(|word| std::fs::read(self.directory.join(word)).ok());
+        let words = self.command.iter().flat_map(|word| word.bytes().chain([0]));
+        hash(words.chain(files.flatten()))
+    }
+
     pub(crate) fn strategy(&self) -> Strategy {
         let program = self.clone();
         let description = format!("a program over pipes, their time included: {}", self.command.join(" "));
@@ -70,7 +78,7 @@ impl Program {
 const LONGEST_LINE: u64 = 4096;
 const LONGEST_NUMBER: u64 = 400;
 
-/// Ends a program that does not answer in time.
+/// Ends a program that does not answer in time, or that nobody waits for any more.
 struct Watchdog {
     child: Arc<Mutex<Child>>,
     begin: Instant,
@@ -82,7 +90,7 @@ struct Watchdog {
 }
 
 impl Watchdog {
-    fn new(child: Child, limit: Duration) -> Self {
+    fn new(child: Child, limit: Duration, abandoned: &Arc<AtomicBool>) -> Self {
         let watchdog = Self {
             child: Arc::new(Mutex::new(child)),
             begin: Instant::now(),
@@ -94,11 +102,12 @@ impl Watchdog {
         let child = Arc::clone(&watchdog.child);
         let (due, struck, over) =
             (Arc::clone(&watchdog.due), Arc::clone(&watchdog.struck), Arc::clone(&watchdog.over));
-        let begin = watchdog.begin;
+        let (begin, abandoned) = (watchdog.begin, Arc::clone(abandoned));
         thread::spawn(move || {
             while !over.load(Ordering::Relaxed) {
                 let due = due.load(Ordering::Relaxed);
-                if due != 0 && begin.elapsed().as_millis() as u64 >= due {
+                let is_late = due != 0 && begin.elapsed().as_millis() as u64 >= due;
+                if is_late || abandoned.load(Ordering::Relaxed) {
                     struck.store(true, Ordering::Relaxed);
                     end(&mut child.lock().unwrap_or_else(PoisonError::into_inner));
                     return;
@@ -172,7 +181,7 @@ impl Pipe {
             return Err(failed("it has no pipes".to_owned()));
         };
         let mut pipe = Self {
-            watchdog: Watchdog::new(child, program.limit),
+            watchdog: Watchdog::new(child, program.limit, &task.abandoned),
             to: BufWriter::new(to),
             from: BufReader::new(from),
             line: String::new(),

@@ -81,9 +81,9 @@ impl Plan {
     fn of_root(root: &Table<'_>, document: &Document, known: &[&str]) -> Result<Self, InputError> {
         root.allow(&KEYS)?;
         let title = root.optional("title").map(|title| title.text().map(str::to_owned)).transpose()?;
-        let lengths = list(&root.required("lengths")?, |value| value.whole(1..=LONGEST))?;
+        let lengths = distinct(&root.required("lengths")?, |value| value.whole(1..=LONGEST))?;
         let channels = match root.optional("channels") {
-            Some(value) => list(&value, |value| value.whole(1..=MOST_CHANNELS))?,
+            Some(value) => distinct(&value, |value| value.whole(1..=MOST_CHANNELS))?,
             None => vec![1],
         };
         let longest = lengths.iter().copied().max().unwrap_or(1);
@@ -97,33 +97,37 @@ impl Plan {
         let precisions = match root.optional("precisions") {
             Some(value) => {
                 let names = [("f64", Precision::F64), ("f32", Precision::F32)];
-                list(&value, |value| value.choice(&names))?
+                distinct(&value, |value| value.choice(&names))?
             }
             None => vec![Precision::F64],
         };
         let tolerances = match root.optional("tolerances") {
-            Some(value) => list(&value, |value| match value.number()? {
+            Some(value) => distinct(&value, |value| match value.number()? {
                 tolerance if (4e-15..=0.1).contains(&tolerance) => Ok(tolerance),
                 _ => Err(value.out_of_range("4e-15 ≤ tolerance ≤ 0.1")),
             })?,
             None => vec![1e-12],
         };
         let signals = match root.optional("signals") {
-            Some(value) => list(&value, |value| value.choice(&SIGNALS))?,
+            Some(value) => distinct(&value, |value| value.choice(&SIGNALS))?,
             None => Signal::ALL.to_vec(),
         };
         let programs = match root.optional("program") {
             Some(value) => list(&value, |value| Program::read(&value.table()?, document))?,
             None => Vec::new(),
         };
-        if let Some(index) = programs.iter().position(|program| known.contains(&program.name.as_str())) {
+        let is_taken = |index: usize| {
+            let name = programs[index].name.as_str();
+            known.contains(&name) || programs[..index].iter().any(|other| other.name == name)
+        };
+        if let Some(index) = (0..programs.len()).find(|&index| is_taken(index)) {
             let value = &root.required("program")?.list("programs")?[index];
             return Err(value.table()?.required("name")?.out_of_range("a name that no other strategy has"));
         }
         let names: Vec<&str> =
             known.iter().copied().chain(programs.iter().map(|program| program.name.as_str())).collect();
         let strategies = match root.optional("strategies") {
-            Some(value) => Some(list(&value, |value| {
+            Some(value) => Some(distinct(&value, |value| {
                 let name = value.text()?;
                 if names.contains(&name) {
                     return Ok(name.to_owned());
@@ -198,11 +202,6 @@ impl Plan {
         .iter()
         .product()
     }
-
-    /// Number of rounds of all races together at most.
-    pub fn rounds(&self) -> usize {
-        self.races().saturating_mul(self.rounds.1)
-    }
 }
 
 pub(crate) const SIGNALS: [(&str, Signal); 4] = [
@@ -211,6 +210,18 @@ pub(crate) const SIGNALS: [(&str, Signal); 4] = [
     ("growing", Signal::Growing),
     ("constant", Signal::Constant),
 ];
+
+/// A list that is not empty, and in which nothing is twice.
+fn distinct<R: PartialEq>(
+    value: &Value<'_>,
+    read: impl Fn(&Value<'_>) -> Result<R, InputError>,
+) -> Result<Vec<R>, InputError> {
+    let all = list(value, read)?;
+    match (0..all.len()).find(|&index| all[..index].contains(&all[index])) {
+        Some(index) => Err(value.list("a list")?[index].out_of_range("each entry once")),
+        None => Ok(all),
+    }
+}
 
 /// A list that is not empty.
 fn list<R>(

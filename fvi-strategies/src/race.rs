@@ -28,17 +28,19 @@ pub struct FoundOut {
 /// Steps of each signal whose terms are compared with the plain sum in twice the precision; the others are
 /// compared with `block-fft`.
 const COMPARED_STEPS: usize = 50;
-/// Number of channels of these steps that are compared.
-const COMPARED_CHANNELS: usize = 3;
+/// Number of channels that are compared: the first, the last, and those between at equal distances. In runs
+/// so long that the known terms would be more than so many numbers they are fewer, but three.
+const COMPARED_CHANNELS: usize = 16;
+const COMPARED_TERMS: usize = 1 << 22;
 /// Errors up to this multiple of u count as rounding and are accepted with any tolerance.
 const ROUNDING: f64 = 16.0;
 /// A median counts as reliable if half the width of its confidence interval is at most this fraction of it.
 pub(crate) const STANDS: f64 = 0.05;
 
 /// A strategy while its errors are measured.
-struct Runner {
+struct Runner<'a> {
     promises: bool,
-    contestant: Contestant,
+    contestant: Contestant<'a>,
     making: Making,
     error_u: f64,
     bytes: usize,
@@ -62,7 +64,7 @@ pub(crate) fn begin(
         if stop.load(Ordering::Relaxed) {
             return None;
         }
-        let contestant = Contestant::new(strategy, conditions.limit);
+        let contestant = Contestant::new(strategy, conditions.limit, stop);
         match contestant.make(task) {
             Ok(Ok(making)) => runners.push(Runner {
                 promises: strategy.promises && making.promises,
@@ -74,29 +76,30 @@ pub(crate) fn begin(
                 last: Vec::new(),
             }),
             Ok(Err(Declined::SitsOut(reason))) => leave(&strategy.name, Kind::SitsOut, reason),
+            Err(_) if stop.load(Ordering::Relaxed) => return None,
             Ok(Err(Declined::Failed(reason))) | Err(reason) => leave(&strategy.name, Kind::Failed, reason),
         }
     }
 
     for (index, &signal) in conditions.signals.iter().enumerate() {
         let compared = Compared::new(task, signal);
-        let exact = compared.sums(task, &task.weights).unwrap_or_default();
-        let mut own: Vec<(Arc<Vec<f64>>, Sums)> = Vec::new();
+        let exact = compared.sums(task, &task.weights);
+        let mut own: Vec<(Arc<Vec<f64>>, Option<Sums>)> = Vec::new();
         runners = keep(runners, &mut leave, stop, |runner| {
             let (terms, bytes) = runner.contestant.terms(&compared.run)?;
             let exact = match &runner.making.own_weights {
-                None => &exact,
+                None => exact.as_ref(),
                 Some(weights) => {
                     let known = own.iter().position(|(known, _)| known == weights);
                     let index = known.unwrap_or_else(|| {
-                        // Computing the sums of the task's weights succeeded, so it does for these.
-                        let sums = compared.sums(task, weights).unwrap_or_default();
-                        own.push((Arc::clone(weights), sums));
+                        own.push((Arc::clone(weights), compared.sums(task, weights)));
                         own.len() - 1
                     });
-                    &own[index].1
+                    own[index].1.as_ref()
                 }
             };
+            let exact =
+                exact.ok_or_else(|| "there are no sums with its weights to compare with".to_owned())?;
             let error = exact.largest_error(&terms, compared.run.channels.len(), task.precision.unit())?;
             runner.error_u = runner.error_u.max(error);
             runner.bytes = bytes;
@@ -136,9 +139,14 @@ pub(crate) fn begin(
     })
 }
 
+/// The error that is accepted with a tolerance: no less than rounding.
+pub(crate) fn allowed(tolerance: f64, precision: Precision) -> f64 {
+    tolerance.max(ROUNDING * precision.unit())
+}
+
 /// The row of a strategy that has not been timed yet.
 fn row(runner: &Runner, task: &Task, quadrature: Option<f64>) -> Row {
-    let allowed = (task.tolerance / task.precision.unit()).max(ROUNDING);
+    let allowed = allowed(task.tolerance, task.precision) / task.precision.unit();
     let own_weights = runner.making.own_weights.as_ref();
     Row {
         strategy: runner.contestant.name.clone(),
@@ -163,12 +171,12 @@ fn row(runner: &Runner, task: &Task, quadrature: Option<f64>) -> Row {
 
 /// Calls `act` for every runner and passes those that fail to `leave`; returns the others, or `None` if the
 /// race was stopped.
-fn keep(
-    runners: Vec<Runner>,
+fn keep<'a>(
+    runners: Vec<Runner<'a>>,
     leave: &mut impl FnMut(&str, Kind, String),
     stop: &AtomicBool,
-    mut act: impl FnMut(&mut Runner) -> Result<(), String>,
-) -> Option<Vec<Runner>> {
+    mut act: impl FnMut(&mut Runner<'a>) -> Result<(), String>,
+) -> Option<Vec<Runner<'a>>> {
     let mut kept = Vec::with_capacity(runners.len());
     for mut runner in runners {
         if stop.load(Ordering::Relaxed) {
@@ -176,7 +184,11 @@ fn keep(
         }
         match act(&mut runner) {
             Ok(()) => kept.push(runner),
-            Err(reason) => leave(&runner.contestant.name, Kind::Failed, reason),
+            Err(_) if stop.load(Ordering::Relaxed) => return None,
+            Err(reason) => {
+                leave(&runner.contestant.name, Kind::Failed, reason);
+                runner.contestant.dismiss();
+            }
         }
     }
     Some(kept)
@@ -205,17 +217,22 @@ pub(crate) fn round(
             return None;
         }
         let strategy = strategies.iter().find(|strategy| strategy.name == row.strategy);
-        let Some(strategy) = strategy else { continue };
-        match time(strategy, &row, conditions, task, &run) {
+        let timed_now = match strategy {
+            Some(strategy) => time(strategy, &row, conditions, task, &run, stop),
+            None => Err("it is not there any more".to_owned()),
+        };
+        match timed_now {
             Ok((times, setup_ns)) => {
                 timed(&row.strategy, &times);
                 add(&mut row, &times, setup_ns, clock);
                 rows.push(row);
             }
-            Err(reason) => {
-                let (strategy, kind) = (row.strategy, Kind::Failed);
-                race.absent.push(Absence { strategy, kind, reason });
-            }
+            Err(_) if stop.load(Ordering::Relaxed) => return None,
+            Err(reason) => race.absent.push(Absence {
+                strategy: row.strategy,
+                kind: Kind::Failed,
+                reason: format!("in round {}: {reason}", race.rounds + 1),
+            }),
         }
     }
     race.rows = rows;
@@ -231,23 +248,23 @@ fn time(
     conditions: &Conditions<'_>,
     task: &Task,
     run: &Run,
+    stop: &AtomicBool,
 ) -> Result<(Timed, f64), String> {
-    let contestant = Contestant::new(strategy, conditions.limit);
-    let making = match contestant.make(task)? {
-        Ok(making) => making,
-        Err(Declined::SitsOut(reason) | Declined::Failed(reason)) => {
-            return Err(format!("it could be made, and now it cannot: {reason}"));
-        }
+    let contestant = Contestant::new(strategy, conditions.limit, stop);
+    let timed = match contestant.make(task) {
+        Ok(Ok(making)) => contestant.times(run).map(|timed| (timed, making.setup_ns)),
+        Ok(Err(Declined::SitsOut(reason))) => Err(format!("it declined, as it did not before: {reason}")),
+        Ok(Err(Declined::Failed(reason))) | Err(reason) => Err(reason),
     };
-    let timed = contestant.times(run)?;
     contestant.dismiss();
+    let (timed, setup_ns) = timed?;
     let mut pairs = timed.last.iter().zip(&row.last);
     let other = pairs.find(|(found, (term, room))| !((*found - term).abs() <= *room || **found == *term));
     match other {
         Some((found, (term, _))) => {
             Err(format!("while it is timed its last term is {found:e}, where it was {term:e}"))
         }
-        None => Ok((timed, making.setup_ns)),
+        None => Ok((timed, setup_ns)),
     }
 }
 
@@ -302,10 +319,7 @@ impl Median {
         let Some(last) = count.checked_sub(1) else {
             return Self { count, middle: f64::NAN, low: f64::NAN, high: f64::NAN };
         };
-        // Ranks of the ends from binomial order statistics, in the normal approximation.
-        let half = 0.98 * (count as f64).sqrt();
-        let rank = (0.5 * count as f64 - half).floor().max(0.0) as usize;
-        let rank = rank.min(last / 2);
+        let rank = rank_of_interval(count);
         Self {
             count,
             middle: 0.5 * (sorted[last / 2] + sorted[count / 2]),
@@ -320,6 +334,27 @@ impl Median {
     }
 }
 
+/// The largest rank r, from 0, for which the median of a distribution lies outside of all but r of `count`
+/// numbers at either end with a probability of 5 % at most; 0 if there is none. The number B of them that lie
+/// below it is binomial.
+fn rank_of_interval(count: usize) -> usize {
+    if count > 1000 {
+        // The probabilities below are too small to be added up, and B is nearly normal.
+        return (0.5 * count as f64 - 0.98 * (count as f64).sqrt()) as usize;
+    }
+    let (mut rank, mut term, mut beyond) = (0, 0.5f64.powi(i32::try_from(count).unwrap_or(i32::MAX)), 0.0);
+    // term = P(B = rank), beyond = P(B < rank)
+    while rank + 1 < count {
+        beyond += term;
+        term *= (count - rank) as f64 / (rank + 1) as f64;
+        if 2.0 * (beyond + term) > 0.05 {
+            break;
+        }
+        rank += 1;
+    }
+    rank
+}
+
 /// A signal with the channels that are compared.
 struct Compared {
     run: Run,
@@ -327,7 +362,6 @@ struct Compared {
 
 /// Reference terms of a signal: in twice the precision at some steps (`exact`), and by `block-fft` at all
 /// steps (`all`), step by step, channel by channel; `largest` is the largest Σ|w||x| among the exact ones.
-#[derive(Default)]
 struct Sums {
     exact: Vec<(usize, MemoryTerm)>,
     all: Vec<MemoryTerm>,
@@ -337,8 +371,8 @@ struct Sums {
 impl Compared {
     fn new(task: &Task, signal: Signal) -> Self {
         let (length, channels) = (task.length, task.channels);
-        let mut chosen: Vec<usize> =
-            (0..COMPARED_CHANNELS).map(|part| part * (channels - 1) / (COMPARED_CHANNELS - 1)).collect();
+        let most = (COMPARED_TERMS / length).clamp(3, COMPARED_CHANNELS);
+        let mut chosen: Vec<usize> = (0..most).map(|part| part * (channels - 1) / (most - 1)).collect();
         chosen.dedup();
         let samples = match task.precision {
             Precision::F64 => Samples::F64(signal.samples(channels, length)),
@@ -444,6 +478,17 @@ mod tests {
         let two_speeds: Vec<f64> = (0..20).map(|index| if index % 2 == 0 { 100.0 } else { 150.0 }).collect();
         assert!(!Median::of(&two_speeds).stands());
         assert!(Median::of(&[100.0; 6]).stands() && !Median::of(&[100.0; 5]).stands());
+    }
+
+    #[test]
+    fn an_interval_misses_the_median_in_one_of_twenty_cases_at_most() {
+        // From tables of the sign test: the largest number of signs that is significant at 5 %, two-sided.
+        let tables =
+            [(6, 0), (8, 0), (9, 1), (11, 1), (12, 2), (15, 3), (20, 5), (25, 7), (40, 13), (100, 39)];
+        for (count, rank) in tables {
+            assert_eq!(rank_of_interval(count), rank, "{count} rounds");
+        }
+        assert!(rank_of_interval(1000).abs_diff(rank_of_interval(1001)) <= 1);
         assert!(!Median::of(&[]).stands());
         assert_eq!(Median::of(&[3.0, 1.0, 2.0]).middle, 2.0);
     }

@@ -9,7 +9,8 @@ use crate::strategy::Task;
 /// Everything that a lab has measured so far: the content of the file from which `--resume` continues.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// Text of the file of strategies, with hashes of the weights of its kernels.
+    /// Text of the file of strategies, with hashes of the weights of its kernels and of its programs, and the
+    /// names of the strategies.
     pub plan: String,
     /// Where it was measured.
     pub machine: Machine,
@@ -98,8 +99,8 @@ pub struct Absence {
 pub enum Kind {
     /// The strategy does not apply to this task.
     SitsOut,
-    /// It failed: it cannot be constructed, refuses samples, hangs, dies, or gives numbers that are not
-    /// finite.
+    /// It failed: it cannot be constructed, refuses samples, panics, hangs, dies, gives numbers that are not
+    /// finite, or others while it is timed.
     Failed,
 }
 
@@ -132,15 +133,19 @@ impl RaceRecord {
     /// Short description of the race.
     pub(crate) fn words(&self) -> String {
         format!(
-            "{}, {} steps, {} channel{}, {}, tolerance {:e}",
+            "{}, {}, {}, {}, tolerance {:e}",
             self.kernel,
-            self.length,
-            self.channels,
-            if self.channels == 1 { "" } else { "s" },
+            counted(self.length, "step"),
+            counted(self.channels, "channel"),
             self.precision.name(),
             self.tolerance
         )
     }
+}
+
+/// A number of things in words.
+pub(crate) fn counted(count: usize, one: &str) -> String {
+    format!("{count} {one}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Columns of `strategies.csv`.

@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use fvi_core::{BdfOrder, Memory, ParameterError};
 use fvi_fft::baseline::OfflineFft;
@@ -25,6 +26,8 @@ pub struct Task {
     pub precision: Precision,
     /// Tolerated error, relative to Σ|w||x|.
     pub tolerance: f64,
+    /// Set when nobody waits for the strategy any more.
+    pub(crate) abandoned: Arc<AtomicBool>,
 }
 
 impl Task {
@@ -42,6 +45,7 @@ impl Task {
             channels: 1,
             precision: Precision::F64,
             tolerance: SMALLEST_TOLERANCE,
+            abandoned: Arc::default(),
         })
     }
 
@@ -70,6 +74,13 @@ pub(crate) enum AnyMemory {
 }
 
 impl AnyMemory {
+    pub(crate) fn precision(&self) -> Precision {
+        match self {
+            Self::F64(_) | Self::Offline(_) => Precision::F64,
+            Self::F32(_) => Precision::F32,
+        }
+    }
+
     pub(crate) fn channels(&self) -> usize {
         match self {
             Self::F64(memory) => memory.channels(),
@@ -219,9 +230,12 @@ pub(crate) fn require_short(task: &Task, window: usize) -> Result<(), Declined> 
     Err(Declined::sits_out(format!("{products:.1e} products in a run, more than {MOST_PRODUCTS:.1e}")))
 }
 
+/// Why a memory in double precision does not take part in single precision.
+pub(crate) const DOUBLE_ONLY: &str = "it is there in double precision only";
+
 pub(crate) fn require_double(task: &Task) -> Result<(), Declined> {
     match task.precision {
         Precision::F64 => Ok(()),
-        Precision::F32 => Err(Declined::sits_out("it is there in double precision only")),
+        Precision::F32 => Err(Declined::sits_out(DOUBLE_ONLY)),
     }
 }

@@ -5,10 +5,12 @@ use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use fvi_rivals::PlainSum;
 use fvi_strategies::fvi_core::{Memory, MemoryError};
 use fvi_strategies::{Kind, Lab, LabError, Made, Strategy, Summary};
 
 const SHORT: &str = "lengths = [200]\nrounds = [2, 3]\nseconds = 0.2\n";
+const PROGRAM: &str = "[[program]]\nname = \"p\"\ncommand = [\"true\"]\n";
 const ROOT: &str = "[[kernel]]\nname = \"root\"\norder = 0.5\n";
 
 fn race(lab: &Lab, directory: &Path, text: &str) -> Result<Summary, LabError> {
@@ -207,8 +209,8 @@ fn a_race_that_was_stopped_keeps_what_was_measured_and_goes_on() {
     assert_eq!(fs::read_to_string(out.join("strategies.csv")).unwrap().lines().count(), 2);
     let mut begun = Vec::new();
     let go_on = |begun: &mut Vec<usize>| {
-        lab.race(&plan, &out, true, &AtomicBool::new(false), &mut |done, what| {
-            if !what.is_empty() {
+        lab.race(&plan, &out, true, &AtomicBool::new(false), &mut |done, needed| {
+            if done < needed {
                 begun.push(done);
             }
         })
@@ -235,6 +237,106 @@ fn a_race_that_was_stopped_keeps_what_was_measured_and_goes_on() {
 }
 
 #[test]
+fn a_stopped_race_does_not_wait_for_a_strategy_that_hangs() {
+    let place = tempfile::tempdir().unwrap();
+    let file = place.path().join("race.toml");
+    fs::write(&file, format!("lengths = [200]\nstrategies = [\"hangs\"]\n{ROOT}")).unwrap();
+    let lab = Lab::new().with(faulty("hangs", Fault::Hangs));
+    let (plan, stop) = (lab.plan(&file).unwrap(), AtomicBool::new(false));
+    let begin = std::time::Instant::now();
+    let summary = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            std::thread::sleep(std::time::Duration::from_millis(100));
+            stop.store(true, Ordering::Relaxed);
+        });
+        lab.race(&plan, &place.path().join("out"), false, &stop, &mut |_, _| {}).unwrap()
+    });
+    assert!(begin.elapsed().as_secs() < 20, "the time limit is a minute");
+    assert!(summary.found_out.is_empty() && summary.record.races.is_empty(), "{summary}");
+    let page = fs::read_to_string(place.path().join("out/strategies.html")).unwrap();
+    assert!(page.contains("There are no times yet") && !page.contains("Every median"), "{page}");
+}
+
+#[test]
+fn a_memory_in_double_precision_sits_out_races_in_single_precision() {
+    let place = tempfile::tempdir().unwrap();
+    let text = format!(
+        "lengths = [20]\nprecisions = [\"f32\"]\nstrategies = [\"mine\", \"direct\"]\nrounds = [1, 1]\n{ROOT}"
+    );
+    let summary = race(&Lab::new().with(faulty("mine", Fault::None)), place.path(), &text).unwrap();
+    let absent = &summary.record.races[0].absent;
+    assert!(absent.len() == 1 && absent[0].kind == Kind::SitsOut, "{absent:?}");
+    // 16 u of single precision, where the tolerance of 10⁻¹² cannot be kept.
+    assert!(summary.to_string().contains("error up to 9.5e-7, rounding: fastest is direct"), "{summary}");
+}
+
+#[test]
+fn every_one_of_a_few_channels_is_compared() {
+    let place = tempfile::tempdir().unwrap();
+    let lab = Lab::new().with(Strategy::new("one-wrong", "", |task| {
+        let memory = OneWrong(PlainSum::new(&task.weights, task.channels, task.length)?);
+        Ok(Made::memory(memory))
+    }));
+    let text =
+        format!("lengths = [20]\nchannels = [5]\nstrategies = [\"one-wrong\"]\nrounds = [1, 1]\n{ROOT}");
+    let summary = race(&lab, place.path(), &text).unwrap();
+    assert_eq!(summary.found_out.len(), 1, "{summary}");
+}
+
+/// A plain sum whose second channel is wrong.
+struct OneWrong(PlainSum);
+
+impl Memory<f64> for OneWrong {
+    fn channels(&self) -> usize {
+        self.0.channels()
+    }
+
+    fn leading(&self) -> &[f64] {
+        self.0.leading()
+    }
+
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
+        self.0.next_term(term)?;
+        term[1] += 1.0;
+        Ok(())
+    }
+
+    fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
+        self.0.push(sample)
+    }
+
+    fn clear(&mut self) {
+        self.0.clear();
+    }
+
+    fn bytes(&self) -> usize {
+        self.0.bytes()
+    }
+}
+
+impl Stateful for OneWrong {}
+
+#[test]
+fn results_of_an_earlier_run_are_replaced_pictures_included() {
+    let place = tempfile::tempdir().unwrap();
+    let text = |length: usize| {
+        format!("lengths = [{length}]\nstrategies = [\"naive\"]\nrounds = [1, 1]\n{ROOT}")
+            .replace("root", &"r".repeat(300))
+    };
+    for length in [20, 1] {
+        race(&Lab::new(), place.path(), &text(length)).unwrap();
+        let names = fs::read_dir(place.path().join("out/pictures")).unwrap();
+        let names: Vec<String> =
+            names.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        assert_eq!(names.len(), 4, "one front seen in four ways: {names:?}");
+    }
+}
+
+#[test]
 fn a_record_of_other_weights_is_no_beginning() {
     let place = tempfile::tempdir().unwrap();
     let (file, out) = (place.path().join("race.toml"), place.path().join("out"));
@@ -250,6 +352,15 @@ fn a_record_of_other_weights_is_no_beginning() {
     assert!(resume().is_ok());
     write(0.26);
     assert!(resume().unwrap_err().to_string().contains("another file of strategies"));
+    write(0.25);
+    assert!(resume().is_ok());
+    // Nor is one of another program of the same name.
+    fs::write(&file, format!("{text}{PROGRAM}").replace("\"true\"", "\"sh\", \"p.sh\"")).unwrap();
+    fs::write(place.path().join("p.sh"), "exit 1").unwrap();
+    lab.run(&file, &out).unwrap();
+    assert!(resume().is_ok());
+    fs::write(place.path().join("p.sh"), "exit 2").unwrap();
+    assert!(resume().unwrap_err().to_string().contains("other strategies or programs"));
 }
 
 #[test]
@@ -346,6 +457,9 @@ fn files_that_cannot_be_used_are_refused_with_key_and_value() {
         (format!("lengths = [10]\nstrategies = [\"fastest\"]\n{ROOT}"), "\"direct\", \"block-fft\""),
         (format!("lengths = [10]\nrounds = [5, 2]\n{ROOT}"), "the fewest and the most"),
         (format!("lengths = [10]\n{ROOT}{ROOT}"), "no other kernel has"),
+        (format!("lengths = [10, 10]\n{ROOT}"), "each entry once"),
+        (format!("lengths = [10]\nstrategies = [\"hls\", \"hls\"]\n{ROOT}"), "each entry once"),
+        (format!("lengths = [10]\n{ROOT}{PROGRAM}{PROGRAM}"), "no other strategy has"),
         (kernel("order = 2.5"), "0 ≤ β < 2"),
         (kernel("order = 0.5\nfamily = \"radau-iia\""), "\"bdf\""),
         (kernel("order = 0.5\nstep = -1.0"), "a number > 0"),
@@ -435,4 +549,19 @@ fn programs_over_pipes_are_measured_and_found_out() {
     assert!(honest.within && honest.error_u == 0.0 && honest.bytes == 16 && honest.mean_ns > 100.0);
     let declined = race.absent.iter().find(|absence| absence.strategy == "declines").unwrap();
     assert_eq!((declined.kind, declined.reason.as_str()), (Kind::SitsOut, "too short"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_program_does_not_outlive_the_time_limit_of_the_race() {
+    let place = tempfile::tempdir().unwrap();
+    // Its own limit of an answer is longer.
+    let text = format!(
+        "lengths = [100]\nstrategies = [\"lingers\"]\ntime_limit = 1.0\n{ROOT}[[program]]\nname = \"lingers\"\ncommand = [\"sh\", \"-c\", \"echo $$ > process; sleep 60\"]\n"
+    );
+    let summary = race(&Lab::new(), place.path(), &text).unwrap();
+    assert!(summary.found_out[0].reason.contains("no answer within 1.000 s, the time limit"), "{summary}");
+    let process = fs::read_to_string(place.path().join("process")).unwrap();
+    let lives = std::process::Command::new("kill").args(["-0", process.trim()]).output().unwrap();
+    assert!(!lives.status.success(), "process {process} lives");
 }

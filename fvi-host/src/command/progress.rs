@@ -50,6 +50,15 @@ impl Progress {
         }
     }
 
+    /// Shows that `done` pieces are done where, as far as is known now, there are `all`.
+    pub(super) fn update_of(&mut self, done: usize, all: usize) {
+        self.all = Some(all);
+        if let Some(bar) = &self.bar {
+            bar.set_length(all as u64);
+        }
+        self.update(done);
+    }
+
     fn styled_bar(&self) -> ProgressBar {
         let all = self.all.map(|all| all as u64);
         let bar = ProgressBar::with_draw_target(all, ProgressDrawTarget::stderr());

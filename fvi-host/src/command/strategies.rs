@@ -28,9 +28,9 @@ impl StrategiesArguments {
         let plan = lab.plan(&self.file).map_err(command_error)?;
         let directory = self.out.unwrap_or_else(|| default_directory(&self.file, "strategies"));
         let stop = stop::flag();
-        let mut progress = Progress::new(plan.rounds(), "rounds", self.quiet);
+        let mut progress = Progress::new(plan.races(), "rounds", self.quiet);
         let summary = lab
-            .race(&plan, &directory, self.resume, &stop, &mut |done, _| progress.update(done))
+            .race(&plan, &directory, self.resume, &stop, &mut |done, needed| progress.update_of(done, needed))
             .map_err(command_error)?;
         progress.finish();
         if summary.done < summary.races {
