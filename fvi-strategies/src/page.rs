@@ -39,8 +39,8 @@ impl PictureFile {
 }
 
 impl Page {
-    /// Adds a picture to the page and, with a title of its own, to the files. Their names are letters, digits,
-    /// points and dashes, not so long that a file system would refuse them.
+    /// Adds a picture to the page and, with a title of its own, to the files. Their names are letters,
+    /// digits, points and dashes, not so long that a file system would refuse them.
     fn picture(&mut self, title: &str, words: &str, title_of_file: &str, picture: &Picture<'_>) {
         let body = picture.body();
         self.html.push_str(&picture::in_page(title, &body));

@@ -27,6 +27,9 @@ const CONTOUR_POINTS: usize = 2048;
 /// Relative accuracy of the quadrature over the cut.
 const TOLERANCE: f64 = 1e-17;
 
+/// ln d of the smallest distances from a branch point that are numbers.
+const LEAST_PLACE: f64 = -690.0;
+
 /// Exponentials per block of fvi-core's table.
 const EXPONENTIALS_IN_BLOCK: usize = 4;
 
@@ -465,7 +468,20 @@ fn exponentials_of<const R: usize>(
             if on_rises { -jump * step_size / (start + d) } else { jump }
         };
         if stand {
-            let standing = coefficient(libm::exp(lowest - width)) / -libm::expm1(-width * (1.0 + power));
+            // Term by term: next to the branch point a kernel of several powers, such as Maxwell's, follows
+            // none of them. The last term stands for those behind it.
+            let last = -1.0 / libm::expm1(-width * (1.0 + power));
+            let mut standing = 0.0_f64;
+            let mut place = lowest;
+            loop {
+                place -= width;
+                let term = coefficient(libm::exp(place));
+                if place - width < LEAST_PLACE || (term * last).abs() <= TOLERANCE * standing.abs() {
+                    standing += term * last;
+                    break;
+                }
+                standing += term;
+            }
             found.push(at(start, standing));
         }
         found.extend((0..nodes).map(|node| {
@@ -561,6 +577,10 @@ mod tests {
             TransferFunction::tempered(1.5, 2.0),
             TransferFunction::maxwell(0.6, 0.0, 1.5),
             TransferFunction::maxwell(0.9, 0.4, 0.5),
+            // Next to the branch point these follow no power for many decades.
+            TransferFunction::maxwell(0.12, 0.105, 1.0),
+            TransferFunction::maxwell(0.5, 0.45, 1.0),
+            TransferFunction::maxwell(0.98, 0.9, 0.1),
             TransferFunction::prony(&[1.0, 0.7], &[1.0, 0.1]),
             TransferFunction::havriliak_negami(0.7, 0.5, 1.0),
             TransferFunction::havriliak_negami(1.0, 0.5, 2.0),
