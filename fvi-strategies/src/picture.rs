@@ -165,8 +165,8 @@ fn framed(language: &str, title: &str, before: &str, body: &str) -> String {
     )
 }
 
-/// Logarithms of the ticks between two of them, with labels: powers of ten, thinned out if there are many, and
-/// multiples of them where there are fewer than three.
+/// Logarithms of the ticks between two of them, with labels: powers of ten, thinned out if there are many,
+/// and multiples of them where there are fewer than three.
 fn ticks(low: f64, high: f64) -> Vec<(f64, String)> {
     let (first, last) = (low.ceil() as i32, high.floor() as i32);
     let step = ((last - first) / 8 + 1).max(1);

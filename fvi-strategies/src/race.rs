@@ -334,9 +334,9 @@ impl Median {
     }
 }
 
-/// The largest rank r, from 0, for which the median of a distribution lies beyond all but r of `count` numbers
-/// at either end with a probability of 5 % at most; 0 if there is none. The number B of them that lie below it
-/// is binomial.
+/// The largest rank r, from 0, for which the median of a distribution lies beyond all but r of `count`
+/// numbers at either end with a probability of 5 % at most; 0 if there is none. The number B of them that lie
+/// below it is binomial.
 fn rank_of_interval(count: usize) -> usize {
     if count > 1000 {
         // The probabilities below are too small to be added up, and B is nearly normal.
