@@ -562,3 +562,58 @@ fn the_frequency_response_is_that_of_the_condensed_system() {
     let found = collocated.discrete_response(1.0, 0).unwrap();
     assert!((found[0].re - 2.5).abs() < 1e-6 && (found[1].re - 1.0).abs() < 1e-6, "{found:?}");
 }
+
+/// x and z at `end` of ẍ = −x − (x − z), 0 = x − z − ż − c ż³ from x = −0.81, z = 0.99 at rest: by Runge and
+/// Kutta's method, with ż by bisection.
+fn behind_a_cubic_drag(c: f64, end: f64) -> [f64; 2] {
+    let velocity = |pull: f64| {
+        let (mut low, mut high) = (-10.0, 10.0);
+        for _ in 0..80 {
+            let v = 0.5 * (low + high);
+            if v + c * v * v * v < pull { low = v } else { high = v }
+        }
+        0.5 * (low + high)
+    };
+    let slope = |[x, p, z]: [f64; 3]| [p, z - 2.0 * x, velocity(x - z)];
+    let steps = 500;
+    let h = end / f64::from(steps);
+    let mut y = [-0.81, 0.0, 0.99];
+    let along = |y: [f64; 3], k: [f64; 3], h: f64| std::array::from_fn(|i| y[i] + h * k[i]);
+    for _ in 0..steps {
+        let a = slope(y);
+        let b = slope(along(y, a, 0.5 * h));
+        let c = slope(along(y, b, 0.5 * h));
+        let d = slope(along(y, c, h));
+        y = std::array::from_fn(|i| y[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]));
+    }
+    [y[0], y[2]]
+}
+
+#[test]
+fn forces_that_change_much_within_a_step_are_solved_at_any_step() {
+    // The increments of z are as small as the rounding that an iteration may end with elsewhere.
+    for (c, scheme, precision, step, steps, allowed) in [
+        (0.5, MIDPOINT, Precision::F64, 1e-3, 500, 1e-6),
+        (50.0, MIDPOINT, Precision::F64, 1e-8, 5000, 1e-11),
+        (5.0, RADAU_3, Precision::F64, 1e-7, 2000, 1e-11),
+        (50.0, MIDPOINT, Precision::F32, 1e-3, 500, 2e-6),
+        (5.0, RADAU_3, Precision::F32, 1e-4, 5000, 2e-5),
+    ] {
+        let text = format!(
+            "[system]\nmass = [1.0, 0.0]\npotential = \"0.5*q0^2 + 0.5*(q0 - q1)^2\"\nforce = [\"0\", \"-v1 - {c}*v1^3\"]\n\
+             [initial]\nposition = [-0.81, 0.99]\n{scheme}\n[time]\nstep = {step:e}\nsteps = {steps}\n"
+        );
+        let found = states(&scenario(&text), precision).pop().unwrap();
+        let exact = behind_a_cubic_drag(c, step * f64::from(steps));
+        for (found, exact) in found.position.iter().zip(exact) {
+            assert!((found - exact).abs() < allowed, "c = {c}, step {step:e}: {found} instead of {exact}");
+        }
+    }
+    let text = "[system]\nmass = [1.0, 0.0]\npotential = \"0.5*q0^2 + 0.5*(q0 - q1)^2\"\nforce = [\"0\", \"-v1 - 5*v1^3\"]\n\
+                [initial]\nposition = [-0.81, 0.99]\n[scheme]\nkind = \"collocation\"\n\
+                [time]\ngrid = \"adaptive\"\nend = 0.5\ntolerance = 1e-8\n";
+    let states = states(&scenario(text), Precision::F64);
+    let exact = behind_a_cubic_drag(5.0, 0.5);
+    let error = (states.last().unwrap().position[1] - exact[1]).abs();
+    assert!(error < 1e-7 && states.len() < 1000, "{error:e} after {} steps", states.len());
+}
