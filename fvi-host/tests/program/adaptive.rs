@@ -2,6 +2,7 @@
 //! same bits, and what is refused.
 
 use crate::workplace::{Run, Workplace, text};
+use fvi_fft::baseline::larger;
 use fvi_host::lab::checkpoint::CheckpointEvery;
 use fvi_host::lab::run::{RunEnd, RunOptions, run};
 use fvi_host::scenario::Scenario;
@@ -334,5 +335,24 @@ fn what_makes_no_sense_is_refused() {
         assert_eq!(output.status.code(), Some(2), "{time}: {message}");
         assert!(message.contains("bad.toml") && message.contains(told), "{time}: {message}");
         assert!(!place.path("out").join("trajectory.csv").exists());
+    }
+}
+
+#[test]
+fn rows_between_grid_points_are_held_to_the_tolerance_with_every_degree() {
+    for degree in [2, 3] {
+        let tolerance = 1e-10;
+        let oscillator = json!({
+            "system": { "mass": [1.0], "stiffness": [1.0] },
+            "initial": { "position": [1.0] },
+            "scheme": { "kind": "galerkin", "degree": degree },
+            "convolution": { "family": "radau-iia", "stages": 3 },
+            "time": adaptive(4.0, tolerance),
+            "output": { "times": [0.3, 0.7, 1.3, 2.5, 3.3] },
+        });
+        let (_, rows) = rows(&oscillator);
+        assert_eq!(rows.len(), 5);
+        let error = rows.iter().map(|&[t, q, _]| (q - t.cos()).abs()).fold(0.0, larger);
+        assert!(error < tolerance, "degree {degree}: {error:e}");
     }
 }

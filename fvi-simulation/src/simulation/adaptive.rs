@@ -42,8 +42,11 @@ pub(crate) struct AdaptiveSteps<'s> {
     saved_between: Vec<u8>,
     whole: GridState,
     end: GridState,
-    /// State inside the step by the polynomial of the whole step, if states inside steps are needed.
-    inside: Option<GridState>,
+    /// State inside the step by the polynomials of the whole step and of its first half, if states inside
+    /// steps are needed.
+    inside: Option<[GridState; 2]>,
+    /// Where that is, as a part of the half step.
+    place_inside: f64,
     /// Weights of the differences of positions and momenta inside a step.
     share_inside: [f64; 2],
     /// Orders of the error in the length of the step: at its end, and inside it.
@@ -150,7 +153,10 @@ impl<'s> AdaptiveSteps<'s> {
             saved_between: Vec::new(),
             whole: start.clone(),
             end: start.clone(),
-            inside: scenario.is_looked_into().then(|| start.clone()),
+            inside: scenario.is_looked_into().then(|| [start.clone(), start.clone()]),
+            // In the middle of the whole step a variational scheme may have a control point, where its
+            // polynomial is better than elsewhere.
+            place_inside: if scheme.has_momentum_inside { 1.0 } else { 0.5 },
             // The polynomial of half the step is more accurate by the same ratio. Galerkin's has momenta of
             // low order, which are not held to the tolerance.
             share_inside: match scheme.has_momentum_inside {
@@ -265,7 +271,7 @@ impl<'s> AdaptiveSteps<'s> {
             self.progress.counts.attempts += 1;
             let made = self.make_pair(simulation, (half, between, end), input, middle);
             let error = match made {
-                Ok(_) => Some(self.error(middle)),
+                Ok(_) => Some(self.error()),
                 Err(AttemptError::Step(_)) => None,
                 Err(AttemptError::State(error)) => return Err(error.to_string()),
             };
@@ -351,13 +357,19 @@ impl<'s> AdaptiveSteps<'s> {
     ) -> Result<u32, AttemptError> {
         simulation.step_over(2.0 * half, end, input)?;
         simulation.read_without_energy(&mut self.whole);
-        if let Some(inside) = &mut self.inside {
-            simulation.interpolate(between, inside);
+        let place = between - (1.0 - self.place_inside) * half;
+        if let Some([whole, _]) = &mut self.inside {
+            simulation.interpolate(place, whole);
         }
         simulation.restore(&self.saved)?;
         let iterations = simulation.step_over(half, between, input)?;
         simulation.read(middle);
         middle.time = between;
+        match &mut self.inside {
+            Some([_, of_half]) if place < between => simulation.interpolate(place, of_half),
+            Some([_, of_half]) => of_half.clone_from(middle),
+            None => {}
+        }
         self.saved_between = simulation.save()?;
         self.iterations_ahead = simulation.step_over(half, end, input)?;
         simulation.read(&mut self.end);
@@ -367,13 +379,13 @@ impl<'s> AdaptiveSteps<'s> {
 
     /// The error of the halves in units of the tolerance: the largest of all positions and momenta, at the
     /// end and inside.
-    fn error(&self, middle: &GridState) -> f64 {
+    fn error(&self) -> f64 {
         let is_judged = self.rule.longest_unjudged(self.progress.time).is_none();
         let of_momenta = if is_judged { 1.0 } else { 0.0 };
         let at_end = SHARE * self.largest_difference(&self.whole, &self.end, [1.0, of_momenta]);
-        let inside = self.inside.as_ref().map_or(0.0, |inside| {
+        let inside = self.inside.as_ref().map_or(0.0, |[whole, of_half]| {
             let [positions, momenta] = self.share_inside;
-            let error = self.largest_difference(inside, middle, [positions, of_momenta * momenta]);
+            let error = self.largest_difference(whole, of_half, [positions, of_momenta * momenta]);
             // Rescaled to the same dependence on the length as the other.
             libm::pow(error, self.orders[0] / self.orders[1])
         });
