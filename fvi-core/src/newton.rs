@@ -557,7 +557,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_unknown_on_a_large_offset_is_found_or_refused() {
+    fn a_small_unknown_on_a_large_offset_is_found() {
         // Increments x = h v of a velocity with v + 50 v³ = c, where a step h changes positions by less than
         // the square root of their rounding: corrections of that size are no rounding here.
         let mut matrix = StepMatrix::<f64, 1, 1>::zero();
