@@ -53,7 +53,9 @@ impl Program {
 
     /// Hash of the command and of the files that it names, by which a record knows what was measured.
     pub(crate) fn fingerprint(&self) -> u64 {
-        let files = self.command.iter().filter_map(|word| std::fs::read(self.directory.join(word)).ok());
+        // Devices, which may never end, are no files.
+        let paths = self.command.iter().map(|word| self.directory.join(word));
+        let files = paths.filter(|path| path.is_file()).filter_map(|path| std::fs::read(path).ok());
         let words = self.command.iter().flat_map(|word| word.bytes().chain([0]));
         hash(words.chain(files.flatten()))
     }
