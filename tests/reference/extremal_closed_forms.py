@@ -33,7 +33,7 @@ rows = [(a, mpf(k) / 64, position(mpf(a), mpf(k) / 64)) for a in ("0.55", "0.75"
 with open(HERE / "extremal_least_fractional_speed.csv", "w") as table:
     table.write("alpha,t,x\n")
     table.writelines(f"{a},{nstr(t, 17)},{nstr(x, 25)}\n" for a, t, x in rows)
-with open(HERE / "../../problems/least-fractional-speed-reference.csv", "w") as table:
+with open(HERE / "../../examples/problems/least-fractional-speed-reference.csv", "w") as table:
     table.write("# x(t) = (2a-1) int_0^t dtau / [(1-tau)(t-tau)]^(1-a) for a = 0.75; tests/reference/extremal_closed_forms.py\n")
     table.write("t,x0\n")
     table.writelines(f"{nstr(t, 17)},{nstr(x, 25)}\n" for a, t, x in rows if a == "0.75")

@@ -1,4 +1,4 @@
-//! Every key that a scenario may have is explained in its reference, `scenarios/README.md`, and those that
+//! Every key that a scenario may have is explained in its reference, `examples/scenarios/README.md`, and those that
 //! Python takes as arguments are all in one table.
 
 use fvi_host::language::Problem;
@@ -81,7 +81,7 @@ fn keys(header: &str, content: &str) -> Vec<String> {
 
 #[test]
 fn the_reference_explains_every_key_of_a_scenario() {
-    let page = include_str!("../../scenarios/README.md");
+    let page = include_str!("../../examples/scenarios/README.md");
     let explained =
         |key: &str| {
             let tables = [format!("[{key}]"), format!("[[{key}]]"), format!(".{key}]]")];
@@ -98,7 +98,7 @@ fn the_reference_explains_every_key_of_a_scenario() {
         missing
             .extend(keys.into_iter().filter(|key| !explained(key)).map(|key| format!("{key} of {header}")));
     }
-    assert!(missing.is_empty(), "not in scenarios/README.md: {missing:?}");
+    assert!(missing.is_empty(), "not in examples/scenarios/README.md: {missing:?}");
 }
 
 #[test]

@@ -395,7 +395,7 @@ fn two_ways_to_say_the_same_give_the_same_motion() {
 }
 
 fn of_repository(name: &str) -> Scenario {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios").join(name);
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/scenarios").join(name);
     Scenario::read(&path).unwrap()
 }
 
@@ -408,7 +408,7 @@ fn the_shaken_frame_moves_as_its_modes_do() {
     let found = states(&frame, SolverChoice::Automatic);
     let (step, steps) = (frame.time.step, frame.time.steps);
     let mut known = vec![vec![0.0; n]; steps + 1];
-    let ground = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/frame-ground.csv");
+    let ground = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/scenarios/frame-ground.csv");
     for mode in 1..=n {
         let angle = (2 * mode - 1) as f64 * PI / (2 * n + 1) as f64;
         let shape: Vec<f64> = (1..=n).map(|i| (i as f64 * angle).sin()).collect();
@@ -590,7 +590,7 @@ fn errors_of_release(
 fn cantilever_and_plate_move_as_their_exact_modes_to_the_order_of_the_scheme() {
     for (name, beta, scale) in [("cantilever", 0.6, 0.02), ("plate", 0.5, 0.005)] {
         let file = |letter: &str| {
-            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios/finite-elements");
+            let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/scenarios/finite-elements");
             folder.join(format!("{name}-{letter}.npz"))
         };
         let structure = of_repository(&format!("finite-elements/{name}.toml")).system;

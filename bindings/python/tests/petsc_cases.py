@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "scenarios" / "finite-elements"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[3] / "examples/scenarios" / "finite-elements"))
 
 from distributed import Beam  # noqa: E402
 from petsc4py import PETSc  # noqa: E402

@@ -152,7 +152,7 @@ def test_pictures_are_drawn():
 
 @pytest.mark.skipif("FVI_PROGRAM" not in os.environ, reason="the program fvi is not there")
 def test_the_program_finds_the_same(tmp_path: Path):
-    fits = Path(__file__).resolve().parents[3] / "fits"
+    fits = Path(__file__).resolve().parents[3] / "examples/fits"
     command = [os.environ["FVI_PROGRAM"], "fit", str(fits / "decay.toml"), "--out", str(tmp_path), "--quiet"]
     subprocess.run(command, check=True)
     known = json.loads((tmp_path / "fit.json").read_text())

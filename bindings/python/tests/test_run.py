@@ -17,7 +17,7 @@ import fvi
 
 ROOT = Path(__file__).resolve().parents[3]
 # All but one scenario, which takes minutes without optimisation.
-SCENARIOS = sorted(set((ROOT / "scenarios").glob("*.toml")) - {ROOT / "scenarios/pendulum-ten-million.toml"})
+SCENARIOS = sorted(set((ROOT / "examples/scenarios").glob("*.toml")) - {ROOT / "examples/scenarios/pendulum-ten-million.toml"})
 PROGRAM = os.environ.get("FVI_PROGRAM")
 
 PENDULUM = {
@@ -77,7 +77,7 @@ def test_a_dictionary_is_a_scenario_and_changes_are_changes():
 
 
 def test_a_file_with_changes_finds_the_files_it_names():
-    changed = fvi.run(ROOT / "scenarios/pendulum.toml", step=0.01)
+    changed = fvi.run(ROOT / "examples/scenarios/pendulum.toml", step=0.01)
     assert changed.summary["steps"] == 2000
     assert changed.title == "Pendulum on a viscoelastic hinge"
 
@@ -107,7 +107,7 @@ def test_what_cannot_be_used_is_named(keys, key):
 
 def test_a_mistake_in_a_file_is_told_with_its_place(tmp_path):
     file = tmp_path / "wrong.toml"
-    file.write_text((ROOT / "scenarios/pendulum.toml").read_text().replace("order = 0.6", "order = 2.6"))
+    file.write_text((ROOT / "examples/scenarios/pendulum.toml").read_text().replace("order = 0.6", "order = 2.6"))
     with pytest.raises(fvi.InputError, match=r"wrong\.toml:11:9: system\.damping\[0\]\.order = 2\.6: .*0 ≤ β < 2"):
         fvi.run(file)
     with pytest.raises(fvi.InputError, match="cannot be read"):

@@ -13,12 +13,12 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_orders_are_measured():
-    table = fvi.converge(ROOT / "scenarios/damped-oscillator-jo.toml", (4, 6))
+    table = fvi.converge(ROOT / "examples/scenarios/damped-oscillator-jo.toml", (4, 6))
     assert list(table["level"]) == [4, 5, 6]
     assert list(table)[:5] == ["level", "steps", "step", "position_error", "position_order"]
     assert np.isnan(table["position_order"][0]) and np.isfinite(table["position_order"][1:]).all()
     with pytest.raises(fvi.InputError, match="levels"):
-        fvi.converge(ROOT / "scenarios/pendulum.toml", (6, 4))
+        fvi.converge(ROOT / "examples/scenarios/pendulum.toml", (6, 4))
 
 
 def test_engines_are_compared():
@@ -31,7 +31,7 @@ def test_engines_are_compared():
 
 
 def test_extremals_are_found():
-    problem = ROOT / "problems/classical-oscillator.toml"
+    problem = ROOT / "examples/problems/classical-oscillator.toml"
     solution = fvi.extremal(problem, overrides={"interval.steps": 256})
     assert solution.success and solution.x.shape == (257, 1)
     assert np.abs(solution.x[:, 0] - np.sin(solution.t) / np.sin(2.0)).max() < 1e-2

@@ -17,7 +17,7 @@ macro_rules! carried {
 /// The document of a scenario of the repository.
 macro_rules! repository {
     ($name:literal) => {
-        Document::new(concat!("scenarios/", $name), Path::new(""), carried!($name))
+        Document::new(concat!("examples/scenarios/", $name), Path::new(""), carried!($name))
     };
 }
 

@@ -91,7 +91,7 @@ fn expression(input: &str) -> Result<Outcome, String> {
 }
 
 pub(crate) fn scenarios() -> Domain {
-    let corpus = [files("../scenarios", "toml"), files("tests/hostile/corpus/scenarios", "toml")].concat();
+    let corpus = [files("../examples/scenarios", "toml"), files("tests/hostile/corpus/scenarios", "toml")].concat();
     Domain { name: "scenarios", corpus, attempt: scenario }
 }
 
@@ -143,7 +143,7 @@ fn run(document: Document) -> Result<Outcome, String> {
 }
 
 pub(crate) fn problems() -> Domain {
-    let corpus = [files("../problems", "toml"), files("tests/hostile/corpus/problems", "toml")].concat();
+    let corpus = [files("../examples/problems", "toml"), files("tests/hostile/corpus/problems", "toml")].concat();
     Domain { name: "problems", corpus, attempt: problem }
 }
 
@@ -170,12 +170,12 @@ fn problem(input: &str) -> Result<Outcome, String> {
 }
 
 pub(crate) fn sweeps() -> Domain {
-    Domain { name: "sweeps", corpus: files("../sweeps", "toml"), attempt: sweep }
+    Domain { name: "sweeps", corpus: files("../examples/sweeps", "toml"), attempt: sweep }
 }
 
 /// A sweep file beside the scenarios that the repository's sweeps name.
 fn sweep(input: &str) -> Result<Outcome, String> {
-    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sweeps");
+    let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/sweeps");
     let plan = match Sweep::from_document(&Document::new("hostile.toml", &directory, &few_steps(input))) {
         Ok(plan) => plan,
         Err(error) => return refused(&error),
@@ -192,8 +192,8 @@ fn sweep(input: &str) -> Result<Outcome, String> {
 
 pub(crate) fn tables() -> Domain {
     let corpus = [
-        files("../scenarios", "csv"),
-        files("../problems", "csv"),
+        files("../examples/scenarios", "csv"),
+        files("../examples/problems", "csv"),
         files("tests/hostile/corpus/tables", "csv"),
     ];
     // The beginning of a long table is as good as the whole.
@@ -222,7 +222,7 @@ fn table(input: &str) -> Result<Outcome, String> {
 }
 
 pub(crate) fn matrices() -> Domain {
-    Domain { name: "matrices", corpus: files("../scenarios", "mtx"), attempt: matrix }
+    Domain { name: "matrices", corpus: files("../examples/scenarios", "mtx"), attempt: matrix }
 }
 
 fn matrix(input: &str) -> Result<Outcome, String> {

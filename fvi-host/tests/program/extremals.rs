@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../problems")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/problems")
 }
 
 /// What a solution has written: the table's header and rows of cells, and the summary.

@@ -789,7 +789,7 @@ fn scenarios_whose_numbers_jump_are_refused() {
 /// Runs a fit of the repository.
 fn of_repository(name: &str) -> Value {
     let place = Workplace::new();
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fits");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/fits");
     let output = place.fvi(&["fit", folder.join(name).to_str().unwrap(), "--out", "out"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     record(&place)

@@ -8,7 +8,7 @@ use fvi_host::simulation::motion::Motion;
 use std::path::{Path, PathBuf};
 
 fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenarios")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/scenarios")
 }
 
 fn run(name: &str) -> Run {
@@ -43,7 +43,7 @@ fn what_the_package_carries_is_what_the_repository_has() {
         let text = |folder: &Path| std::fs::read(folder.join(&name)).unwrap();
         assert!(
             text(&carried) == text(&folder()),
-            "fvi-host/scenarios/{0} is not scenarios/{0}: copy it",
+            "fvi-host/scenarios/{0} is not examples/scenarios/{0}: copy it",
             name.display()
         );
         seen += 1;

@@ -48,7 +48,7 @@ fn bad_files_are_refused_with_file_key_and_value() {
 
 #[test]
 fn the_shipped_file_is_read() {
-    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../strategies/quick.toml");
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/strategies/quick.toml");
     let plan = fvi_strategies::Lab::new().plan(&file).unwrap();
     assert_eq!(plan.races(), 18);
 }

@@ -212,7 +212,7 @@ fn sweeps_that_cannot_be_made_are_refused_before_anything_runs() {
 
 #[test]
 fn the_sweeps_of_the_repository_are_accepted() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../sweeps");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/sweeps");
     for name in ["energy-left", "resonance", "stability"] {
         let plan = Sweep::read(&folder.join(format!("{name}.toml"))).unwrap();
         assert!(plan.scenario_of(plan.runs() - 1).is_ok(), "{name}");

@@ -406,7 +406,7 @@ impl Overflow {
     }
 }
 
-/// Largest tolerance of the exponential sum, see `scenarios/README.md`.
+/// Largest tolerance of the exponential sum, see `examples/scenarios/README.md`.
 pub const LARGEST_TOLERANCE: f64 = 1e-6;
 
 /// Smallest tolerance with which an exponential sum may keep its state in single precision: rounding takes up

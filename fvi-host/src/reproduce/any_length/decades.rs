@@ -81,7 +81,7 @@ pub(super) fn exhibit(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
         .with_picture("errors", "Relative errors of q over time", errors)
         .with_table(table)
         .with_remark(
-            "The scenario is `scenarios/creep-seventeen-decades.toml`. On equal steps of 10⁻⁹ it would take 10¹⁷ of them. Late errors are \
+            "The scenario is `examples/scenarios/creep-seventeen-decades.toml`. On equal steps of 10⁻⁹ it would take 10¹⁷ of them. Late errors are \
              relative to what is left, 10⁻³ at the end.",
         ))
 }

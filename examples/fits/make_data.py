@@ -1,6 +1,6 @@
 """Makes the data of the fits in this folder: exact solutions, and noise of a seed. Needs nothing but Python.
 
-    python3 fits/make_data.py
+    python3 examples/fits/make_data.py
 """
 
 import cmath
