@@ -1,5 +1,5 @@
-//! Every key that a scenario may have is explained in its reference, `examples/scenarios/README.md`, and those that
-//! Python takes as arguments are all in one table.
+//! Every key that a scenario may have is explained in its reference, `examples/scenarios/README.md`, and
+//! those that Python takes as arguments are all in one table.
 
 use fvi_host::language::Problem;
 use fvi_host::scenario::{KEYS, Scenario};

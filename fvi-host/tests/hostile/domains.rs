@@ -91,7 +91,8 @@ fn expression(input: &str) -> Result<Outcome, String> {
 }
 
 pub(crate) fn scenarios() -> Domain {
-    let corpus = [files("../examples/scenarios", "toml"), files("tests/hostile/corpus/scenarios", "toml")].concat();
+    let corpus =
+        [files("../examples/scenarios", "toml"), files("tests/hostile/corpus/scenarios", "toml")].concat();
     Domain { name: "scenarios", corpus, attempt: scenario }
 }
 
@@ -143,7 +144,8 @@ fn run(document: Document) -> Result<Outcome, String> {
 }
 
 pub(crate) fn problems() -> Domain {
-    let corpus = [files("../examples/problems", "toml"), files("tests/hostile/corpus/problems", "toml")].concat();
+    let corpus =
+        [files("../examples/problems", "toml"), files("tests/hostile/corpus/problems", "toml")].concat();
     Domain { name: "problems", corpus, attempt: problem }
 }
 

@@ -84,7 +84,8 @@ fn send(signal: &str, child: &std::process::Child) {
 
 /// Commands that say something, short ones.
 fn talking() -> Vec<String> {
-    let problem = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/problems/classical-oscillator.toml");
+    let problem =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/problems/classical-oscillator.toml");
     vec![
         "run free.toml".to_owned(),
         "converge free.toml --levels 2..3".to_owned(),
