@@ -5,6 +5,7 @@
 
 mod adaptive;
 mod case;
+mod combinations;
 mod controller;
 mod element;
 mod event;
@@ -32,6 +33,7 @@ mod warnings;
 
 pub use adaptive::{Adaptive, Start};
 pub use case::Case;
+pub use combinations::{Feature, ROWS, Row, page as combinations_page};
 pub use controller::{Controller, Noise, Quantise, Setpoint};
 pub use element::Element;
 pub use event::{Action, Direction, Event, SharedFunction};
@@ -153,9 +155,7 @@ impl Scenario {
     fn sharing(document: Document, known: Option<&KnownMatrices>) -> Result<Self, InputError> {
         let scenario = document.with_root(|root| Self::from_root(&root, &document, known))?;
         scenario.check_start()?;
-        scenario.check_cases()?;
-        scenario.check_earlier()?;
-        scenario.check_gyroscopic()?;
+        scenario.check_combinations()?;
         Ok(scenario)
     }
 
@@ -233,9 +233,6 @@ impl Scenario {
         let descriptor = scheme.descriptor(convolution.family);
         let start = Adaptive::start(&system, &initial);
         let time = TimeGrid::read(&root.required("time")?.table()?, start, document)?;
-        if time.grid.is_some() && !convolution.family.is_staged() {
-            return Err(grid::check_family(&root.required("time")?.table()?));
-        }
         if let Some(value) = root.optional("initial").map(|value| value.table()).transpose()?
             && let Some(value) = value.optional("past")
         {
@@ -247,7 +244,7 @@ impl Scenario {
         let history = match root.optional("history") {
             Some(value) => {
                 let samples = time.steps.saturating_add(1).saturating_add(initial.past_steps());
-                History::read(&value.table()?, convolution.family, (time.grid.is_none(), samples))?
+                History::read(&value.table()?, samples)?
             }
             None => History::default(),
         };
@@ -277,21 +274,14 @@ impl Scenario {
             Some(value) => value
                 .list("a list of tables, each headed [[event]]")?
                 .iter()
-                .map(|event| Event::read(&event.table()?, &system, &descriptor))
+                .map(|event| Event::read(&event.table()?, &system))
                 .collect::<Result<_, _>>()?,
             None => Vec::new(),
         };
         let controllers = match root.optional("controller") {
-            Some(value) => Controller::read_all(&value, (&system, &descriptor, &time), document)?,
+            Some(value) => Controller::read_all(&value, (&system, &time), document)?,
             None => Vec::new(),
         };
-        if let (Some(value), false) = (root.optional("case"), controllers.is_empty()) {
-            return Err(value.key_error(Problem::Incompatible {
-                with: "a controller: load cases are motions of a linear system that nothing measures"
-                    .to_owned(),
-                allowed: "one motion beside [controller]".to_owned(),
-            }));
-        }
         let document = document.clone();
         let mut scenario = Self {
             title,
@@ -333,7 +323,7 @@ impl Scenario {
     /// [`Problem::OutOfRange`] for `history.horizon`, if that is given and too short; for `time`, if there
     /// are too many steps.
     pub fn ending_after(&self, steps: usize) -> Result<Self, InputError> {
-        self.require_equal_steps()?;
+        self.check_use(Feature::AnotherEnd)?;
         let refused = |key, allowed: String| Err(self.error_at(key, Problem::OutOfRange { allowed }));
         if steps > MOST_STEPS || !self.time.time(steps).is_finite() {
             return refused("time", format!("at most {MOST_STEPS} steps, and an end that is a finite time"));
@@ -349,22 +339,12 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// Refuses to change the end of a grid with different steps.
-    fn require_equal_steps(&self) -> Result<(), InputError> {
-        if self.time.grid.is_none() {
-            return Ok(());
-        }
-        let allowed = "\"uniform\" here: the other grids end where they say".to_owned();
-        let problem = Problem::Incompatible { with: "another end".to_owned(), allowed };
-        Err(self.error_at("time.grid", problem))
-    }
-
     /// The same scenario with another end time.
     ///
     /// # Errors
     /// If the time is no grid time, and those of [`ending_after`](Self::ending_after).
     pub fn ending_at(&self, end: f64) -> Result<Self, InputError> {
-        self.require_equal_steps()?;
+        self.check_use(Feature::AnotherEnd)?;
         let steps = if end >= self.time.start {
             time::steps_to(end, self.time.start, self.time.step)
         } else {
@@ -427,71 +407,10 @@ impl Scenario {
         self.document.error_at(path.copied().unwrap_or_default(), problem)
     }
 
-    /// Refuses settings that cannot be combined with gyroscopic forces, whose velocity is that of the
-    /// polynomial at the nodes.
-    fn check_gyroscopic(&self) -> Result<(), InputError> {
-        if self.system.gyroscopic.is_none() {
-            return Ok(());
-        }
-        let refused = |path: &str, allowed: &str| {
-            let (with, allowed) = ("`system.gyroscopic`".to_owned(), allowed.to_owned());
-            Err(self.error_at(path, Problem::Incompatible { with, allowed }))
-        };
-        let nodes = "\"low-order\", or \"galerkin\" with as many Gauss points as its degree";
-        match self.scheme {
-            Scheme::LowOrder { .. } => {}
-            Scheme::Galerkin { degree, .. } if past::nodes(&self.scheme, &self.convolution) == degree => {}
-            _ => return refused("scheme", nodes),
-        }
-        if self.convolution.at == DampedAt::MainNodes {
-            return refused("convolution.at", "\"nodes\", where the scheme has a velocity");
-        }
-        if self.time.grid.is_some() {
-            return refused("time.grid", "\"uniform\"");
-        }
-        if !self.cases.is_empty() {
-            return refused("case", "one motion: load cases need a symmetric matrix of the step");
-        }
-        Ok(())
-    }
-
-    /// Refuses settings that cannot be combined with a start other than t = 0 or a motion before it.
-    fn check_earlier(&self) -> Result<(), InputError> {
-        let (key, with) = match (&self.initial.past, self.time.start != 0.0) {
-            (Some(_), _) => ("initial.past", "`initial.past`"),
-            (None, true) => ("time.start", "`time.start`"),
-            (None, false) => return Ok(()),
-        };
-        let refused = |path: &str, allowed: &str| {
-            let (with, allowed) = (with.to_owned(), allowed.to_owned());
-            Err(self.error_at(path, Problem::Incompatible { with, allowed }))
-        };
-        if self.time.grid.is_some() {
-            let with = "steps that differ".to_owned();
-            let allowed = "equal steps, whose memories have a sample for each step of the past".to_owned();
-            return Err(self.error_at(key, Problem::Incompatible { with, allowed }));
-        }
-        if self.input.is_some() {
-            return refused("input", "`[[system.load]]` with a record in place of samples");
-        }
-        if !self.controllers.is_empty() {
-            return refused(
-                "controller",
-                "a scenario that begins at t = 0, where controllers take their first sample",
-            );
-        }
-        if self.initial.past.is_some() {
-            if !self.convolution.starting.is_empty() {
-                return refused(
-                    "convolution.starting",
-                    "no starting weights: they are for motions that begin at the start",
-                );
-            }
-            if !self.cases.is_empty() {
-                return refused("case", "a scenario of one motion: the past would be that of all cases");
-            }
-        }
-        Ok(())
+    /// Whether a force that changes inside a step acts from that time on.
+    pub(crate) fn acts_inside_steps(&self) -> bool {
+        self.scheme_descriptor().takes_inputs_inside
+            && self.system.force_quadrature == ForceQuadrature::Moments
     }
 
     /// v₀ = M⁻¹ p₀, zero where there is no mass; `None` for a mass that is known by its entries, which takes

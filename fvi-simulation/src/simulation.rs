@@ -182,6 +182,8 @@ impl Simulation {
         choice: SolverChoice,
         tables: &Tables,
     ) -> Result<Self, InputError> {
+        // Code may have changed what was read.
+        scenario.check_combinations()?;
         forces_of_time::check(scenario)?;
         given_weights::check(scenario)?;
         let (scenario, massless) = &massless::placed(scenario)?;

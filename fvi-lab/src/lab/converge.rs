@@ -5,7 +5,7 @@ use crate::results::measure::{ErrorMeasure, ReferenceErrors};
 #[cfg(feature = "pictures")]
 use crate::results::picture::{Axis, Chart, Series, Style, power};
 use crate::results::room::{NoRoom, require};
-use crate::scenario::{Action, GridRule, MOST_STEPS, Reference, ReferenceRow, Scenario};
+use crate::scenario::{Feature, MOST_STEPS, Reference, ReferenceRow, Scenario};
 use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision};
 use fvi_core::ParameterError;
@@ -181,26 +181,7 @@ pub fn converge(
     for level in grids.levels.clone() {
         all = all.saturating_add(steps_of(level)?);
     }
-    if let Some(grid) = &scenario.time.grid
-        && !(matches!(grid.rule(), GridRule::Graded { .. }) && grid.must_hit().is_empty())
-    {
-        let allowed =
-            "\"uniform\", or \"graded\" without `time.must_hit`, which have a finer grid of the same shape"
-                .to_owned();
-        let problem = Problem::Incompatible { with: "`fvi converge`".to_owned(), allowed };
-        return Err(ConvergeError::Input(scenario.error_at("time.grid", problem)));
-    }
-    if scenario.initial.past.is_some() {
-        let allowed =
-            "a motion that begins at the start: rows of a past are for one length of steps".to_owned();
-        let problem = Problem::Incompatible { with: "`fvi converge`".to_owned(), allowed };
-        return Err(ConvergeError::Input(scenario.error_at("initial.past", problem)));
-    }
-    if let Some(index) = scenario.events.iter().position(|event| event.action == Action::Stop) {
-        let allowed = "\"record\": errors are compared up to the same end".to_owned();
-        let problem = Problem::Incompatible { with: "`fvi converge`".to_owned(), allowed };
-        return Err(ConvergeError::Input(scenario.error_at(&format!("event[{index}].action"), problem)));
-    }
+    scenario.check_use(Feature::Converge)?;
     let meets = |level| steps_of(level).is_ok_and(|steps| scenario.in_steps(steps).meets_reference());
     if !grids.levels.clone().any(meets) {
         let allowed =
@@ -307,7 +288,7 @@ pub fn run_on(
     stop: &AtomicBool,
     take: &mut dyn FnMut(usize, &GridState),
 ) -> Result<Outcome, ConvergeError> {
-    scenario.require_one_motion("a study of one motion")?;
+    scenario.check_use(Feature::OneMotion)?;
     let mut motion = Motion::start(scenario, Precision::F64)?;
     take(0, motion.state());
     let mut seconds = 0.0;

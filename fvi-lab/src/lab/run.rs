@@ -2,14 +2,14 @@
 
 use crate::lab::checkpoint::{self, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer};
 use crate::lab::output_sink::{BatchView, OutputMark, OutputSink, StateView};
-use crate::language::{InputError, Problem};
+use crate::language::InputError;
 use crate::memory::Tables;
 use crate::numerics::starting::starting_condition;
 use crate::results::files::{FileError, remove, write_json};
 use crate::results::measure::{Largest, ReferenceErrors};
 use crate::results::output_directory::OutputDirectory;
 use crate::results::trajectory::Format;
-use crate::scenario::{Engine, Scenario};
+use crate::scenario::{Engine, Feature, Scenario};
 use crate::simulation::adaptive::Counts;
 use crate::simulation::events::{Happened, Seen, Watch};
 use crate::simulation::motion::{Failure, Motion};
@@ -294,7 +294,9 @@ pub fn run(
     stop: &AtomicBool,
     progress: &mut dyn FnMut(usize),
 ) -> Result<RunSummary, RunError> {
-    refuse_with_sensitivities(scenario, options)?;
+    if options.format == Some(Format::Npz) {
+        scenario.check_use(Feature::Npz)?;
+    }
     let mut scenario = scenario.clone();
     let mut found = None;
     let mut claimed = None;
@@ -415,16 +417,6 @@ pub fn run(
     Ok(summary)
 }
 
-/// Refuses output formats and options that do not support sensitivities.
-fn refuse_with_sensitivities(scenario: &Scenario, options: &RunOptions) -> Result<(), InputError> {
-    if scenario.sensitivity.is_some() && options.format == Some(Format::Npz) {
-        let (with, allowed) =
-            ("`--format npz`".to_owned(), "derivatives are columns of `trajectory.csv`".to_owned());
-        return Err(scenario.error_at("sensitivity", Problem::Incompatible { with, allowed }));
-    }
-    Ok(())
-}
-
 /// An event with the output coordinates only.
 fn of_written(scenario: &Scenario, happened: &Happened) -> Happened {
     let GridState { position, momentum, .. } = StateView::from(&happened.state()).shown(scenario);
@@ -504,7 +496,7 @@ impl<'s> Run<'s> {
         precision: Precision,
         tables: &Tables,
     ) -> Result<Self, InputError> {
-        scenario.require_one_motion("a run of one motion")?;
+        scenario.check_use(Feature::OneMotion)?;
         Self::start_all(scenario, precision, tables)
     }
 

@@ -1,9 +1,9 @@
 //! `[[case]]`: load cases of one linear structure, integrated together.
 
 use super::load::Load;
-use super::{Element, Scenario, System};
+use super::{Scenario, System};
 use crate::language::document::{Table, Value};
-use crate::language::error::{InputError, Problem};
+use crate::language::error::InputError;
 use serde::Serialize;
 
 /// A load case: the structure under the loads of the system and those listed here.
@@ -73,18 +73,6 @@ impl Scenario {
         scenario
     }
 
-    /// Refuses load cases where a single motion is required.
-    ///
-    /// # Errors
-    /// If there are any, in the name of the command or function `wanted_by`.
-    pub fn require_one_motion(&self, wanted_by: &str) -> Result<(), InputError> {
-        if self.cases.is_empty() {
-            return Ok(());
-        }
-        let allowed = "scenarios without cases; `fvi run` takes those with them".to_owned();
-        Err(self.error_at("case", Problem::Incompatible { with: wanted_by.to_owned(), allowed }))
-    }
-
     /// Range of the numbers of a load case in vectors of all motions.
     pub fn places_of(&self, case: usize) -> std::ops::Range<usize> {
         case * self.coordinates()..(case + 1) * self.coordinates()
@@ -93,42 +81,5 @@ impl Scenario {
     /// Number of motions integrated together: one for each load case.
     pub fn copies(&self) -> usize {
         self.cases.len().max(1)
-    }
-
-    /// Refuses load cases of nonlinear systems, and keys that apply to a single motion.
-    pub(super) fn check_cases(&self) -> Result<(), InputError> {
-        if self.cases.is_empty() {
-            return Ok(());
-        }
-        let refused = |path: &str, allowed: &str| {
-            let (with, allowed) = ("`[[case]]`".to_owned(), allowed.to_owned());
-            Err(self.error_at(path, Problem::Incompatible { with, allowed }))
-        };
-        let linear = "cases of a linear structure, one factor for all: springs in `stiffness`, forces in `[[system.load]]` and `[[case.load]]`";
-        if self.system.potential.is_some() {
-            return refused("system.potential", linear);
-        }
-        if self.system.force.is_some() {
-            return refused("system.force", linear);
-        }
-        if let [Element { .. }, ..] = self.system.elements.as_slice() {
-            return refused("system.element", linear);
-        }
-        if self.input.is_some() {
-            return refused("input", "records in `[[case.load]]` in place of samples");
-        }
-        if self.reference.is_some() {
-            return refused("reference", "a reference for one motion at a time, without cases");
-        }
-        if !self.output.times.is_empty() {
-            return refused("output.times", "`output.every`");
-        }
-        if !self.events.is_empty() {
-            return refused("event", "a scenario of one motion: each case would have its own events and end");
-        }
-        if self.time.grid.is_some() {
-            return refused("time.grid", "equal steps, for which one factor serves");
-        }
-        Ok(())
     }
 }

@@ -1,8 +1,7 @@
 //! `[controller]`: a sampled fractional PID controller whose output is a force on the coordinates.
 
 use super::load::Pattern;
-use super::scheme_descriptor::SchemeDescriptor;
-use super::system::{ForceQuadrature, System};
+use super::system::System;
 use super::time::TimeGrid;
 use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
@@ -138,19 +137,10 @@ impl Controller {
     /// Reads `[controller]`, or any number of `[[controller]]`.
     pub(super) fn read_all(
         value: &Value<'_>,
-        (system, scheme, time): (&System, &SchemeDescriptor, &TimeGrid),
+        (system, time): (&System, &TimeGrid),
         document: &Document,
     ) -> Result<Vec<Self>, InputError> {
-        if time.grid.is_some() {
-            return Err(document.error_at(
-                "time.grid",
-                Problem::Incompatible {
-                    with: "a controller, whose samples are points of a grid of equal steps".to_owned(),
-                    allowed: "\"uniform\" beside [controller]".to_owned(),
-                },
-            ));
-        }
-        let read = |table: &Table<'_>| Self::read(table, (system, scheme, time), document);
+        let read = |table: &Table<'_>| Self::read(table, (system, time), document);
         if value.is_table() {
             return Ok(vec![read(&value.table()?)?]);
         }
@@ -160,7 +150,7 @@ impl Controller {
 
     fn read(
         table: &Table<'_>,
-        (system, scheme, time): (&System, &SchemeDescriptor, &TimeGrid),
+        (system, time): (&System, &TimeGrid),
         document: &Document,
     ) -> Result<Self, InputError> {
         table.allow(&[
@@ -213,26 +203,17 @@ impl Controller {
         let value = table.required("sample")?;
         let sample = value.positive()?;
         let (steps, rest) = in_steps(sample, time.step);
-        if steps < 1.0 || rest != 0.0 {
+        // Steps that differ have no multiples, and no controllers.
+        if time.grid.is_none() && (steps < 1.0 || rest != 0.0) {
             return Err(value.out_of_range(format!("a multiple of `time.step` = {}", time.step)));
         }
         let delay = match table.optional("delay") {
             None => 0.0,
             Some(value) => {
                 let delay = not_negative(&value)?;
-                let (steps, rest) = in_steps(delay, time.step);
+                let (steps, _) = in_steps(delay, time.step);
                 if steps > (1u64 << 53) as f64 {
                     return Err(value.out_of_range("at most 2^53 steps"));
-                }
-                if rest != 0.0 && !acts_inside_steps(system, scheme) {
-                    return Err(value.error(Problem::Incompatible {
-                        with: "forces that act from a grid point on".to_owned(),
-                        allowed: format!(
-                            "a multiple of `time.step` = {} here; any length with the low-order (kappa > 0) and Galerkin \
-                             schemes and `system.force_quadrature` = \"moments\"",
-                            time.step
-                        ),
-                    }));
                 }
                 delay
             }
@@ -343,11 +324,6 @@ impl Controller {
             bumpless: settings.bumpless,
         })
     }
-}
-
-/// Whether a force that changes inside a step acts from that time on.
-fn acts_inside_steps(system: &System, scheme: &SchemeDescriptor) -> bool {
-    scheme.takes_inputs_inside && system.force_quadrature == ForceQuadrature::Moments
 }
 
 fn not_negative(value: &Value<'_>) -> Result<f64, InputError> {

@@ -1,6 +1,5 @@
 //! `[[event]]`: events detected during the run.
 
-use super::scheme_descriptor::SchemeDescriptor;
 use super::system::System;
 use crate::language::document::Table;
 use crate::language::error::{InputError, Problem};
@@ -74,11 +73,7 @@ pub enum Action {
 }
 
 impl Event {
-    pub(super) fn read(
-        table: &Table<'_>,
-        system: &System,
-        scheme: &SchemeDescriptor,
-    ) -> Result<Self, InputError> {
+    pub(super) fn read(table: &Table<'_>, system: &System) -> Result<Self, InputError> {
         table.allow(&["when", "direction", "action"])?;
         let count = system.coordinates();
         let names = |letter: char| (0..count).map(move |index| format!("{letter}{index}"));
@@ -88,18 +83,11 @@ impl Event {
                 allowed: "another name of the parameter: here it is a momentum".to_owned(),
             }));
         }
-        let of_positions = system.symbols().with_time().with_variables(names('q'));
-        let symbols = of_positions.clone().with_variables(names('p'));
+        let symbols = system.symbols().with_time().with_variables(names('q')).with_variables(names('p'));
         let value = table.required("when")?;
         let when = value.expression(&symbols)?;
         if when.root().as_number().is_some() {
             return Err(value.out_of_range("a function of t, positions or momenta, which may pass zero"));
-        }
-        if !scheme.has_momentum_inside && value.expression(&of_positions).is_err() {
-            return Err(value.error(Problem::Incompatible {
-                with: "a momentum that jumps from step to step: inside steps variational schemes have that of a polynomial of q".to_owned(),
-                allowed: "a function of t and positions here, or `scheme.kind` = \"collocation\"".to_owned(),
-            }));
         }
         let directions =
             [("rising", Direction::Rising), ("falling", Direction::Falling), ("both", Direction::Both)];

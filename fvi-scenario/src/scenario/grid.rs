@@ -2,7 +2,7 @@
 
 use super::adaptive::{Adaptive, Start};
 use crate::language::document::{Document, Table, Value};
-use crate::language::error::{InputError, Problem};
+use crate::language::error::InputError;
 use crate::language::number_table::NumberTable;
 use std::sync::Arc;
 
@@ -56,7 +56,7 @@ impl Grid {
     /// Reads a grid with different steps from `[time]`. `start` describes the beginning of the momentum.
     pub(super) fn read(table: &Table<'_>, start: Start, document: &Document) -> Result<Self, InputError> {
         let kind = table.required("grid")?;
-        let keys = ["grid", "must_hit", "allow_unstable", "energy_guard"];
+        let keys = ["grid", "start", "must_hit", "allow_unstable", "energy_guard"];
         let allow = |own: &[&str]| table.allow(&[&keys, own].concat());
         let name = kind.text()?;
         let (rule, times) = match name {
@@ -316,21 +316,6 @@ pub(super) fn read_must_hit(value: &Value<'_>, end: f64) -> Result<Vec<f64>, Inp
         return Err(value.out_of_range(format!("times after 0 and up to the end, {end}; {time} is not")));
     }
     Ok(times)
-}
-
-/// The error for a grid with different steps and a quadrature for equal steps only.
-pub(super) fn check_family(table: &Table<'_>) -> InputError {
-    let problem = Problem::Incompatible {
-        with: "`convolution.family` = \"bdf\"".to_owned(),
-        allowed: "\"uniform\" here, since the weights of backward differentiation formulas are for equal steps; or \
-                  `scheme.kind` = \"collocation\", or \"galerkin\" with `convolution.family` = \"radau-iia\" or \"lobatto-iiic\", \
-                  which take steps of any length"
-            .to_owned(),
-    };
-    match table.optional("grid") {
-        Some(value) => value.error(problem),
-        None => table.required("step").map_or_else(|error| error, |value| value.error(problem)),
-    }
 }
 
 #[cfg(test)]

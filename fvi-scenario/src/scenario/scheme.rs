@@ -292,17 +292,7 @@ impl DampedAt {
         let Some(value) = table.optional("at") else {
             return Ok(if starting { Self::MainNodes } else { Convolution::default_for(scheme).at });
         };
-        let at = value.choice(&[("nodes", Self::Nodes), ("main-nodes", Self::MainNodes)])?;
-        match (at, scheme) {
-            (Self::Nodes, Scheme::ExplicitEuler | Scheme::ImplicitEuler) => {
-                Err(value.error(Problem::Incompatible {
-                    with: "this `scheme.kind`".to_owned(),
-                    allowed: "\"main-nodes\" here, or `scheme.kind` = \"low-order\" or \"galerkin\""
-                        .to_owned(),
-                }))
-            }
-            _ => Ok(at),
-        }
+        value.choice(&[("nodes", Self::Nodes), ("main-nodes", Self::MainNodes)])
     }
 }
 
@@ -335,14 +325,6 @@ impl Convolution {
             None if *scheme == Scheme::Collocation => FamilyName::RadauIia,
             None => FamilyName::Bdf,
         };
-        if let (Some(value), Scheme::Collocation, FamilyName::Bdf | FamilyName::LobattoIiic) =
-            (&family_value, scheme, name)
-        {
-            return Err(value.error(Problem::Incompatible {
-                with: "`scheme.kind` = \"collocation\"".to_owned(),
-                allowed: "\"radau-iia\", whose nodes the scheme collocates at".to_owned(),
-            }));
-        }
         // The stages are the nodes of the action's quadrature too: at least as many as the degree.
         let stages = |fewest: usize, most: usize| {
             if *scheme == Scheme::Collocation && table.optional("stages").is_none() {
@@ -365,22 +347,16 @@ impl Convolution {
                 table.allow(&["family", "symbol", "at"])?;
                 let value = table.required("symbol")?;
                 let family = value.choice(&[("trapezoidal", ConvolutionFamily::Trapezoidal)])?;
-                let at = DampedAt::read(table, scheme, false)?;
-                if at == DampedAt::MainNodes {
-                    return Err(value.error(Problem::Incompatible {
-                        with: "damping at the main nodes".to_owned(),
-                        allowed: "`convolution.at` = \"nodes\" with `scheme.kind` = \"low-order\" or \"galerkin\": at the main \
-                                  nodes the force of a step is explicit, and the part of the weights that alternates in sign grows"
-                            .to_owned(),
-                    }));
-                }
-                (family, at)
+                (family, DampedAt::read(table, scheme, false)?)
             }
             FamilyName::Bdf => {
                 table.allow(&["family", "symbol", "order", "at", "starting"])?;
                 let family = match table.optional("order") {
                     Some(value) => ConvolutionFamily::Bdf { order: value.whole(1..=6)? },
-                    None => Self::default_for(scheme).family,
+                    None if matches!(scheme, Scheme::ExplicitEuler | Scheme::ImplicitEuler) => {
+                        ConvolutionFamily::Bdf { order: 1 }
+                    }
+                    None => ConvolutionFamily::Bdf { order: 2 },
                 };
                 let starting = match table.optional("starting") {
                     Some(value) => !value.numbers()?.is_empty(),
@@ -397,30 +373,7 @@ impl Convolution {
                 (ConvolutionFamily::LobattoIiic { stages: stages(2, 4)? }, DampedAt::of_stages(table)?)
             }
         };
-        if let (Some(value), FamilyName::RadauIia | FamilyName::LobattoIiic) = (&family_value, name) {
-            match scheme {
-                Scheme::Galerkin { quadrature: None, .. } | Scheme::Collocation => {}
-                Scheme::Galerkin { .. } => {
-                    return Err(value.error(Problem::Incompatible {
-                        with: "`scheme.quadrature` and `scheme.points`".to_owned(),
-                        allowed: "leave them out: the nodes are those of the Runge–Kutta method".to_owned(),
-                    }));
-                }
-                _ => {
-                    return Err(value.error(Problem::Incompatible {
-                        with: "this `scheme.kind`".to_owned(),
-                        allowed: "\"bdf\" here, or `scheme.kind = \"galerkin\"` or, with Radau IIA, \"collocation\"".to_owned(),
-                    }));
-                }
-            }
-        }
         let starting = match table.optional("starting") {
-            Some(value) if at == DampedAt::Nodes && !value.numbers()?.is_empty() => {
-                return Err(value.error(Problem::Incompatible {
-                    with: "`convolution.at` = \"nodes\"".to_owned(),
-                    allowed: "starting weights with \"main-nodes\", whose samples lie on the grid".to_owned(),
-                }));
-            }
             Some(value) => {
                 let exponents = value.numbers()?;
                 let distinct =
@@ -452,13 +405,6 @@ impl Convolution {
     pub(super) fn check_exponents(&self, table: &Table<'_>, system: &System) -> Result<(), InputError> {
         let highest = self.highest_exponent(system);
         let Some(value) = table.optional("starting") else { return Ok(()) };
-        if !self.starting.is_empty() && !system.damping.iter().all(|term| term.transfer.is_relaxation()) {
-            return Err(value.error(Problem::Incompatible {
-                with: "this `system.damping.kernel`".to_owned(),
-                allowed: "starting weights beside kernels whose singularities lie on the negative real axis"
-                    .to_owned(),
-            }));
-        }
         match value.list("a list of numbers")?.iter().zip(&self.starting).find(|(_, nu)| **nu > highest) {
             Some((entry, _)) => Err(entry.out_of_range(format!(
                 "exponents up to {highest}, `convolution.order` plus the lowest `system.damping` order: the starting weights of higher \

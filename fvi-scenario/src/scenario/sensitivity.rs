@@ -5,9 +5,7 @@ use super::element::Element;
 use super::kernel::symbol_derivative;
 use super::load::Amplitude;
 use super::matrix::SymmetricMatrix;
-use super::scheme::{Convolution, ConvolutionFamily, DampedAt};
 use super::system::Derivative;
-use super::time::ReportedMomentum;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::Expression;
@@ -108,7 +106,6 @@ impl Sensitivity {
         if values.is_empty() {
             return Err(value.out_of_range("one path at least"));
         }
-        refuse_what_is_not_covered(scenario)?;
         let mut parameters: Vec<Parameter> = Vec::new();
         for value in &values {
             let path = value.text()?;
@@ -120,61 +117,6 @@ impl Sensitivity {
         }
         Ok(Self { parameters })
     }
-}
-
-/// Refuses scenarios whose derivatives are not implemented, naming the key.
-fn refuse_what_is_not_covered(scenario: &Scenario) -> Result<(), InputError> {
-    let refused = |key: &str, allowed: String| {
-        let with = "`[sensitivity]`".to_owned();
-        Err(scenario.error_at(key, Problem::Incompatible { with, allowed }))
-    };
-    if scenario.time.grid.is_some() {
-        return refused("time.grid", "equal steps: derivatives are those of one grid".to_owned());
-    }
-    if !scenario.cases.is_empty() {
-        return refused("case", "one motion".to_owned());
-    }
-    if !scenario.events.is_empty() {
-        return refused("event", "runs that nothing looks into on the way".to_owned());
-    }
-    if !scenario.controllers.is_empty() {
-        return refused(
-            "controller",
-            "loops that are open: what a controller does is not differentiated".to_owned(),
-        );
-    }
-    if !scenario.output.times.is_empty() {
-        return refused("output.times", "rows at grid points: `output.every`".to_owned());
-    }
-    let system = &scenario.system;
-    let potentials = system.elements.iter().map(|element| &element.potential).chain(&system.potential);
-    let mut expressions = potentials.chain(system.force.iter().flatten());
-    if let Some(kinked) = expressions.find(|expression| expression.root().has_kinks()) {
-        return refused(
-            "system",
-            format!("expressions without jumps and kinks in the position; here there is {}", kinked.text()),
-        );
-    }
-    if has_momentum_offset(scenario) {
-        return refused(
-            "output.momentum",
-            "\"one-sided\" for Riemann–Liouville damping from q₀ ≠ 0 at several nodes with `convolution.order` ≥ 3: what is \
-             taken off the momentum there is not differentiated"
-                .to_owned(),
-        );
-    }
-    Ok(())
-}
-
-/// Whether the reported momentum differs from that of the scheme, with damping at several nodes.
-fn has_momentum_offset(scenario: &Scenario) -> bool {
-    let Convolution { family, at, .. } = &scenario.convolution;
-    let nodes = scenario.scheme_descriptor().nodes;
-    matches!(family, ConvolutionFamily::Bdf { order: 3.. })
-        && *at == DampedAt::Nodes
-        && nodes > 1
-        && scenario.output.momentum == ReportedMomentum::Mean
-        && scenario.system.damping.iter().any(|term| term.derivative == Derivative::RiemannLiouville)
 }
 
 /// Reader of one path.

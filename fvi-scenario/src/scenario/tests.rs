@@ -459,7 +459,10 @@ fn a_tolerance_is_small_and_belongs_to_exponentials_of_plain_weights() {
         .replacen("kind = \"low-order\"\nkappa = 0.3", "kind = \"galerkin\"\ndegree = 2", 1)
         .replacen("family = \"bdf\"\norder = 3", "family = \"radau-iia\"\nstages = 2", 1);
     assert!(
-        read(&text).unwrap_err().to_string().contains("does not go together with this `convolution.family`")
+        read(&text)
+            .unwrap_err()
+            .to_string()
+            .contains("does not go together with a quadrature other than BDF (`convolution.family`)")
     );
 }
 

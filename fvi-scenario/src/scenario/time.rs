@@ -3,7 +3,6 @@
 use super::adaptive::{Adaptive, MOST_STEPS_CHOSEN, Start};
 use super::grid::{Grid, GridRule, read_must_hit};
 use super::keys;
-use super::scheme::ConvolutionFamily;
 use super::scheme_descriptor::SchemeDescriptor;
 use crate::language::document::{Document, Table};
 use crate::language::error::{InputError, Problem};
@@ -149,19 +148,13 @@ impl TimeGrid {
             let (start, step, steps) = Self::read_uniform(table)?;
             (start, step, steps, None)
         } else {
-            if let Some(value) = table.optional("start") {
-                let (with, allowed) = ("steps that differ", "equal steps; the other grids begin at t = 0");
-                return Err(value.key_error(Problem::Incompatible {
-                    with: with.to_owned(),
-                    allowed: allowed.to_owned(),
-                }));
-            }
             let grid = Grid::read(table, start, document)?;
+            let start = Self::read_start(table)?;
             let (shortest, steps) = match grid.adaptive() {
                 Some(adaptive) => (adaptive.shortest, MOST_STEPS_CHOSEN),
                 None => (grid.lengths().fold(f64::INFINITY, f64::min), grid.times().len() - 1),
             };
-            (0.0, shortest, steps, Some(grid))
+            (start, shortest, steps, Some(grid))
         };
         let grid = Self { start, step, steps, grid, allow_unstable, energy_guard };
         if let (true, Some(value)) = (uniform, table.optional("must_hit")) {
@@ -174,6 +167,14 @@ impl TimeGrid {
             }
         }
         Ok(grid)
+    }
+
+    fn read_start(table: &Table<'_>) -> Result<f64, InputError> {
+        let Some(value) = table.optional("start") else { return Ok(0.0) };
+        match value.number()? {
+            start if start >= 0.0 => Ok(start),
+            _ => Err(value.out_of_range("a start ≥ 0: a motion before it belongs into `initial.past`")),
+        }
     }
 
     /// Start, step and number of steps of a uniform grid.
@@ -189,17 +190,7 @@ impl TimeGrid {
             "energy_guard",
         ])?;
         let step = table.required("step")?.positive()?;
-        let start = match table.optional("start") {
-            Some(value) => match value.number()? {
-                start if start >= 0.0 => start,
-                _ => {
-                    return Err(
-                        value.out_of_range("a start ≥ 0: a motion before it belongs into `initial.past`")
-                    );
-                }
-            },
-            None => 0.0,
-        };
+        let start = Self::read_start(table)?;
         let (counted, value) = table.either("steps", "end")?;
         let steps = if counted {
             value.whole(0..=MOST_STEPS)?
@@ -475,11 +466,7 @@ impl History {
         self.threads.unwrap_or_else(|| *THERE.get_or_init(there))
     }
 
-    pub(super) fn read(
-        table: &Table<'_>,
-        family: ConvolutionFamily,
-        (on_equal_steps, samples): (bool, usize),
-    ) -> Result<Self, InputError> {
+    pub(super) fn read(table: &Table<'_>, samples: usize) -> Result<Self, InputError> {
         table.allow(&keys::HISTORY)?;
         let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;
         let (ring, exponentials) =
@@ -500,34 +487,12 @@ impl History {
                 }));
             }
         }
-        let staged = family.is_staged();
-        if let (Some(value), Some(engine)) = (table.optional("engine"), engine) {
-            let incompatible = |with: &str, allowed: &str| {
-                let (with, allowed) = (with.to_owned(), allowed.to_owned());
-                Err(value.error(Problem::Incompatible { with, allowed }))
-            };
-            if engine == Engine::AnyStep && !staged {
-                let allowed = "another engine here, or a Runge–Kutta family";
-                return incompatible("`convolution.family` = \"bdf\"", allowed);
-            }
-            if engine != Engine::AnyStep && !on_equal_steps {
-                let allowed = "\"any-step\", which is what is taken without this key: the others have weights for equal steps";
-                return incompatible("this `time.grid`", allowed);
-            }
-        }
         let tolerance = match table.optional("tolerance") {
             Some(value) => {
                 let tolerance = value.number()?;
                 if !(SMALLEST_TOLERANCE..=LARGEST_TOLERANCE).contains(&tolerance) {
                     let allowed = format!("{SMALLEST_TOLERANCE:e} ≤ tolerance ≤ {LARGEST_TOLERANCE:e}");
                     return Err(value.out_of_range(allowed));
-                }
-                if !matches!(family, ConvolutionFamily::Bdf { .. }) {
-                    return Err(value.error(Problem::Incompatible {
-                        with: "this `convolution.family`".to_owned(),
-                        allowed: "only with \"bdf\"; the exponentials of Runge–Kutta quadrature are exact to rounding"
-                            .to_owned(),
-                    }));
                 }
                 Some(tolerance)
             }
@@ -536,12 +501,7 @@ impl History {
         let states = match table.optional("states") {
             Some(value) => {
                 let states = value.choice(&[("f64", States::F64), ("f32", States::F32)])?;
-                let incompatible = |with: &str, allowed: String| {
-                    Err(value.error(Problem::Incompatible { with: with.to_owned(), allowed }))
-                };
-                if states == States::F32 && staged {
-                    return incompatible("this `convolution.family`", "only with \"bdf\"".to_owned());
-                }
+                // Depends on a number: the table of combinations has features only.
                 if states == States::F32
                     && tolerance.is_none_or(|tolerance| tolerance < SMALLEST_SINGLE_TOLERANCE)
                 {
@@ -552,7 +512,7 @@ impl History {
                     let allowed = format!(
                         "with a tolerance of {SMALLEST_SINGLE_TOLERANCE:e} or more, half of which rounding to single precision may take"
                     );
-                    return incompatible(&with, allowed);
+                    return Err(value.error(Problem::Incompatible { with, allowed }));
                 }
                 Some(states)
             }
@@ -642,14 +602,7 @@ impl OutputOptions {
         let momentum = match table.optional("momentum") {
             Some(value) => {
                 let kinds = [("mean", ReportedMomentum::Mean), ("one-sided", ReportedMomentum::OneSided)];
-                let momentum = value.choice(&kinds)?;
-                if momentum == ReportedMomentum::Mean && default.momentum == ReportedMomentum::OneSided {
-                    return Err(value.error(Problem::Incompatible {
-                        with: "this `scheme.kind`".to_owned(),
-                        allowed: "\"one-sided\" with Euler's methods".to_owned(),
-                    }));
-                }
-                momentum
+                value.choice(&kinds)?
             }
             None => default.momentum,
         };

@@ -3,28 +3,16 @@
 use crate::language::{InputError, Problem};
 use crate::scenario::Scenario;
 
-/// Refuses damping terms by weights if the run needs others: for another step or different steps, matrix
-/// weights, or more weights.
+/// Refuses damping terms by weights if the run needs others: for another step, or more of them.
 pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     for (index, term) in scenario.system.damping.iter().enumerate() {
         let Some(table) = term.transfer.table() else { continue };
         let path = format!("system.damping[{index}].kernel.weights");
-        let incompatible = |with: String, allowed: &str| {
-            Err(scenario.error_at(&path, Problem::Incompatible { with, allowed: allowed.to_owned() }))
-        };
-        if scenario.time.grid.is_some() {
-            return incompatible("steps that differ".to_owned(), "equal steps, those of the file");
-        }
-        if scenario.convolution.family.is_staged() {
-            return incompatible(
-                "a Runge–Kutta family".to_owned(),
-                "the family \"bdf\", whose weights are numbers",
-            );
-        }
         if table.check_step(scenario.time.step).is_err() {
             let with = format!("steps of {}", scenario.time.step);
             let own = table.step().unwrap_or(f64::NAN);
-            return incompatible(with, &format!("steps of {own}, to which these weights belong"));
+            let allowed = format!("steps of {own}, to which these weights belong");
+            return Err(scenario.error_at(&path, Problem::Incompatible { with, allowed }));
         }
         // One weight for each lag that occurs; a memory that forgets stores fewer samples.
         let lags = scenario.time.steps.saturating_add(1);

@@ -4,7 +4,7 @@
 use super::bad_mass;
 use crate::language::{InputError, Problem};
 use crate::model::{Equilibrium, MasslessRows, Matrix, Model, matrix};
-use crate::scenario::{ConvolutionFamily, DampedAt, Derivative, Quadrature, Scenario, Scheme};
+use crate::scenario::{ConvolutionFamily, DampedAt, Derivative, Scenario, Scheme};
 use fvi_core::{Instant, Mechanics};
 use fvi_sparse::{Analysis, FactorError, Pattern};
 use nalgebra::Complex;
@@ -48,7 +48,6 @@ pub(super) fn placed<'a>(scenario: &'a Scenario) -> Result<(Cow<'a, Scenario>, M
     if rows.is_empty() {
         return Ok((Cow::Borrowed(scenario), MasslessRows::default()));
     }
-    refuse_others(scenario, rows[0])?;
     let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
     let held = Held::new(scenario, rows, &mut model)?;
     held.check_damping(scenario, &scenario.initial.position)?;
@@ -65,32 +64,10 @@ pub(super) fn placed<'a>(scenario: &'a Scenario) -> Result<(Cow<'a, Scenario>, M
     Ok((Cow::Owned(placed), rows))
 }
 
-/// Refuses `what` if a coordinate has no mass.
-pub(super) fn refuse(scenario: &Scenario, key: &str, what: &str) -> Result<(), InputError> {
-    match scenario.system.massless().first() {
-        None => Ok(()),
-        Some(row) => Err(refused(scenario, key, what, *row)),
-    }
-}
-
 fn refused(scenario: &Scenario, key: &str, what: &str, row: usize) -> InputError {
     let with = format!("coordinate {row} (from 0), which has no mass (`system.mass`)");
     let allowed = format!("{what} where every coordinate has a mass");
     scenario.error_at(key, Problem::Incompatible { with, allowed })
-}
-
-/// Refuses settings that need the mass of every coordinate.
-fn refuse_others(scenario: &Scenario, row: usize) -> Result<(), InputError> {
-    let keys = [
-        (!scenario.cases.is_empty(), "case", "load cases"),
-        (scenario.initial.past.is_some(), "initial.past", "a past"),
-        (scenario.sensitivity.is_some(), "sensitivity", "sensitivities"),
-        (scenario.output.memory_energy, "output.memory_energy", "energies of memories"),
-    ];
-    match keys.iter().find(|(given, ..)| *given) {
-        Some((_, key, what)) => Err(refused(scenario, key, what, row)),
-        None => Ok(()),
-    }
 }
 
 impl Held {
@@ -215,23 +192,11 @@ impl Held {
         first_loose(count, &entries)
     }
 
-    /// Refuses schemes whose equations do not determine coordinates without mass, or for which their errors
-    /// grow.
+    /// Refuses schemes whose equations do not determine what holds these coordinates, or for which their
+    /// errors grow. It depends on the entries of the matrices that hold them.
     fn check_scheme(&self, scenario: &Scenario) -> Result<(), InputError> {
-        let convolution = &scenario.convolution;
-        let gauss = match scenario.scheme {
-            Scheme::Collocation => return Ok(()),
-            Scheme::LowOrder { kappa } => kappa == 0.5,
-            Scheme::Galerkin { degree, quadrature: Some(Quadrature::Gauss(points)) } => degree == points,
-            Scheme::Galerkin { .. } | Scheme::ExplicitEuler | Scheme::ImplicitEuler => false,
-        };
-        let row = self.rows[0];
-        let with = format!("coordinate {row} (from 0), which has no mass (`system.mass`)");
-        if !gauss || convolution.family.is_staged() {
-            let allowed = "\"low-order\" with `kappa` = 0.5, \"galerkin\" with as many Gauss points as its `degree` and a multistep \
-                           `[convolution]`, or \"collocation\""
-                .to_owned();
-            return Err(scenario.error_at("scheme", Problem::Incompatible { with, allowed }));
+        if scenario.scheme == Scheme::Collocation {
+            return Ok(());
         }
         // Their positions at the end of a step would need the input there, which may change inside the step.
         let held = |row: usize| {
@@ -253,7 +218,7 @@ impl Held {
         }
         let Some(place) = self.remembered.iter().position(|&remembered| remembered) else { return Ok(()) };
         let with = format!("damping of coordinate {} (from 0), which has no mass", self.rows[place]);
-        if convolution.at == DampedAt::MainNodes {
+        if scenario.convolution.at == DampedAt::MainNodes {
             let allowed = "\"nodes\"".to_owned();
             return Err(scenario.error_at("convolution.at", Problem::Incompatible { with, allowed }));
         }

@@ -1,10 +1,8 @@
 //! Energy stored in the memories of materials, and energy dissipated by them.
 
-use super::stability::{DampingForm, discretisation};
 use crate::language::{InputError, Problem};
-use crate::numerics::multistep_rule::MultistepRule;
 use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{Derivative, Scenario, SymmetricMatrix};
+use crate::scenario::{ConvolutionFamily, Derivative, Scenario, SymmetricMatrix};
 use fvi_core::{Real, StateError, StateReader, StateWriter};
 use std::f64::consts::PI;
 
@@ -79,9 +77,8 @@ impl MemoryEnergy {
     /// At t = 0 of a scenario; `None` if it does not request these energies.
     ///
     /// # Errors
-    /// If there is no exact balance: for schemes other than the midpoint rule damped at its node with BDF 1,
-    /// 2 or the trapezoidal rule; between grid points; and for kernels that do not correspond to Maxwell
-    /// elements.
+    /// If there is no exact balance: for kernels that do not correspond to Maxwell elements, which their
+    /// numbers decide. Schemes and steps without one are rows of the table of combinations.
     pub(crate) fn new(scenario: &Scenario) -> Result<Option<Self>, InputError> {
         if !scenario.output.memory_energy {
             return Ok(None);
@@ -90,30 +87,12 @@ impl MemoryEnergy {
             let (with, allowed) = (with.to_owned(), allowed.to_owned());
             Err(scenario.error_at("output.memory_energy", Problem::Incompatible { with, allowed }))
         };
-        let shape = discretisation(scenario);
-        let at_midpoint = shape.as_ref().filter(|shape| shape.degree == 1 && shape.nodes == [0.5]);
-        let rule = at_midpoint.and_then(|shape| match shape.form {
-            DampingForm::Nodes { rule: MultistepRule::Trapezoidal } => Some(Rule::Trapezoidal),
-            DampingForm::Nodes { rule } if rule.order() == 1 => Some(Rule::One),
-            DampingForm::Nodes { rule } if rule.order() == 2 => Some(Rule::Two),
-            _ => None,
-        });
-        let Some(rule) = rule else {
-            return refused(
-                "this scheme",
-                "the midpoint rule (\"low-order\", `kappa` = 0.5) with `convolution.at` = \"nodes\", order 1 or 2 or the \
-                 trapezoidal rule, which have an exact balance",
-            );
+        // Those that the table of combinations leaves.
+        let rule = match scenario.convolution.family {
+            ConvolutionFamily::Trapezoidal => Rule::Trapezoidal,
+            ConvolutionFamily::Bdf { order: 1 } => Rule::One,
+            _ => Rule::Two,
         };
-        if scenario.time.grid.is_some() {
-            return refused("steps that differ", "equal steps");
-        }
-        if scenario.is_looked_into() {
-            return refused("`output.times` or events", "rows at grid points");
-        }
-        if !scenario.cases.is_empty() {
-            return refused("load cases", "one motion");
-        }
         let mut terms = Vec::new();
         for (index, term) in scenario.system.damping.iter().enumerate() {
             let elements = elements(&term.transfer, scenario.time.step).map_err(|reason| {
@@ -345,6 +324,7 @@ fn elements(transfer: &TransferFunction, step: f64) -> Result<Vec<Element>, &'st
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numerics::multistep_rule::MultistepRule;
     use crate::numerics::multistep_weights::multistep_weights;
     use crate::scenario::kernel_of_symbol;
     use fvi_core::BdfOrder;

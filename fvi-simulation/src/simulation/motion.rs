@@ -2,7 +2,7 @@
 
 use crate::language::{InputError, Problem};
 use crate::memory::Tables;
-use crate::scenario::{SampledInput, Scenario};
+use crate::scenario::{Feature, SampledInput, Scenario};
 use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress};
 use crate::simulation::columns::{Columns, Source};
 use crate::simulation::control::{Control, Drive, acts_inside_steps, control};
@@ -137,10 +137,8 @@ impl<'s> Motion<'s> {
     /// # Errors
     /// If they are not supported: in single precision, or if their memories cannot be built.
     pub fn with_sensitivities(mut self, tables: &Tables) -> Result<Self, InputError> {
-        if self.scenario.sensitivity.is_some() && self.simulation.precision() == Precision::F32 {
-            let with = "single precision".to_owned();
-            let allowed = "double precision: `--precision f64`".to_owned();
-            return Err(self.scenario.error_at("sensitivity", Problem::Incompatible { with, allowed }));
+        if self.simulation.precision() == Precision::F32 {
+            self.scenario.check_use(Feature::SinglePrecision)?;
         }
         self.tangent = Tangent::new(self.scenario, tables)?;
         if let Some(tangent) = &self.tangent {

@@ -9,7 +9,7 @@ use crate::language::{InputError, Problem};
 use crate::model::{Matrix, Model, matrix};
 use crate::numerics::dense::solve_complex;
 use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{Scenario, Scheme};
+use crate::scenario::{Feature, Scenario, Scheme};
 use discrete::{SchemeFactors, StepEquations};
 use fvi_core::{Instant, Mechanics};
 use fvi_sparse::{ComplexSolver, Pattern};
@@ -73,20 +73,7 @@ impl Linearised {
     /// # Errors
     /// If the mass is not usable, or the stiffness there is not finite.
     pub fn new(scenario: &Scenario, position: &[f64]) -> Result<Self, InputError> {
-        if scenario.system.gyroscopic.is_some() {
-            let (with, allowed) =
-                ("a frequency response", "a system without it, whose equations are symmetric");
-            let problem = Problem::Incompatible { with: with.to_owned(), allowed: allowed.to_owned() };
-            return Err(scenario.error_at("system.gyroscopic", problem));
-        }
-        if scenario.system.has_forces_of_velocity() {
-            let (with, allowed) = (
-                "a frequency response",
-                "a system without forces of the velocity; linear damping is `[[system.damping]]` with `order` = 1",
-            );
-            let problem = Problem::Incompatible { with: with.to_owned(), allowed: allowed.to_owned() };
-            return Err(scenario.error_at("system.force", problem));
-        }
+        scenario.check_use(Feature::Response)?;
         let mut alone = scenario.clone();
         alone.cases.clear();
         let mut model = Model::<f64>::new(&alone).map_err(|error| super::bad_mass(scenario, &error))?;

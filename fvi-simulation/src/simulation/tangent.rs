@@ -10,12 +10,9 @@ use crate::numerics::dense::Factored;
 use crate::numerics::multistep_weights::derivative_weights;
 use crate::numerics::runge_kutta_derivative::runge_kutta_derivative;
 use crate::numerics::transfer_derivative::TransferDerivative;
-use crate::scenario::{
-    self, Parameter, Past, Quantity, ReportedMomentum, Scenario, Sensitivity, SharedTerms,
-};
+use crate::scenario::{self, Parameter, Past, Quantity, ReportedMomentum, Scenario, Sensitivity};
 use crate::simulation::choice::{SolverChoice, sparse_space};
 use crate::simulation::gyroscopic::Gyroscopic;
-use crate::simulation::massless;
 use explicit::Direct;
 use fvi_core::{
     Block, DampedMotion, Derivative, Equations, Instant, Kernel, Mechanics, Memory, MemoryError,
@@ -228,13 +225,7 @@ impl Tangent {
     /// If a memory cannot be built, or derivatives of forces by a parameter are not supported.
     pub(crate) fn new(scenario: &Scenario, tables: &Tables) -> Result<Option<Self>, InputError> {
         let Some(Sensitivity { parameters }) = &scenario.sensitivity else { return Ok(None) };
-        massless::refuse(scenario, "sensitivity", "sensitivities")?;
         refuse_rough(scenario, parameters)?;
-        if scenario.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position) {
-            let with = "a potential or force in code that depends on the position".to_owned();
-            let allowed = "expressions: derivatives of code may be differences".to_owned();
-            return Err(scenario.error_at("sensitivity", Problem::Incompatible { with, allowed }));
-        }
         let size = scenario.coordinates();
         let count = parameters.len();
         let solver = solver(scenario)?;

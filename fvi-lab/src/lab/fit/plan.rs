@@ -4,7 +4,7 @@ use super::data::{Deviations, Extent, Record};
 use crate::lab::sweep::put;
 use crate::language::document::{Document, Table, Value};
 use crate::language::{InputError, Problem};
-use crate::scenario::Scenario;
+use crate::scenario::{Feature, Scenario};
 use std::path::Path;
 
 /// A fit with all its values checked.
@@ -194,7 +194,7 @@ impl Fit {
         plain: &toml::Table,
     ) -> Result<Self, InputError> {
         root.allow(&KEYS)?;
-        check_scenario(base)?;
+        base.check_use(Feature::Fit)?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
         let data = root.required("data")?;
         let tables = data.list("a list of tables, each headed [[data]]")?;
@@ -293,25 +293,6 @@ fn extent(scenario: &Scenario) -> Extent {
     let terms = scenario.system.damping.len();
     let time = &scenario.time;
     Extent { coordinates: scenario.coordinates(), terms, begin: time.start, end: time.end() }
-}
-
-/// Refuses scenarios whose results are not a smooth function of their parameters.
-fn check_scenario(scenario: &Scenario) -> Result<(), InputError> {
-    scenario.require_one_motion("a fit")?;
-    let refused = |key: &str, allowed: &str| {
-        let (with, allowed) = ("a fit".to_owned(), allowed.to_owned());
-        Err(scenario.error_at(key, Problem::Incompatible { with, allowed }))
-    };
-    if scenario.time.adaptive().is_some() {
-        return refused(
-            "time.grid",
-            "grids whose steps do not depend on what is sought: the numbers of a run whose steps are chosen on the way jump with it",
-        );
-    }
-    if !scenario.events.is_empty() {
-        return refused("event", "motions that nothing ends or switches");
-    }
-    Ok(())
 }
 
 /// What is known about the standard deviations of all data together.
@@ -429,7 +410,7 @@ fn read_models(
             Some(path) => {
                 let document = Document::read(&document.resolve(path.text()?))?;
                 let own = Scenario::from_document(document.reading_once())?;
-                check_scenario(&own)?;
+                own.check_use(Feature::Fit)?;
                 Some(own)
             }
             None => None,
@@ -531,7 +512,7 @@ impl Model {
         let scenario = Scenario::from_document(self.base.document().with_values(&values));
         let scenario =
             scenario.map_err(|error| refused(set().as_ref().unwrap_or(place), &self.base, &said(&error)))?;
-        check_scenario(&scenario)?;
+        scenario.check_use(Feature::Fit)?;
         let own = extent(&scenario);
         let highest = record.places.last().copied().unwrap_or(0.0);
         if record.over() == "t" && highest > own.end * (1.0 + 1e-12) {

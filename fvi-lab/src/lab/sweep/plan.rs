@@ -8,7 +8,7 @@ use crate::lab::checkpoint::contents_of_kernels;
 use crate::language::document::{Document, Table, Value};
 use crate::language::expression::nearest;
 use crate::language::{InputError, Problem};
-use crate::scenario::{Scenario, SharedTerms};
+use crate::scenario::{Feature, Scenario, SharedTerms};
 use crate::simulation::Precision;
 use serde_json::json;
 use std::collections::BTreeSet;
@@ -115,7 +115,7 @@ impl Sweep {
         plain: &toml::Table,
     ) -> Result<Self, InputError> {
         root.allow(&KEYS)?;
-        base.require_one_motion("a sweep")?;
+        base.check_use(Feature::Sweep)?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
         let values = base.document().values()?;
         let sampling_table = root.optional("sampling").map(|value| value.table()).transpose()?;

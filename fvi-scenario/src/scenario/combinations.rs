@@ -1,0 +1,86 @@
+//! Which features of a scenario go together: one table.
+//!
+//! A [`Feature`] is a predicate on a [`Scenario`], with the key that turns it on; a [`Row`] of [`ROWS`] says
+//! which two do not go together, why, and what to use instead. The table is evaluated after a scenario has
+//! been read, and again where a motion begins, since code may have changed it. What one table of a file
+//! says against itself is its reader's, and what needs matrices or numbers is refused where they are computed.
+
+mod feature;
+mod rows;
+
+pub use feature::Feature;
+pub use rows::ROWS;
+
+use super::Scenario;
+use crate::language::{InputError, Problem};
+use std::fmt::Write as _;
+
+/// Two features that do not go together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Row {
+    /// The feature that errors name with its place and value.
+    pub refused: Feature,
+    /// The feature that it does not go with.
+    pub beside: Feature,
+    /// The reason; empty where it is plain.
+    pub why: &'static str,
+    /// What to use instead, in place of the value of `refused`.
+    pub instead: &'static str,
+}
+
+impl Row {
+    /// The error, if the scenario has the refused feature and `other` is that beside it.
+    fn error(&self, scenario: &Scenario, other: Option<usize>) -> Option<InputError> {
+        let index = self.refused.find(scenario)?;
+        let mut with = self.beside.name_of(other?);
+        if !self.beside.is_use() {
+            let _ = write!(with, " (`{}`)", self.beside.shown(scenario, other?));
+        }
+        if !self.why.is_empty() {
+            let _ = write!(with, ": {}", self.why);
+        }
+        let problem = Problem::Incompatible { with, allowed: self.instead.to_owned() };
+        Some(scenario.error_at(&self.refused.path(scenario, index), problem))
+    }
+}
+
+impl Scenario {
+    /// Refuses features that do not go together.
+    ///
+    /// # Errors
+    /// [`Problem::Incompatible`] for the first of [`ROWS`] whose features the scenario has.
+    pub fn check_combinations(&self) -> Result<(), InputError> {
+        let refused = |row: &Row| row.error(self, row.beside.find(self));
+        ROWS.iter().find_map(refused).map_or(Ok(()), Err)
+    }
+
+    /// Refuses features that do not go with a use of the scenario, such as [`Feature::Fit`].
+    ///
+    /// # Errors
+    /// [`Problem::Incompatible`] for the first feature of [`ROWS`] that does not go with it.
+    pub fn check_use(&self, used: Feature) -> Result<(), InputError> {
+        let mut rows = ROWS.iter().filter(|row| row.beside == used);
+        rows.find_map(|row| row.error(self, Some(0))).map_or(Ok(()), Err)
+    }
+}
+
+/// The tables of the page of the book, in Markdown: the features with their keys, and what does not go
+/// together.
+pub fn page() -> String {
+    let mut page = String::from("| feature | key | does not go with |\n|---|---|---|\n");
+    for &feature in Feature::ALL {
+        let others = ROWS.iter().filter_map(|row| match (row.refused == feature, row.beside == feature) {
+            (true, _) => Some(row.beside),
+            (_, true) => Some(row.refused),
+            _ => None,
+        });
+        let others: Vec<_> = others.map(Feature::name).collect();
+        let key = if feature.is_use() { String::new() } else { format!("`{}`", feature.key()) };
+        let _ = writeln!(page, "| {} | {key} | {} |", feature.name(), others.join("; "));
+    }
+    page += "\n| this | beside | does not go, because | instead |\n|---|---|---|---|\n";
+    for Row { refused, beside, why, instead } in ROWS {
+        let _ = writeln!(page, "| {} | {} | {why} | {instead} |", refused.name(), beside.name());
+    }
+    page
+}

@@ -1,0 +1,220 @@
+//! The features of a scenario, and the uses that one can be put to.
+
+use super::super::own_terms::SharedTerms;
+use super::super::past;
+use super::super::scheme::{ConvolutionFamily, DampedAt, Quadrature, Scheme};
+use super::super::time::{Engine, ReportedMomentum, States};
+use super::super::{Action, Derivative, GridRule, Scenario};
+
+/// Defines [`Feature`]: a name, the key, and a predicate that returns the index of what it found. In names
+/// and keys `{i}` stands for that index.
+macro_rules! features {
+    ($($feature:ident: $name:literal, $key:literal, $find:expr;)*) => {
+        /// A feature of a scenario, or a use that a scenario can be put to.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum Feature {
+            $(
+                #[doc = concat!($name, ".")]
+                $feature,
+            )*
+        }
+
+        impl Feature {
+            /// All of them.
+            pub const ALL: &'static [Self] = &[$(Self::$feature),*];
+
+            /// Name, key and predicate.
+            fn definition(self) -> (&'static str, &'static str, fn(&Scenario) -> Option<usize>) {
+                match self {
+                    $(Self::$feature => ($name, $key, $find),)*
+                }
+            }
+        }
+    };
+}
+
+features! {
+    Potential: "a potential", "system.potential", |s| on(s.system.potential.is_some());
+    Force: "a force in words", "system.force", |s| on(s.system.force.is_some());
+    ForceOfVelocity: "a force of the velocity", "system.force", |s| on(s.system.has_forces_of_velocity());
+    Elements: "elements", "[[system.element]]", |s| on(!s.system.elements.is_empty());
+    KinkedPotential: "jumps or kinks in the position", "system.potential",
+        |s| on(s.system.potential.iter().any(|potential| potential.root().has_kinks()));
+    KinkedElement: "jumps or kinks in the position", "system.element[{i}].potential",
+        |s| s.system.elements.iter().position(|element| element.potential.root().has_kinks());
+    KinkedForce: "jumps or kinks in the position", "system.force[{i}]",
+        |s| s.system.force.iter().flatten().position(|force| force.root().has_kinks());
+    OwnTerms: "a potential or force in code that depends on the position", "system",
+        |s| on(s.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position));
+    Gyroscopic: "gyroscopic forces", "system.gyroscopic", |s| on(s.system.gyroscopic.is_some());
+    Massless: "coordinate {i} (from 0), which has no mass", "system.mass",
+        |s| s.system.massless().first().copied();
+    GivenWeights: "a kernel by its weights", "system.damping[{i}].kernel.weights",
+        |s| s.system.damping.iter().position(|term| term.transfer.table().is_some());
+    OtherKernel: "a kernel whose singularities do not all lie on the negative real axis",
+        "system.damping[{i}].kernel", |s| s.system.damping.iter().position(|term| !term.transfer.is_relaxation());
+    MomentumOffset: "a momentum from which an offset is taken off", "output.momentum", momentum_offset;
+    Past: "a past", "initial.past", |s| on(s.initial.past.is_some());
+    LaterStart: "a later start", "time.start", |s| on(s.time.start != 0.0);
+    Euler: "Euler's methods", "scheme.kind",
+        |s| on(matches!(s.scheme, Scheme::ExplicitEuler | Scheme::ImplicitEuler));
+    OneNode: "a scheme without stages", "scheme.kind",
+        |s| on(!matches!(s.scheme, Scheme::Galerkin { .. } | Scheme::Collocation));
+    Collocation: "collocation", "scheme.kind", |s| on(s.scheme == Scheme::Collocation);
+    OwnQuadrature: "a quadrature of the action", "scheme.points", |s| on(s.scheme.quadrature().is_some());
+    OtherNodes: "nodes that are not as many Gauss points as the degree", "scheme", |s| on(!has_gauss_points(s));
+    NotForMassless: "a scheme that does not determine coordinates without mass", "scheme",
+        |s| on(!determines_massless(s));
+    NoBalance: "a scheme without an exact balance of energies", "scheme", |s| on(!has_balance(s));
+    NotRadau: "a family other than Radau IIA", "convolution.family",
+        |s| on(!matches!(s.convolution.family, ConvolutionFamily::RadauIia { .. }));
+    Multistep: "a multistep rule", "convolution.family", |s| on(!s.convolution.family.is_staged());
+    Staged: "a Runge–Kutta family", "convolution.family", |s| on(s.convolution.family.is_staged());
+    Trapezoidal: "the trapezoidal rule", "convolution.symbol",
+        |s| on(s.convolution.family == ConvolutionFamily::Trapezoidal);
+    NotBdf: "a quadrature other than BDF", "convolution.family",
+        |s| on(!matches!(s.convolution.family, ConvolutionFamily::Bdf { .. }));
+    AtNodes: "damping at the nodes", "convolution.at", |s| on(s.convolution.at == DampedAt::Nodes);
+    AtMainNodes: "damping at the main nodes", "convolution.at",
+        |s| on(s.convolution.at == DampedAt::MainNodes);
+    Starting: "starting weights", "convolution.starting", |s| on(!s.convolution.starting.is_empty());
+    SafeStarting: "starting weights that must not grow", "convolution.starting",
+        |s| on(!s.convolution.starting.is_empty() && !s.time.allow_unstable);
+    Steps: "steps that differ", "time.grid", |s| on(s.time.grid.is_some());
+    UnrefinableSteps: "a grid without a finer one of the same shape", "time.grid", unrefinable;
+    Adaptive: "steps chosen on the way", "time.grid", |s| on(s.time.adaptive().is_some());
+    AnyStep: "the engine for steps of any length", "history.engine",
+        |s| on(s.history.engine == Some(Engine::AnyStep));
+    EqualSteps: "an engine for equal steps", "history.engine",
+        |s| on(s.history.engine.is_some_and(|engine| engine != Engine::AnyStep));
+    Tolerance: "a tolerance of the exponentials", "history.tolerance", |s| on(s.history.tolerance.is_some());
+    SingleStates: "states in single precision", "history.states",
+        |s| on(s.history.states == Some(States::F32));
+    MeanMomentum: "the mean of the momenta", "output.momentum",
+        |s| on(s.output.momentum == ReportedMomentum::Mean);
+    Times: "rows between grid points", "output.times", |s| on(!s.output.times.is_empty());
+    MemoryEnergy: "energies of memories", "output.memory_energy", |s| on(s.output.memory_energy);
+    Input: "samples as a force", "[input]", |s| on(s.input.is_some());
+    Reference: "a reference", "[reference]", |s| on(s.reference.is_some());
+    Cases: "load cases", "[[case]]", |s| on(!s.cases.is_empty());
+    Events: "events", "[[event]]", |s| on(!s.events.is_empty());
+    StopEvent: "an event that ends the run", "event[{i}].action",
+        |s| s.events.iter().position(|event| event.action == Action::Stop);
+    MomentumEvent: "an event of the momentum", "event[{i}].when",
+        |s| s.events.iter().position(|event| event.when.root().has_variable_from(s.coordinates()));
+    NoMomentumInside: "a momentum that jumps from step to step", "scheme",
+        |s| on(!s.scheme_descriptor().has_momentum_inside);
+    Controllers: "a controller", "[controller]", |s| on(!s.controllers.is_empty());
+    DelayInside: "a delay that ends inside a step", "controller[{i}].delay",
+        |s| s.controllers.iter().position(|controller| controller.delay_in_steps(s.time.step).1 != 0.0);
+    ForcesFromGridPoints: "forces that act from a grid point on", "scheme", |s| on(!s.acts_inside_steps());
+    Sensitivity: "sensitivities", "[sensitivity]", |s| on(s.sensitivity.is_some());
+    SinglePrecision: "single precision", "", |_| None;
+    Npz: "the output format npz", "", |_| None;
+    OneMotion: "a run of one motion", "", |_| None;
+    AnotherEnd: "another end", "", |_| None;
+    Sweep: "a sweep", "", |_| None;
+    Converge: "`fvi converge`", "", |_| None;
+    Fit: "a fit", "", |_| None;
+    Response: "a frequency response", "", |_| None;
+}
+
+impl Feature {
+    /// Its name.
+    pub fn name(self) -> String {
+        self.definition().0.replace("{i}", "i")
+    }
+
+    /// The key that turns it on; empty for uses.
+    pub fn key(self) -> String {
+        self.definition().1.replace("{i}", "i")
+    }
+
+    /// Whether it is a use of a scenario and not a part of it.
+    pub fn is_use(self) -> bool {
+        self.definition().1.is_empty()
+    }
+
+    /// Whether a scenario has it.
+    pub fn is_in(self, scenario: &Scenario) -> bool {
+        self.find(scenario).is_some()
+    }
+
+    /// The index of the part of the scenario that has it, 0 where there is one part only.
+    pub(super) fn find(self, scenario: &Scenario) -> Option<usize> {
+        (self.definition().2)(scenario)
+    }
+
+    /// The name with this index.
+    pub(super) fn name_of(self, index: usize) -> String {
+        self.definition().0.replace("{i}", &index.to_string())
+    }
+
+    /// The key as a message shows it: tables as their headers.
+    pub(super) fn shown(self, scenario: &Scenario, index: usize) -> String {
+        let key = self.definition().1;
+        if key.starts_with('[') { key.to_owned() } else { self.path(scenario, index) }
+    }
+
+    /// The path of what was found in the document of the scenario.
+    pub(super) fn path(self, scenario: &Scenario, index: usize) -> String {
+        let key = self.definition().1;
+        let key = if key.starts_with('[') { key.trim_matches(['[', ']']) } else { key };
+        let path = key.replace("{i}", &index.to_string());
+        // One controller may stand without brackets.
+        let alone = key.replace("[{i}]", "");
+        let has = |path: &str| scenario.document().has(path);
+        if index == 0 && !has(&path) && has(&alone) { alone } else { path }
+    }
+}
+
+fn on(is: bool) -> Option<usize> {
+    is.then_some(0)
+}
+
+/// Whether the reported momentum differs from that of the scheme, with damping at several nodes.
+fn momentum_offset(s: &Scenario) -> Option<usize> {
+    on(matches!(s.convolution.family, ConvolutionFamily::Bdf { order: 3.. })
+        && s.convolution.at == DampedAt::Nodes
+        && s.scheme_descriptor().nodes > 1
+        && s.output.momentum == ReportedMomentum::Mean
+        && s.system.damping.iter().any(|term| term.derivative == Derivative::RiemannLiouville))
+}
+
+fn unrefinable(s: &Scenario) -> Option<usize> {
+    let grid = s.time.grid.as_ref()?;
+    on(!(matches!(grid.rule(), GridRule::Graded { .. }) && grid.must_hit().is_empty()))
+}
+
+/// Whether the nodes are as many as the degree, none at the beginning of the step.
+fn has_gauss_points(s: &Scenario) -> bool {
+    match s.scheme {
+        Scheme::LowOrder { .. } => true,
+        Scheme::Galerkin { degree, .. } => past::nodes(&s.scheme, &s.convolution) == degree,
+        _ => false,
+    }
+}
+
+/// Whether the equations of a step determine coordinates without mass: the forces balance at Gauss points.
+fn determines_massless(s: &Scenario) -> bool {
+    match s.scheme {
+        Scheme::Collocation => true,
+        Scheme::LowOrder { kappa } => kappa == 0.5,
+        Scheme::Galerkin { degree, quadrature } => quadrature == Some(Quadrature::Gauss(degree)),
+        _ => false,
+    }
+}
+
+/// Whether it is the midpoint rule damped at its node by a rule of order 1 or 2.
+fn has_balance(s: &Scenario) -> bool {
+    let midpoint = match s.scheme {
+        Scheme::LowOrder { kappa } => kappa == 0.5,
+        Scheme::Galerkin { degree, quadrature } => degree == 1 && quadrature == Some(Quadrature::Gauss(1)),
+        _ => false,
+    };
+    let rule = matches!(
+        s.convolution.family,
+        ConvolutionFamily::Bdf { order: 1 | 2 } | ConvolutionFamily::Trapezoidal
+    );
+    midpoint && rule && s.convolution.at == DampedAt::Nodes
+}

@@ -1,0 +1,195 @@
+//! What does not go together.
+
+use super::Feature::*;
+use super::{Feature, Row};
+
+const fn row(refused: Feature, beside: Feature, why: &'static str, instead: &'static str) -> Row {
+    Row { refused, beside, why, instead }
+}
+
+const LINEAR: &str = "cases of a linear structure, one factor for all: springs in `stiffness`, forces in `[[system.load]]` and `[[case.load]]`";
+const SMOOTH: &str = "expressions without jumps and kinks in the position";
+const WITH_MASS: &str = "a scenario without it where a coordinate has no mass";
+const ONE_MOTION: &str = "scenarios without cases; `fvi run` takes those with them";
+
+/// The table. Where several rows apply, the first is told.
+pub const ROWS: &[Row] = &[
+    // Schemes and quadratures.
+    row(NotRadau, Collocation, "", "\"radau-iia\", whose nodes the scheme collocates at"),
+    row(
+        Staged,
+        OneNode,
+        "",
+        "\"bdf\" here, or `scheme.kind = \"galerkin\"` or, with Radau IIA, \"collocation\"",
+    ),
+    row(
+        Staged,
+        OwnQuadrature,
+        "",
+        "leave out `scheme.quadrature` and `scheme.points`: the nodes are those of the Runge–Kutta method",
+    ),
+    row(AtNodes, Euler, "", "\"main-nodes\" here, or `scheme.kind` = \"low-order\" or \"galerkin\""),
+    row(
+        Trapezoidal,
+        AtMainNodes,
+        "the force of a step is explicit there, and the part of the weights that alternates in sign grows",
+        "`convolution.at` = \"nodes\" with `scheme.kind` = \"low-order\" or \"galerkin\"",
+    ),
+    row(Starting, AtNodes, "", "starting weights with \"main-nodes\", whose samples lie on the grid"),
+    row(
+        SafeStarting,
+        OtherKernel,
+        "",
+        "starting weights beside kernels whose singularities lie on the negative real axis",
+    ),
+    row(MeanMomentum, Euler, "", "\"one-sided\" with Euler's methods"),
+    // Steps and engines.
+    row(
+        Steps,
+        Multistep,
+        "its weights are for equal steps",
+        "\"uniform\" here; or `scheme.kind` = \"collocation\", or \"galerkin\" with `convolution.family` = \"radau-iia\" or \
+         \"lobatto-iiic\", which take steps of any length",
+    ),
+    row(AnyStep, Multistep, "", "another engine here, or a Runge–Kutta family"),
+    row(
+        EqualSteps,
+        Steps,
+        "its weights are for equal steps",
+        "\"any-step\", which is what is taken without this key",
+    ),
+    row(
+        Tolerance,
+        NotBdf,
+        "",
+        "only with \"bdf\"; the exponentials of Runge–Kutta quadrature are exact to rounding",
+    ),
+    row(SingleStates, Staged, "", "only with \"bdf\""),
+    row(GivenWeights, Steps, "", "equal steps, those of the file"),
+    row(GivenWeights, Staged, "", "the family \"bdf\", whose weights are numbers"),
+    // A past, and a start other than t = 0.
+    row(Past, Steps, "", "equal steps, whose memories have a sample for each step of the past"),
+    row(LaterStart, Steps, "", "equal steps; the other grids begin at t = 0"),
+    row(Input, Past, "", "`[[system.load]]` with a record in place of samples"),
+    row(Input, LaterStart, "", "`[[system.load]]` with a record in place of samples"),
+    row(Controllers, Past, "", "a scenario that begins at t = 0, where controllers take their first sample"),
+    row(
+        Controllers,
+        LaterStart,
+        "",
+        "a scenario that begins at t = 0, where controllers take their first sample",
+    ),
+    row(Starting, Past, "", "no starting weights: they are for motions that begin at the start"),
+    // Load cases: several motions of a linear system at once.
+    row(
+        Cases,
+        Controllers,
+        "load cases are motions of a linear system that nothing measures",
+        "one motion beside [controller]",
+    ),
+    row(Potential, Cases, "", LINEAR),
+    row(Force, Cases, "", LINEAR),
+    row(Elements, Cases, "", LINEAR),
+    row(Input, Cases, "", "records in `[[case.load]]` in place of samples"),
+    row(Reference, Cases, "", "a reference for one motion at a time, without cases"),
+    row(Times, Cases, "", "`output.every`"),
+    row(Events, Cases, "", "a scenario of one motion: each case would have its own events and end"),
+    row(Steps, Cases, "", "equal steps, for which one factor serves"),
+    row(Cases, Past, "", "a scenario of one motion: the past would be that of all cases"),
+    // Gyroscopic forces, whose velocity is that of the polynomial at the nodes.
+    row(OtherNodes, Gyroscopic, "", "\"low-order\", or \"galerkin\" with as many Gauss points as its degree"),
+    row(AtMainNodes, Gyroscopic, "", "\"nodes\", where the scheme has a velocity"),
+    row(Steps, Gyroscopic, "", "\"uniform\""),
+    row(Cases, Gyroscopic, "", "one motion: load cases need a symmetric matrix of the step"),
+    // Coordinates without mass.
+    row(Cases, Massless, "", WITH_MASS),
+    row(Past, Massless, "", WITH_MASS),
+    row(Sensitivity, Massless, "", WITH_MASS),
+    row(MemoryEnergy, Massless, "", WITH_MASS),
+    row(
+        NotForMassless,
+        Massless,
+        "",
+        "\"low-order\" with `kappa` = 0.5, \"galerkin\" with as many Gauss points as its `degree` and a multistep `[convolution]`, or \
+         \"collocation\"",
+    ),
+    // Energies of memories.
+    row(
+        MemoryEnergy,
+        NoBalance,
+        "",
+        "the midpoint rule (\"low-order\", `kappa` = 0.5) with `convolution.at` = \"nodes\", order 1 or 2 or the trapezoidal rule, which have \
+         an exact balance",
+    ),
+    row(MemoryEnergy, Steps, "", "equal steps"),
+    row(MemoryEnergy, Times, "", "rows at grid points"),
+    row(MemoryEnergy, Events, "", "rows at grid points"),
+    row(MemoryEnergy, Cases, "", "one motion"),
+    // Controllers and events.
+    row(
+        Steps,
+        Controllers,
+        "its samples are points of a grid of equal steps",
+        "\"uniform\" beside [controller]",
+    ),
+    row(
+        DelayInside,
+        ForcesFromGridPoints,
+        "",
+        "a multiple of `time.step` here; any length with the low-order (kappa > 0) and Galerkin schemes and \
+         `system.force_quadrature` = \"moments\"",
+    ),
+    row(
+        MomentumEvent,
+        NoMomentumInside,
+        "inside steps variational schemes have that of a polynomial of q",
+        "a function of t and positions here, or `scheme.kind` = \"collocation\"",
+    ),
+    // Sensitivities.
+    row(Steps, Sensitivity, "", "equal steps: derivatives are those of one grid"),
+    row(Cases, Sensitivity, "", "one motion"),
+    row(Events, Sensitivity, "", "runs that nothing looks into on the way"),
+    row(Controllers, Sensitivity, "", "loops that are open: what a controller does is not differentiated"),
+    row(Times, Sensitivity, "", "rows at grid points: `output.every`"),
+    row(KinkedPotential, Sensitivity, "", SMOOTH),
+    row(KinkedElement, Sensitivity, "", SMOOTH),
+    row(KinkedForce, Sensitivity, "", SMOOTH),
+    row(
+        MomentumOffset,
+        Sensitivity,
+        "",
+        "\"one-sided\" for Riemann–Liouville damping from q₀ ≠ 0 at several nodes with `convolution.order` ≥ 3: what is taken off the \
+         momentum there is not differentiated",
+    ),
+    row(Sensitivity, OwnTerms, "", "expressions: derivatives of code may be differences"),
+    // What a scenario is used for.
+    row(Sensitivity, SinglePrecision, "", "double precision: `--precision f64`"),
+    row(Sensitivity, Npz, "", "derivatives are columns of `trajectory.csv`"),
+    row(Cases, OneMotion, "", ONE_MOTION),
+    row(Steps, AnotherEnd, "", "\"uniform\" here: the other grids end where they say"),
+    row(Cases, Sweep, "", ONE_MOTION),
+    row(Cases, Converge, "", ONE_MOTION),
+    row(
+        UnrefinableSteps,
+        Converge,
+        "",
+        "\"uniform\", or \"graded\" without `time.must_hit`, which have a finer grid of the same shape",
+    ),
+    row(Past, Converge, "", "a motion that begins at the start: rows of a past are for one length of steps"),
+    row(StopEvent, Converge, "", "\"record\": errors are compared up to the same end"),
+    row(Cases, Fit, "", ONE_MOTION),
+    row(
+        Adaptive,
+        Fit,
+        "",
+        "grids whose steps do not depend on what is sought: the numbers of a run whose steps are chosen on the way jump with it",
+    ),
+    row(Events, Fit, "", "motions that nothing ends or switches"),
+    row(Gyroscopic, Response, "", "a system without it, whose equations are symmetric"),
+    row(
+        ForceOfVelocity,
+        Response,
+        "",
+        "a system without forces of the velocity; linear damping is `[[system.damping]]` with `order` = 1",
+    ),
+];
