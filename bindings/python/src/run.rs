@@ -12,7 +12,7 @@ use fvi_host::language::Problem;
 use fvi_host::memory::Tables;
 use fvi_host::results::room::require;
 use fvi_host::results::trajectory::Format;
-use fvi_host::scenario::{Engine, KnownMatrices, Scenario, SharedTerms};
+use fvi_host::scenario::{Engine, Feature, KnownMatrices, Scenario, SharedTerms};
 use fvi_host::simulation::columns::Columns;
 use fvi_host::simulation::{GridState, Precision, sample_fractions};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
@@ -233,9 +233,7 @@ pub(crate) fn read(source: &Source, engine: Option<Engine>) -> Outcome<Scenario>
 /// Like [`read`], with matrices that have been read already.
 fn read_knowing(source: &Source, engine: Option<Engine>, known: Option<&KnownMatrices>) -> Outcome<Scenario> {
     let scenario = read_cases(source, engine, known)?;
-    scenario
-        .require_one_motion("functions that return one motion; `run_cases` takes them")
-        .map_err(|error| source.failure(&error))?;
+    scenario.check_use(Feature::OneMotion).map_err(|error| source.failure(&error))?;
     Ok(scenario)
 }
 

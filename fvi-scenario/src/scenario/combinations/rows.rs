@@ -10,7 +10,7 @@ const fn row(refused: Feature, beside: Feature, why: &'static str, instead: &'st
 const LINEAR: &str = "cases of a linear structure, one factor for all: springs in `stiffness`, forces in `[[system.load]]` and `[[case.load]]`";
 const SMOOTH: &str = "expressions without jumps and kinks in the position";
 const WITH_MASS: &str = "a scenario without it where a coordinate has no mass";
-const ONE_MOTION: &str = "scenarios without cases; `fvi run` takes those with them";
+const ONE_MOTION: &str = "scenarios without cases; `fvi run` and `fvi.run_cases` take those with them";
 
 /// The table. Where several rows apply, the first is told.
 pub const ROWS: &[Row] = &[
