@@ -9,7 +9,6 @@ pub(crate) mod numpy;
 pub mod output_directory;
 #[cfg(feature = "pictures")]
 pub mod picture;
-pub mod room;
 #[cfg(feature = "pictures")]
 pub(crate) mod run_pictures;
 pub(crate) mod run_traces;

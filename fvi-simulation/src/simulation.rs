@@ -1,7 +1,6 @@
 //! Simulation of a scenario: the integrator behind an interface without type parameters.
 
 pub mod adaptive;
-mod available_memory;
 mod breaks;
 mod choice;
 pub mod closed_loop;

@@ -14,7 +14,7 @@ use fvi_lab::results::files::write_picture;
 use fvi_lab::results::files::{FileError, write_text};
 #[cfg(feature = "pictures")]
 use fvi_lab::results::picture::{Axis, Chart, Series, Style};
-use fvi_lab::results::room::{NoRoom, require};
+use fvi_scenario::language::memory_limit::{OutOfMemory, check_capacity};
 
 use crate::contestant::Timed;
 use crate::plan::Conditions;
@@ -69,7 +69,7 @@ pub enum ComparisonError {
         /// Its number of steps.
         length: usize,
         /// Bytes that would be needed.
-        no_room: NoRoom,
+        no_room: OutOfMemory,
     },
     /// An engine cannot be constructed, or fails during a run.
     #[error("the engine \"{engine}\" failed: {reason}")]
@@ -155,7 +155,7 @@ impl Comparison {
         let length = self.lengths.iter().copied().max().unwrap_or(0);
         let all = self.lengths.iter().fold(0_usize, |sum, &length| sum.saturating_add(length));
         let kept = all.saturating_mul(self.kernels.len()).saturating_mul(KEPT);
-        require(length.saturating_mul(RUNNING).saturating_add(kept))
+        check_capacity(length.saturating_mul(RUNNING).saturating_add(kept))
             .map_err(|no_room| ComparisonError::NoRoom { length, no_room })
     }
 }

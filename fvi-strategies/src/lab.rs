@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use fvi_core::ParameterError;
 use fvi_lab::results::files::{FileError, write_text};
 use fvi_lab::results::output_directory::OutputDirectory;
-use fvi_lab::results::room::{NoRoom, require};
 use fvi_scenario::language::InputError;
+use fvi_scenario::language::memory_limit::{OutOfMemory, check_capacity};
 
 use crate::front::winners;
 use crate::machine::Machine;
@@ -53,7 +53,7 @@ pub enum LabError {
     File(#[from] FileError),
     /// The longest race does not fit into memory.
     #[error("`lengths` and `channels`: {0}")]
-    NoRoom(NoRoom),
+    NoRoom(OutOfMemory),
     /// A kernel has no weights at one of the lengths.
     #[error("the kernel \"{kernel}\" has no weights over {length} steps: {error}")]
     Weights {
@@ -342,7 +342,7 @@ fn require_room(plan: &Plan, strategies: usize) -> Result<(), LabError> {
     let all = samples.saturating_add(length.saturating_mul(OF_A_STEP)).saturating_mul(strategies.max(1));
     let weights = plan.lengths.iter().fold(0_usize, |sum, &length| sum.saturating_add(length));
     let weights = weights.saturating_mul(plan.kernels.len()).saturating_mul(OF_A_WEIGHT);
-    require(all.saturating_add(weights)).map_err(LabError::NoRoom)
+    check_capacity(all.saturating_add(weights)).map_err(LabError::NoRoom)
 }
 
 impl fmt::Display for Summary {

@@ -6,7 +6,7 @@ use fvi_core::{Stateful, Memory, MemoryError, StateError, StateReader};
 use fvi_host::language::Document;
 use fvi_host::memory::{EngineError, HostMemory, MemoryRequest};
 use fvi_host::numerics::transfer::TransferFunction;
-use fvi_host::results::room::require;
+use fvi_host::language::memory_limit::check_capacity;
 use fvi_host::scenario::{Convolution, Engine, History, kernel_of_document};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -105,7 +105,7 @@ pub(crate) fn memory(
         let (one, two) = (build(1)?, build(2)?);
         // An allocation failure would abort the process.
         let each = two.bytes().saturating_sub(one.bytes()).max(size_of::<f64>());
-        require(each.saturating_mul(channels))
+        check_capacity(each.saturating_mul(channels))
             .map_err(|error| Failure::NoRoom(format!("channels = {channels}: {error}")))?;
     }
     build(channels)

@@ -55,6 +55,7 @@ pub(crate) fn response<'py>(
                     found,
                     &format!("{expected} numbers, one for each coordinate"),
                 ),
+                ResponseError::NoRoom { .. } => Failure::NoRoom(format!("points: {error}")),
                 other => Failure::Failed(other.to_string()),
             })
         })

@@ -10,7 +10,7 @@ use fvi_host::lab::run::{
 };
 use fvi_host::language::Problem;
 use fvi_host::memory::Tables;
-use fvi_host::results::room::require;
+use fvi_host::language::memory_limit::check_capacity;
 use fvi_host::results::trajectory::Format;
 use fvi_host::scenario::{Engine, Feature, KnownMatrices, Scenario, SharedTerms};
 use fvi_host::simulation::columns::Columns;
@@ -356,7 +356,7 @@ impl Rows {
             ))
         };
         let copies = scenario.copies();
-        require(rows.saturating_mul(numbers).saturating_mul(copies).saturating_mul(size_of::<f64>()))
+        check_capacity(rows.saturating_mul(numbers).saturating_mul(copies).saturating_mul(size_of::<f64>()))
             .map_err(|error| no_room(error.to_string()))?;
         let room = |count: usize| {
             let mut room: Vec<f64> = Vec::new();

@@ -6,7 +6,7 @@ use fvi_core::{ParameterError, RungeKutta};
 use fvi_host::numerics::multistep_rule::MultistepRule;
 use fvi_host::numerics::multistep_weights::multistep_weights;
 use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
-use fvi_host::results::room::require;
+use fvi_host::language::memory_limit::check_capacity;
 use fvi_host::scenario::{Convolution, ConvolutionFamily, DampedAt};
 use numpy::{IntoPyArray, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
@@ -67,7 +67,7 @@ pub(crate) fn weights<'py>(
 }
 
 fn room(count: usize) -> Outcome<()> {
-    require(count.saturating_mul(size_of::<f64>()))
+    check_capacity(count.saturating_mul(size_of::<f64>()))
         .map_err(|error| Failure::NoRoom(format!("count = {count}: {error}")))
 }
 

@@ -67,6 +67,7 @@ impl ResponseArguments {
             ResponseError::Input(error) => CommandError::Input(error),
             ResponseError::Argument(error) => CommandError::Argument(error),
             ResponseError::Position { .. } => CommandError::Unsuited(error.to_string()),
+            ResponseError::NoRoom { .. } => CommandError::NoRoom(format!("--points: {error}")),
             ResponseError::Stopped => CommandError::Stopped("stopped; nothing was written".to_owned()),
             other => CommandError::Failed(other.to_string()),
         })?;

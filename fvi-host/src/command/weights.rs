@@ -3,12 +3,12 @@
 use super::CommandError;
 use super::kernel_choice::KernelChoice;
 use super::listing::{ListingFormat, emit, identifier, parameter_error, write_matrix_weights, write_weights};
+use crate::language::memory_limit::check_capacity;
 use crate::numerics::StagedMethod;
 use crate::numerics::multistep_rule::MultistepRule;
 use crate::numerics::multistep_weights::multistep_weights;
 use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
 use crate::numerics::transfer::TransferFunction;
-use crate::results::room::require;
 use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError, RungeKutta};
 use fvi_scenario::with_staged_method;
 use std::path::PathBuf;
@@ -111,7 +111,7 @@ impl WeightsArguments {
 
     /// Lists weights that are computed all at once: for kernels other than s^β, or by the trapezoidal rule.
     fn of_transfer(&self, transfer: &TransferFunction, rule: MultistepRule) -> Result<(), CommandError> {
-        require(self.count.saturating_mul(2 * size_of::<f64>()))
+        check_capacity(self.count.saturating_mul(2 * size_of::<f64>()))
             .map_err(|error| CommandError::NoRoom(format!("--count: {error}")))?;
         let weights = multistep_weights(transfer, rule, self.step, self.increments, self.count)
             .map_err(parameter_error)?;
@@ -133,7 +133,7 @@ impl WeightsArguments {
         let exponent = self.kernel.power("weights of Runge–Kutta families")?;
         let make = if self.increments { RungeKuttaWeights::on_rises } else { RungeKuttaWeights::new };
         let weights = make(method, exponent, self.step, self.count).map_err(parameter_error)?;
-        require(self.count.saturating_mul(R * R * size_of::<f64>()))
+        check_capacity(self.count.saturating_mul(R * R * size_of::<f64>()))
             .map_err(|error| CommandError::NoRoom(format!("--count: {error}")))?;
         let planes = weights.planes();
         self.check(planes.iter().copied())?;

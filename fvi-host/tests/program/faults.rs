@@ -5,7 +5,7 @@ use crate::workplace::{Run, Workplace, text};
 use std::fs;
 use std::io::Read;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 
 const FREE: &str = r#"
 title = "Free"
@@ -38,12 +38,6 @@ engine = "direct"
 "#;
 
 impl Workplace {
-    /// Runs `fvi` with what the shell does to it, such as `fvi run s.toml | true`.
-    fn shell(&self, line: &str) -> Output {
-        let function = format!("fvi() {{ '{}' \"$@\"; }}; {line}", env!("CARGO_BIN_EXE_fvi"));
-        Command::new("bash").args(["-c", &function]).current_dir(self.path("")).output().unwrap()
-    }
-
     /// Starts a long run into `out` and waits until it has begun.
     fn start_long_run(&self) -> std::process::Child {
         self.write("long.toml", LONG);

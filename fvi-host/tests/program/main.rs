@@ -12,6 +12,7 @@ mod fits;
 mod grids;
 mod independent_trajectories;
 mod large_systems;
+mod limits;
 mod listings;
 mod memory_energies;
 mod piecewise;

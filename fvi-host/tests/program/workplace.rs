@@ -38,6 +38,12 @@ impl Workplace {
         self.command(arguments).output().unwrap()
     }
 
+    /// Runs `fvi` with what the shell does to it, such as `fvi run s.toml | true`.
+    pub(crate) fn shell(&self, line: &str) -> Output {
+        let function = format!("fvi() {{ '{}' \"$@\"; }}; {line}", env!("CARGO_BIN_EXE_fvi"));
+        Command::new("bash").args(["-c", &function]).current_dir(self.path("")).output().unwrap()
+    }
+
     /// Runs a scenario given as text into `out`, which must succeed.
     pub(crate) fn run(&self, scenario: &str, arguments: &[&str]) -> Run {
         self.write("scenario.toml", scenario);

@@ -1,10 +1,10 @@
 //! Error and order of a scenario over a sequence of step sizes.
 
+use crate::language::memory_limit::{OutOfMemory, check_capacity};
 use crate::language::{InputError, Problem};
 use crate::results::measure::{ErrorMeasure, ReferenceErrors};
 #[cfg(feature = "pictures")]
 use crate::results::picture::{Axis, Chart, Series, Style, power};
-use crate::results::room::{NoRoom, require};
 use crate::scenario::{Feature, MOST_STEPS, Reference, ReferenceRow, Scenario};
 use crate::simulation::motion::{Failure, Motion};
 use crate::simulation::{GridState, Precision};
@@ -115,7 +115,7 @@ pub enum ConvergeError {
     },
     /// The states of the finer run do not fit into memory.
     #[error("the states of the finer run: {0}")]
-    NoRoom(#[from] NoRoom),
+    NoRoom(#[from] OutOfMemory),
     /// There are too many steps to count.
     #[error("level {level} has more steps than can be counted")]
     TooManySteps {
@@ -200,7 +200,7 @@ pub fn converge(
         let numbers =
             size_of::<GridState>() + 2 * scenario.coordinates().next_multiple_of(2) * size_of::<f64>() + 32;
         let states = steps_of(finest)?.saturating_add(1);
-        require(states.saturating_mul(numbers))?;
+        check_capacity(states.saturating_mul(numbers))?;
         fine_states.reserve_exact(states);
     }
     if let Some(steps) = finer {

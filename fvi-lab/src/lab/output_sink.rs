@@ -130,6 +130,9 @@ impl OutputMark {
     }
 }
 
+/// Most coordinates whose curves are drawn, the first of those that are written.
+const MOST_DRAWN: usize = 100;
+
 /// The files of one motion.
 pub(crate) struct OutputSink {
     directory: PathBuf,
@@ -163,7 +166,8 @@ impl OutputSink {
             let create = |every| Snapshots::create(&path, every, scenario.coordinates());
             let snapshots =
                 scenario.output.snapshots.map(create).transpose().map_err(FileError::at(&path))?;
-            let (chosen, traces) = (chosen.clone(), RunTraces::new(chosen.len(), columns.len()));
+            let traces = RunTraces::new(chosen.len().min(MOST_DRAWN), columns.len());
+            let chosen = chosen.clone();
             Ok(Self { directory, chosen, writer, traces, snapshots })
         };
         Self::directories(scenario, directory).into_iter().map(open).collect()

@@ -4,6 +4,7 @@
 mod pictures;
 
 use crate::language::InputError;
+use crate::language::memory_limit::{OutOfMemory, check_capacity};
 use crate::numerics::laplace::{creep, relaxation, whole};
 use crate::results::files::{FileError, remove, write_json, write_text};
 use crate::results::output_directory::OutputDirectory;
@@ -97,6 +98,14 @@ pub enum ResponseError {
         /// Coordinates.
         expected: usize,
     },
+    /// The curves would not fit into memory.
+    #[error("{points} frequencies: {error}")]
+    NoRoom {
+        /// Their number.
+        points: usize,
+        /// What is needed.
+        error: OutOfMemory,
+    },
     /// The equations have no solution.
     #[error("{0}")]
     Unsolved(String),
@@ -145,6 +154,10 @@ fn frequencies(scenario: &Scenario, options: &ResponseOptions) -> Result<Vec<f64
     if options.points < 2 && to > from || options.points < 1 {
         return Err(refused("points", options.points as f64, "2 at least"));
     }
+    // The curves of the response and of every kernel, and what is drawn and written of them.
+    let curves = 1 + scenario.system.damping.len();
+    check_capacity(options.points.saturating_mul(16 * size_of::<f64>() * curves))
+        .map_err(|error| ResponseError::NoRoom { points: options.points, error })?;
     let (low, high) = (libm::log(from), libm::log(to));
     let last = options.points.max(2) - 1;
     let at = |k: usize| match k {

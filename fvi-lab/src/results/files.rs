@@ -84,21 +84,28 @@ impl DiskHelper {
 /// Ending of the names of files that are being written.
 const PART_ENDING: &str = ".fvi-part";
 
-/// The file that a path refers to, and the metadata of an existing file there. A link remains; the file that
-/// it refers to is replaced.
-pub(crate) fn destination_of(path: &Path) -> io::Result<(PathBuf, Option<fs::Metadata>)> {
-    let destination = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
-    let replaced = fs::metadata(&destination).ok();
-    if replaced.as_ref().is_some_and(|replaced| !replaced.is_file()) {
-        return Err(io::Error::other("not a regular file, and not replaced by one"));
+/// Permissions of the file that one written to `destination` replaces, if there is one.
+///
+/// A link is replaced itself, and what it refers to stays as it is: whoever can put a link into an output
+/// directory cannot make a run write anywhere else.
+///
+/// # Errors
+/// If something else than a file or a link is there: a directory, a device, a pipe.
+pub(crate) fn replaced_permissions(destination: &Path) -> io::Result<Option<fs::Permissions>> {
+    match fs::symlink_metadata(destination) {
+        Ok(there) if there.is_file() => Ok(Some(there.permissions())),
+        Ok(there) if !there.is_symlink() => {
+            Err(io::Error::other("not a regular file, and not replaced by one"))
+        }
+        _ => Ok(None),
     }
-    Ok((destination, replaced))
 }
 
 impl PartFile {
     fn beside(destination: &Path) -> io::Result<Self> {
         static COUNT: AtomicU32 = AtomicU32::new(0);
-        let (destination, replaced) = destination_of(destination)?;
+        let replaced = replaced_permissions(destination)?;
+        let destination = destination.to_owned();
         loop {
             let count = COUNT.fetch_add(1, Ordering::Relaxed);
             let name = format!(".{}-{count}{PART_ENDING}", std::process::id());
@@ -114,8 +121,8 @@ impl PartFile {
                 // Between creation and lock another process has removed it as abandoned.
                 continue;
             }
-            if let Some(replaced) = &replaced {
-                file.set_permissions(replaced.permissions())?;
+            if let Some(permissions) = replaced {
+                file.set_permissions(permissions)?;
             }
             return Ok(Self { file, part, destination, committed: false, waiting: 0, helper: None });
         }
@@ -215,8 +222,8 @@ pub(crate) fn write(
     write().map_err(FileError::at(path))
 }
 
-/// Writes to a path given by the user: a regular file atomically; a device, pipe or terminal directly, as a
-/// shell would.
+/// Writes to a path that the user has named himself: the file that it refers to atomically, through links; a
+/// device, pipe or terminal directly, as a shell would.
 ///
 /// # Errors
 /// [`FileError`] if it cannot be opened or written; an existing file is then unchanged.
@@ -232,8 +239,9 @@ pub fn write_out(
         };
         return write().map_err(FileError::at(path));
     }
-    remove_abandoned_parts(path.parent().unwrap_or(Path::new("")));
-    write(path, |file| content(file))
+    let destination = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+    remove_abandoned_parts(destination.parent().unwrap_or(Path::new("")));
+    write(&destination, |file| content(file))
 }
 
 /// Removes a file of an earlier run that would contradict those of this one.
@@ -321,7 +329,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_link_stays_and_what_is_no_file_is_written_through_or_refused() {
+    fn a_link_is_replaced_but_followed_where_the_user_named_it_and_what_is_no_file_is_refused() {
         let directory = tempfile::tempdir().unwrap();
         let path = |name: &str| directory.path().join(name);
         write_text(&path("file"), "old").unwrap();
@@ -329,10 +337,14 @@ mod tests {
         write_out(&path("link"), |out| out.write_all(b"new")).unwrap();
         assert_eq!(fs::read_to_string(path("file")).unwrap(), "new");
         assert!(fs::symlink_metadata(path("link")).unwrap().is_symlink());
+        write_text(&path("link"), "newest").unwrap();
+        assert_eq!(fs::read_to_string(path("file")).unwrap(), "new");
+        assert_eq!(fs::read_to_string(path("link")).unwrap(), "newest");
+        assert!(!fs::symlink_metadata(path("link")).unwrap().is_symlink());
 
         std::os::unix::fs::symlink("/dev/null", path("device")).unwrap();
         write_out(&path("device"), |out| out.write_all(b"new")).unwrap();
-        assert!(write_text(&path("device"), "new").is_err());
+        assert!(write_text(Path::new("/dev/null"), "new").is_err());
         let _socket = std::os::unix::net::UnixListener::bind(path("socket")).unwrap();
         assert!(write_out(&path("socket"), |out| out.write_all(b"new")).is_err());
         assert!(write_text(&path("socket"), "new").is_err());

@@ -1,6 +1,6 @@
 //! Files that grow over a whole run, and that another process may continue.
 
-use crate::results::files::destination_of;
+use crate::results::files::replaced_permissions;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -34,15 +34,15 @@ const BUFFER: usize = 1 << 16;
 impl GrowingFile {
     /// An empty file with a head of `head` zero bytes.
     pub(crate) fn begin(destination: &Path, head: u64) -> io::Result<Self> {
-        let (destination, replaced) = destination_of(destination)?;
-        let part = part_of(&destination);
-        let file = OpenOptions::new().write(true).create(true).truncate(true).open(&part)?;
+        let replaced = replaced_permissions(destination)?;
+        let (part, file) = new_part(destination)?;
+        let destination = destination.to_owned();
         let kept = false;
         let hasher = crc32fast::Hasher::new();
         let mut this =
             Self { file, part, destination, buffer: Vec::with_capacity(BUFFER), written: 0, hasher, kept };
-        if let Some(replaced) = replaced {
-            this.file.set_permissions(replaced.permissions())?;
+        if let Some(permissions) = replaced {
+            this.file.set_permissions(permissions)?;
         }
         this.write_head(&vec![0; head as usize])?;
         Ok(this)
@@ -59,23 +59,23 @@ impl GrowingFile {
         mark: &Mark,
         whole: impl FnOnce() -> io::Result<Box<dyn Read>>,
     ) -> io::Result<Self> {
-        let (destination, _) = destination_of(destination)?;
-        let part = part_of(&destination);
-        let mut opened = OpenOptions::new().read(true).write(true).open(&part);
+        replaced_permissions(destination)?;
+        let destination = destination.to_owned();
+        let mut opened = open_part(&destination, true);
         let held = match &mut opened {
-            Ok(file) => holds(file, head, mark)?,
-            Err(_) => false,
+            Some((_, file)) => holds(file, head, mark)?,
+            None => false,
         };
-        let file = match opened {
-            Ok(file) if held => {
+        let (part, file) = match opened {
+            Some((part, file)) if held => {
                 file.set_len(head + mark.length)?;
-                file
+                (part, file)
             }
             _ => {
                 let mut whole = whole()?;
-                let mut file = OpenOptions::new().write(true).create(true).truncate(true).open(&part)?;
+                let (part, mut file) = new_part(&destination)?;
                 io::copy(&mut (&mut whole).take(head + mark.length), &mut file)?;
-                file
+                (part, file)
             }
         };
         let mut this = Self {
@@ -98,9 +98,9 @@ impl GrowingFile {
         mark: &Mark,
         whole: impl FnOnce() -> io::Result<Box<dyn Read>>,
     ) -> bool {
-        let part = || File::open(part_of(&destination_of(destination).ok()?.0)).ok();
-        part().is_some_and(|mut file| holds(&mut file, head, mark).unwrap_or(false))
-            || whole().is_ok_and(|mut file| holds(&mut file, head, mark).unwrap_or(false))
+        let held = |file: Box<dyn Read>| holds(&mut { file }, head, mark).unwrap_or(false);
+        let part = || Some(Box::new(open_part(destination, false)?.1) as Box<dyn Read>);
+        replaced_permissions(destination).is_ok() && (part().is_some_and(held) || whole().is_ok_and(held))
     }
 
     /// Flushes to the disk and returns a mark of the current length.
@@ -183,6 +183,28 @@ fn part_of(destination: &Path) -> PathBuf {
     let mut name = destination.as_os_str().to_owned();
     name.push(".part");
     PathBuf::from(name)
+}
+
+/// A new, empty part file in place of whatever file or link has its name.
+fn new_part(destination: &Path) -> io::Result<(PathBuf, File)> {
+    let part = part_of(destination);
+    match fs::remove_file(&part) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    let file = OpenOptions::new().write(true).create_new(true).open(&part)?;
+    Ok((part, file))
+}
+
+/// The part file of an earlier run, opened for reading and, if `write`, for writing; a link is none.
+fn open_part(destination: &Path, write: bool) -> Option<(PathBuf, File)> {
+    let part = part_of(destination);
+    // Before it is opened: a pipe would wait for its other end.
+    if !fs::symlink_metadata(&part).is_ok_and(|there| there.is_file()) {
+        return None;
+    }
+    let file = OpenOptions::new().read(true).write(write).open(&part).ok()?;
+    Some((part, file))
 }
 
 /// Whether a file contains the marked bytes.

@@ -52,6 +52,11 @@ impl OutputDirectory {
     /// # Errors
     /// If it cannot be made, or is a file ([`refuses`](Self::refuses)).
     pub(crate) fn make(path: &Path) -> Result<(), FileError> {
+        let dangles = |part: &&Path| !part.exists() && part.is_symlink();
+        if let Some(link) = path.ancestors().find(dangles) {
+            let reason = "a link to what is not there; choose another with `--out`";
+            return Err(FileError::at(link)(io::Error::new(io::ErrorKind::NotADirectory, reason)));
+        }
         if let Some(file) = path.ancestors().find(|part| part.exists()).filter(|part| !part.is_dir()) {
             let reason = "not a directory, where results go; choose one with `--out`";
             return Err(FileError::at(file)(io::Error::new(io::ErrorKind::NotADirectory, reason)));

@@ -58,7 +58,7 @@ impl RunTraces {
         for (index, envelope) in chosen.iter().zip(&self.coordinates) {
             chart = chart.with(Series::new(format!("q{index}"), Style::Line, envelope.points()));
         }
-        for (index, &coordinate) in chosen.iter().enumerate() {
+        for (index, &coordinate) in chosen.iter().take(self.coordinates.len()).enumerate() {
             let known = |row: &ReferenceRow| Some((row.time, (*row.position.get(coordinate)?)?));
             let points: Vec<_> = reference.iter().filter_map(known).collect();
             // One entry in the legend stands for the references of all coordinates.

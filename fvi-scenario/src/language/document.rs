@@ -3,6 +3,7 @@
 use super::error::{InputError, Problem};
 use crate::language::excerpt::excerpt;
 use crate::language::expression::{Expression, Symbols, nearest};
+use crate::language::input_file::{read_data, read_document};
 use crate::language::matrix_file::{self, FileMatrix};
 use core::ops::{Range, RangeInclusive};
 use serde::Serialize;
@@ -34,7 +35,7 @@ impl Document {
     /// [`Problem::Unreadable`].
     pub fn read(path: &Path) -> Result<Self, InputError> {
         let name = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(|error| {
+        let bytes = read_document(path).map_err(|error| {
             InputError::unreadable(&name, Problem::Unreadable { reason: error.to_string() })
         })?;
         let text = String::from_utf8(bytes).map_err(|error| {
@@ -127,12 +128,12 @@ impl Document {
             return Ok(content.to_vec());
         }
         let path = self.resolve(path);
-        let Some(kept) = &self.kept else { return std::fs::read(path) };
+        let Some(kept) = &self.kept else { return read_data(&path) };
         let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(bytes) = kept.get(&path) {
             return Ok(bytes.to_vec());
         }
-        let bytes = std::fs::read(&path)?;
+        let bytes = read_data(&path)?;
         kept.insert(path, bytes.as_slice().into());
         Ok(bytes)
     }

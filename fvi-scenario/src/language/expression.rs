@@ -33,7 +33,7 @@ pub use syntax::{ExpressionError, ExpressionFault};
 use fvi_core::Real;
 use jet::{FirstOrder, Jet, SecondOrder};
 use nalgebra::{SMatrix, SVector};
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 pub use tree::{Kind, LARGEST_MULTIPLIED, Node, Operator, power};
 
 /// The names an expression may use besides numbers, functions and `pi`.
@@ -43,7 +43,7 @@ pub struct Symbols {
     variables: Vec<String>,
     /// Index of each variable in `variables`: a chain of N coordinates refers to them some 4N times.
     indices: HashMap<String, usize>,
-    parameters: Vec<(String, f64)>,
+    parameters: BTreeMap<String, f64>,
 }
 
 impl Symbols {
@@ -77,7 +77,7 @@ impl Symbols {
     pub fn with_velocities(mut self, count: usize, taken: impl Fn(&str) -> bool) -> Self {
         for index in 0..count {
             let name = format!("v{index}");
-            let is_known = taken(&name) || self.parameters.iter().any(|(known, _)| *known == name);
+            let is_known = taken(&name) || self.parameters.contains_key(&name);
             if !is_known {
                 self.indices.entry(name.clone()).or_insert(self.variables.len());
             }
@@ -91,6 +91,12 @@ impl Symbols {
     /// # Errors
     /// The reason why the name cannot be a parameter: it is not a name, or it already has a meaning.
     pub fn with_parameter(mut self, name: &str, value: f64) -> Result<Self, ParameterNameError> {
+        self.add_parameter(name, value)?;
+        Ok(self)
+    }
+
+    /// As [`with_parameter`](Self::with_parameter); after an error the symbols are as before.
+    pub(crate) fn add_parameter(&mut self, name: &str, value: f64) -> Result<(), ParameterNameError> {
         let mut letters = name.chars();
         let well_formed =
             letters.next().is_some_and(syntax::starts_name) && letters.all(syntax::continues_name);
@@ -112,8 +118,8 @@ impl Symbols {
         if numbered || self.indices.contains_key(name) {
             return Err(ParameterNameError::Variable);
         }
-        self.parameters.push((name.to_owned(), value));
-        Ok(self)
+        self.parameters.entry(name.to_owned()).or_insert(value);
+        Ok(())
     }
 
     fn resolve(&self, name: &str) -> Option<Node> {
@@ -126,7 +132,7 @@ impl Symbols {
         if let Some(&index) = self.indices.get(name) {
             return Some(Node::variable(index));
         }
-        self.parameters.iter().find(|(known, _)| known == name).map(|&(_, value)| Node::number(value))
+        self.parameters.get(name).map(|&value| Node::number(value))
     }
 
     /// Every name that may stand alone.
@@ -146,7 +152,7 @@ impl Symbols {
     }
 
     fn others(&self) -> impl Iterator<Item = &str> {
-        self.parameters.iter().map(|(name, _)| name.as_str()).chain(["pi"])
+        self.parameters.keys().map(String::as_str).chain(["pi"])
     }
 }
 

@@ -1,5 +1,6 @@
 //! Matrices and vectors in files: Matrix Market, SciPy's sparse NPZ, NumPy arrays.
 
+use super::memory_limit::check_capacity;
 use super::npy::{self, Array};
 use flate2::bufread::DeflateDecoder;
 use rawzip::{CompressionMethod, ZipArchive, ZipFileHeaderRecord, ZipSliceArchive};
@@ -238,7 +239,10 @@ impl Archive<'_> {
         }
         let length = usize::try_from(said).map_err(|_| format!("{member}: {said} bytes"))?;
         let mut bytes = Vec::new();
-        bytes.try_reserve_exact(length).map_err(|_| format!("{member}: no room for {said} bytes"))?;
+        // Bytes of one digit each become numbers of eight bytes.
+        check_capacity(length.saturating_mul(1 + size_of::<f64>()))
+            .map_err(|error| format!("{member}: {error}"))?;
+        bytes.try_reserve_exact(length).map_err(|error| format!("{member}: {error}"))?;
         let file = self.0.get_entry(entry.wayfinder()).map_err(|error| format!("{member}: {error}"))?;
         let content: Box<dyn Read> = match entry.compression_method() {
             CompressionMethod::STORE => Box::new(file.data()),

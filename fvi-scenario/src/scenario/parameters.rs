@@ -20,9 +20,12 @@ pub fn read_parameters(value: &Value<'_>) -> Result<BTreeMap<String, f64>, Input
     Ok(parameters)
 }
 
-/// Symbols with the parameters; invalid names were refused during reading.
+/// Symbols with the parameters, whose names were checked when they were read.
 pub(super) fn symbols_of(parameters: &BTreeMap<String, f64>) -> Symbols {
-    parameters.iter().fold(Symbols::new(), |symbols, (name, &value)| {
-        symbols.clone().with_parameter(name, value).unwrap_or(symbols)
-    })
+    let mut symbols = Symbols::new();
+    for (name, &value) in parameters {
+        // An expression that uses a name without a meaning is refused with it.
+        let _ = symbols.add_parameter(name, value);
+    }
+    symbols
 }

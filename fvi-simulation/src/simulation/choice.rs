@@ -1,9 +1,9 @@
 //! Choice of the dense or the sparse space for a scenario.
 
+use crate::language::memory_limit::available_memory;
 use crate::language::{InputError, Problem};
 use crate::model::{AnyScheme, AnySpace, Elimination, Matrix, Model, StagePair, matrix};
 use crate::scenario::{Scenario, Scheme, SharedTerms};
-use crate::simulation::available_memory::available_memory;
 use fvi_core::Mechanics;
 use serde::Serialize;
 
@@ -117,6 +117,8 @@ pub(super) fn sparse_space(
 ) -> Result<Option<AnySpace>, InputError> {
     let (degree, count) = (scenario.scheme_descriptor().unknowns, scenario.coordinates());
     let known = scenario.system.has_sparse_matrices() || scenario.system.has_sparse_terms();
+    let beyond_dense = count.saturating_mul(degree) > MOST_DENSE;
+    let large = scenario.system.is_large() || beyond_dense;
     let many = count > MANY || (count > SEVERAL && known);
     let pushed = scenario.system.force.iter().flatten().any(|force| force.has_variables());
     let owned = scenario.system.own_terms.as_ref().is_some_and(SharedTerms::are_full);
@@ -126,7 +128,7 @@ pub(super) fn sparse_space(
     let suits = eliminated && !pushed && !owned && scenario.system.gyroscopic.is_none();
     let wanted = match choice {
         // Load cases share a sparse factor of any size.
-        SolverChoice::Automatic => (scenario.system.is_large() && many) || !scenario.cases.is_empty(),
+        SolverChoice::Automatic => (large && many) || !scenario.cases.is_empty(),
         SolverChoice::Dense => false,
         SolverChoice::Sparse => true,
     };
@@ -136,7 +138,7 @@ pub(super) fn sparse_space(
         return Err(scenario.error_at("scheme", Problem::Incompatible { with, allowed }));
     }
     if !wanted || !suits {
-        if scenario.system.is_large() && scenario.coordinates().saturating_mul(degree) > MOST_DENSE {
+        if beyond_dense {
             return Err(too_large(scenario, pushed));
         }
         return Ok(None);

@@ -5,11 +5,11 @@ use super::grid::Grid;
 #[cfg(feature = "pictures")]
 use super::pictures::charts;
 use super::problem_file::ProblemFile;
+use crate::language::memory_limit::{OutOfMemory, check_capacity};
 #[cfg(feature = "pictures")]
 use crate::results::files::write_picture;
 use crate::results::files::{FileError, remove, write, write_json};
 use crate::results::output_directory::OutputDirectory;
-use crate::results::room::{NoRoom, require};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;
@@ -84,7 +84,7 @@ pub enum OutputError {
         /// Number of steps of the grid.
         steps: usize,
         /// Bytes that would be needed.
-        no_room: NoRoom,
+        no_room: OutOfMemory,
     },
     /// A file cannot be written.
     #[error(transparent)]
@@ -166,7 +166,7 @@ pub fn require_room(file: &ProblemFile) -> Result<(), OutputError> {
         Some(Method::Dense) => unknowns.saturating_mul(unknowns).saturating_mul(4 * size_of::<f64>()),
         _ => 0,
     };
-    require(linear.saturating_add(dense)).map_err(|no_room| OutputError::NoRoom { steps, no_room })
+    check_capacity(linear.saturating_add(dense)).map_err(|no_room| OutputError::NoRoom { steps, no_room })
 }
 
 /// `t,x0,…,v0,…` with 17 significant digits; no velocity at the point outside I_σ.
