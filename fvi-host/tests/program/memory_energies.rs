@@ -64,3 +64,25 @@ fn numpy_files_hold_the_numbers_of_the_text_after_an_interruption_too() {
         assert!(archive.windows(numbers.len()).any(|bytes| bytes == numbers), "{name}");
     }
 }
+
+#[test]
+fn damping_of_order_zero_is_a_spring_in_motion_and_energy() {
+    // ω = 10 from rest at 1: q = cos 10 t, and ½ ρ q² is part of the energy.
+    for (derivative, scheme) in [
+        ("caputo", ""),
+        ("riemann-liouville", ""),
+        ("caputo", "scheme = { kind = \"galerkin\", degree = 2 }\n"),
+        ("caputo", "scheme.kind = \"collocation\"\nconvolution = { family = \"radau-iia\", stages = 3 }\n"),
+    ] {
+        let text = format!(
+            "system.mass = [1.0]\nsystem.damping = [{{ order = 0.0, coefficient = [100.0], derivative = \"{derivative}\" }}]\n\
+             initial.position = [1.0]\ntime = {{ step = 0.001, steps = 2000 }}\n{scheme}"
+        );
+        let run = Workplace::new().run(&text, &[]);
+        let last = run.rows.last().unwrap();
+        assert!((last[1] - libm::cos(20.0)).abs() < 2e-4, "{scheme}: {last:?}");
+        for energy in run.column("energy") {
+            assert!((energy - 50.0).abs() < 1e-9 * 50.0, "{derivative} {scheme}: {energy}");
+        }
+    }
+}

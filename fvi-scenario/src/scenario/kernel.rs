@@ -49,6 +49,10 @@ pub(super) fn read_transfer(
         if !(0.0..2.0).contains(&order) {
             return Err(refused());
         }
+        // D⁰q is q itself: a spring, whose energy is mechanical.
+        if order == 0.0 {
+            return kernel_of_symbol("1");
+        }
         return TransferFunction::power(order).map_err(|_| refused());
     }
     let kernel = value.table()?;

@@ -291,9 +291,9 @@ impl Reader<'_> {
         self.refuse_starting()?;
         let order = damping.transfer.exponent();
         let at_rest = self.scenario.initial.momentum.iter().all(|&p| p == 0.0);
-        if damping.derivative == Derivative::Caputo
-            && (order == Some(0.0) || (order == Some(1.0) && !at_rest))
-        {
+        let is_spring = self.has(term, "order") && order.is_none();
+        let jumps = damping.derivative == Derivative::Caputo && order == Some(1.0) && !at_rest;
+        if is_spring || jumps {
             return Err(self.refused(
                 "an order other than 0, and other than 1 where the motion begins with a velocity: Caputo's derivative jumps there",
             ));

@@ -320,6 +320,10 @@ impl Damping {
             return Ok(Self::of_matrix(whole, pairs, count, derivative));
         }
         let transfer = read_transfer(table, parameters, step)?;
+        // Caputo's derivative of order 0 is the position, not its distance from the start.
+        let is_position =
+            table.optional("order").is_some_and(|order| order.number().is_ok_and(|order| order == 0.0));
+        let derivative = if is_position { Derivative::RiemannLiouville } else { derivative };
         let scale = table.optional("scale");
         let (given, value) = table.either("coefficient", "attached")?;
         let (coefficient, attached, scale) = if given {
