@@ -134,7 +134,15 @@ pub enum AntiWindup {
         /// τ, the tracking time.
         time: f64,
     },
-    /// Conditional integration: a sample counts only as far as it does not push u* further beyond a limit.
+    /// Conditional integration: beyond the upper limit u_max the integral I(v) is held,
+    ///
+    /// ```text
+    /// I = min( I(K_i e), max( u_max − a, min( I(0), I₋ ) ) ) ,
+    /// ```
+    ///
+    /// a the rest of the output, I(0) the integral without the sample of this tick and I₋ that before it: as
+    /// low as brings u* to the limit, but no lower than the smaller of I(0) and I₋. Below the lower limit
+    /// likewise, with the signs turned.
     Conditional,
 }
 

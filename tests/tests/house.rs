@@ -193,6 +193,17 @@ fn every_file_of_tests_is_part_of_a_program() {
 }
 
 #[test]
+fn every_page_of_the_summary_is_a_file_of_the_repository() {
+    let book = workspace().join("book/src");
+    let summary = fs::read_to_string(book.join("SUMMARY.md")).unwrap();
+    let pages: Vec<&str> = summary.split("](").skip(1).map(|rest| rest.split(')').next().unwrap()).collect();
+    assert!(pages.len() > 30, "only {} pages seen: does this test still read them?", pages.len());
+    for page in pages {
+        assert!(book.join(page).is_file(), "SUMMARY.md names {page}");
+    }
+}
+
+#[test]
 fn comments_are_no_wider_than_the_code() {
     const WIDTH: usize = 110;
     let folders = fs::read_dir(workspace()).unwrap().map(|entry| entry.unwrap().file_name());
