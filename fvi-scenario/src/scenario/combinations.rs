@@ -3,7 +3,7 @@
 //! A [`Feature`] is a predicate on a [`Scenario`], with the key that turns it on; a [`Row`] of [`ROWS`] says
 //! which two do not go together, why, and what to use instead. The table is evaluated after a scenario has
 //! been read, and again where a motion begins, since code may have changed it. What one table of a file
-//! says against itself is its reader's, and what needs matrices or numbers is refused where they are computed.
+//! says against itself is its reader's; what needs matrices or numbers is refused where they are computed.
 
 mod feature;
 mod rows;
