@@ -33,7 +33,7 @@ mod warnings;
 
 pub use adaptive::{Adaptive, Start};
 pub use case::Case;
-pub use combinations::{Feature, ROWS, Row, page as combinations_page};
+pub use combinations::{Feature, MARK as COMBINATIONS_MARK, ROWS, Row, page as combinations_page};
 pub use controller::{Controller, Noise, Quantise, Setpoint};
 pub use element::Element;
 pub use event::{Action, Direction, Event, SharedFunction};

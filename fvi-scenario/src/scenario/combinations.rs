@@ -29,13 +29,15 @@ pub struct Row {
 }
 
 impl Row {
-    /// The error, if the scenario has the refused feature and `other` is that beside it.
-    fn error(&self, scenario: &Scenario, other: Option<usize>) -> Option<InputError> {
+    /// The error for a scenario that has both, or has the refused one and is put to the use beside it.
+    fn error(&self, scenario: &Scenario) -> Option<InputError> {
         let index = self.refused.find(scenario)?;
-        let mut with = self.beside.name_of(other?);
-        if !self.beside.is_use() {
-            let _ = write!(with, " (`{}`)", self.beside.shown(scenario, other?));
-        }
+        let mut with = if self.beside.is_use() {
+            self.beside.name()
+        } else {
+            let other = self.beside.find(scenario)?;
+            format!("{} (`{}`)", self.beside.name_of(other), self.beside.shown(scenario, other))
+        };
         if !self.why.is_empty() {
             let _ = write!(with, ": {}", self.why);
         }
@@ -50,8 +52,7 @@ impl Scenario {
     /// # Errors
     /// [`Problem::Incompatible`] for the first of [`ROWS`] whose features the scenario has.
     pub fn check_combinations(&self) -> Result<(), InputError> {
-        let refused = |row: &Row| row.error(self, row.beside.find(self));
-        ROWS.iter().find_map(refused).map_or(Ok(()), Err)
+        self.check(|row| !row.beside.is_use())
     }
 
     /// Refuses features that do not go with a use of the scenario, such as [`Feature::Fit`].
@@ -59,10 +60,18 @@ impl Scenario {
     /// # Errors
     /// [`Problem::Incompatible`] for the first feature of [`ROWS`] that does not go with it.
     pub fn check_use(&self, used: Feature) -> Result<(), InputError> {
-        let mut rows = ROWS.iter().filter(|row| row.beside == used);
-        rows.find_map(|row| row.error(self, Some(0))).map_or(Ok(()), Err)
+        self.check(|row| row.beside == used)
+    }
+
+    fn check(&self, applies: impl Fn(&Row) -> bool) -> Result<(), InputError> {
+        let mut rows = ROWS.iter().filter(|row| applies(row));
+        rows.find_map(|row| row.error(self)).map_or(Ok(()), Err)
     }
 }
+
+/// The line of the page of the book that [`page`] follows.
+pub const MARK: &str =
+    "<!-- printed by `cargo run -p fvi-scenario --example combinations book/src/use/combinations.md` -->\n\n";
 
 /// The tables of the page of the book, in Markdown: the features with their keys, and what does not go
 /// together.
@@ -83,4 +92,28 @@ pub fn page() -> String {
         let _ = writeln!(page, "| {} | {} | {why} | {instead} |", refused.name(), beside.name());
     }
     page
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_of_the_book_is_this_table() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../book/src/use/combinations.md");
+        let text = std::fs::read_to_string(path).unwrap();
+        let (_, printed) = text.split_once(MARK).unwrap();
+        assert!(printed == page(), "print it anew: {MARK}");
+    }
+
+    #[test]
+    fn no_pair_is_in_the_table_twice() {
+        for (index, row) in ROWS.iter().enumerate() {
+            let same = |other: &&Row| {
+                (other.refused, other.beside) == (row.refused, row.beside)
+                    || (other.refused, other.beside) == (row.beside, row.refused)
+            };
+            assert_eq!(ROWS[..index].iter().find(same), None);
+        }
+    }
 }

@@ -1,9 +1,8 @@
 //! The features of a scenario, and the uses that one can be put to.
 
 use super::super::own_terms::SharedTerms;
-use super::super::past;
 use super::super::scheme::{ConvolutionFamily, DampedAt, Quadrature, Scheme};
-use super::super::time::{Engine, ReportedMomentum, States};
+use super::super::time::{Engine, ReportedMomentum};
 use super::super::{Action, Derivative, GridRule, Scenario};
 
 /// Defines [`Feature`]: a name, the key, and a predicate that returns the index of what it found. In names
@@ -62,7 +61,7 @@ features! {
         |s| on(!matches!(s.scheme, Scheme::Galerkin { .. } | Scheme::Collocation));
     Collocation: "collocation", "scheme.kind", |s| on(s.scheme == Scheme::Collocation);
     OwnQuadrature: "a quadrature of the action", "scheme.points", |s| on(s.scheme.quadrature().is_some());
-    OtherNodes: "nodes that are not as many Gauss points as the degree", "scheme", |s| on(!has_gauss_points(s));
+    NoVelocities: "a node at the beginning of a step, or more nodes than the degree", "scheme", |s| on(!has_velocities(s));
     NotForMassless: "a scheme that does not determine coordinates without mass", "scheme",
         |s| on(!determines_massless(s));
     NoBalance: "a scheme without an exact balance of energies", "scheme", |s| on(!has_balance(s));
@@ -87,9 +86,9 @@ features! {
         |s| on(s.history.engine == Some(Engine::AnyStep));
     EqualSteps: "an engine for equal steps", "history.engine",
         |s| on(s.history.engine.is_some_and(|engine| engine != Engine::AnyStep));
+    ExponentialSums: "an engine of exponentials for equal steps", "history.engine",
+        |s| on(matches!(s.history.engine, Some(Engine::ExponentialSum | Engine::ExponentialSumCore)));
     Tolerance: "a tolerance of the exponentials", "history.tolerance", |s| on(s.history.tolerance.is_some());
-    SingleStates: "states in single precision", "history.states",
-        |s| on(s.history.states == Some(States::F32));
     MeanMomentum: "the mean of the momenta", "output.momentum",
         |s| on(s.output.momentum == ReportedMomentum::Mean);
     Times: "rows between grid points", "output.times", |s| on(!s.output.times.is_empty());
@@ -186,11 +185,13 @@ fn unrefinable(s: &Scenario) -> Option<usize> {
     on(!(matches!(grid.rule(), GridRule::Graded { .. }) && grid.must_hit().is_empty()))
 }
 
-/// Whether the nodes are as many as the degree, none at the beginning of the step.
-fn has_gauss_points(s: &Scenario) -> bool {
-    match s.scheme {
-        Scheme::LowOrder { .. } => true,
-        Scheme::Galerkin { degree, .. } => past::nodes(&s.scheme, &s.convolution) == degree,
+/// Whether the velocities at the nodes follow from the unknowns of a step: nodes as many as the degree, none at
+/// the beginning of the step.
+fn has_velocities(s: &Scenario) -> bool {
+    match (s.scheme, s.convolution.family) {
+        (Scheme::LowOrder { kappa }, _) => kappa < 1.0,
+        (Scheme::Galerkin { degree, quadrature: Some(rule) }, _) => rule == Quadrature::Gauss(degree),
+        (Scheme::Galerkin { degree, .. }, ConvolutionFamily::RadauIia { stages }) => stages == degree,
         _ => false,
     }
 }

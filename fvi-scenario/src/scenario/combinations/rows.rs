@@ -7,9 +7,11 @@ const fn row(refused: Feature, beside: Feature, why: &'static str, instead: &'st
     Row { refused, beside, why, instead }
 }
 
+const ANY_WEIGHTS: &str = "\"direct\", \"block-fft\" or \"real-time\"";
 const LINEAR: &str = "cases of a linear structure, one factor for all: springs in `stiffness`, forces in `[[system.load]]` and `[[case.load]]`";
 const SMOOTH: &str = "expressions without jumps and kinks in the position";
 const WITH_MASS: &str = "a scenario without it where a coordinate has no mass";
+const MAXWELL: &str = "kernels that are Maxwell elements side by side";
 const ONE_MOTION: &str = "scenarios without cases; `fvi run` and `fvi.run_cases` take those with them";
 
 /// The table. Where several rows apply, the first is told.
@@ -64,9 +66,16 @@ pub const ROWS: &[Row] = &[
         "",
         "only with \"bdf\"; the exponentials of Runge–Kutta quadrature are exact to rounding",
     ),
-    row(SingleStates, Staged, "", "only with \"bdf\""),
     row(GivenWeights, Steps, "", "equal steps, those of the file"),
     row(GivenWeights, Staged, "", "the family \"bdf\", whose weights are numbers"),
+    row(OtherKernel, Staged, "", "`convolution.family` = \"bdf\" on equal steps, which takes any kernel"),
+    row(ExponentialSums, Trapezoidal, "its weights alternate in sign and do not fall off", ANY_WEIGHTS),
+    row(
+        ExponentialSums,
+        GivenWeights,
+        "weights do not tell the kernel K(s), whose exponentials it takes",
+        ANY_WEIGHTS,
+    ),
     // A past, and a start other than t = 0.
     row(Past, Steps, "", "equal steps, whose memories have a sample for each step of the past"),
     row(LaterStart, Steps, "", "equal steps; the other grids begin at t = 0"),
@@ -90,6 +99,7 @@ pub const ROWS: &[Row] = &[
     row(Potential, Cases, "", LINEAR),
     row(Force, Cases, "", LINEAR),
     row(Elements, Cases, "", LINEAR),
+    row(Cases, OwnTerms, "", LINEAR),
     row(Input, Cases, "", "records in `[[case.load]]` in place of samples"),
     row(Reference, Cases, "", "a reference for one motion at a time, without cases"),
     row(Times, Cases, "", "`output.every`"),
@@ -97,7 +107,12 @@ pub const ROWS: &[Row] = &[
     row(Steps, Cases, "", "equal steps, for which one factor serves"),
     row(Cases, Past, "", "a scenario of one motion: the past would be that of all cases"),
     // Gyroscopic forces, whose velocity is that of the polynomial at the nodes.
-    row(OtherNodes, Gyroscopic, "", "\"low-order\", or \"galerkin\" with as many Gauss points as its degree"),
+    row(
+        NoVelocities,
+        Gyroscopic,
+        "",
+        "\"low-order\" with `kappa` < 1, or \"galerkin\" with as many Gauss points as its degree",
+    ),
     row(AtMainNodes, Gyroscopic, "", "\"nodes\", where the scheme has a velocity"),
     row(Steps, Gyroscopic, "", "\"uniform\""),
     row(Cases, Gyroscopic, "", "one motion: load cases need a symmetric matrix of the step"),
@@ -121,10 +136,11 @@ pub const ROWS: &[Row] = &[
         "the midpoint rule (\"low-order\", `kappa` = 0.5) with `convolution.at` = \"nodes\", order 1 or 2 or the trapezoidal rule, which have \
          an exact balance",
     ),
-    row(MemoryEnergy, Steps, "", "equal steps"),
     row(MemoryEnergy, Times, "", "rows at grid points"),
     row(MemoryEnergy, Events, "", "rows at grid points"),
     row(MemoryEnergy, Cases, "", "one motion"),
+    row(MemoryEnergy, GivenWeights, "they have no states", MAXWELL),
+    row(MemoryEnergy, OtherKernel, "", MAXWELL),
     // Controllers and events.
     row(
         Steps,
