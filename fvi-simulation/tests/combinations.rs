@@ -405,8 +405,8 @@ impl Runs {
 }
 
 /// Pairs that are refused where matrices or tables of numbers are computed: gyroscopic forces and dampers act
-/// on the coordinate without mass, kernels have no exponentials to rounding or no Maxwell elements, the matrix
-/// of a step is not symmetric.
+/// on the coordinate without mass, kernels have no exponentials to rounding or no Maxwell elements, the
+/// matrix of a step is not symmetric.
 const BY_NUMBERS: [(&str, &str); 12] = [
     ("gyroscopic", "massless"),
     ("massless", "main nodes"),

@@ -132,6 +132,7 @@ pub(super) fn sparse_space(
         SolverChoice::Dense => false,
         SolverChoice::Sparse => true,
     };
+    // Coefficients of the scheme decide it, not the table of combinations.
     if !scenario.cases.is_empty() && (!wanted || !suits) {
         let allowed = format!("a scheme whose steps are solved by a sparse factor: {SPARSE_SCHEMES}");
         let with = "`[[case]]`".to_owned();

@@ -62,7 +62,8 @@ impl<T: Real, B: Block<T>> Gyroscopic<T, B> {
 }
 
 /// Refuses gyroscopic forces with schemes whose stability with them is not known: known are those that are
-/// stable at every step for any stiffness.
+/// stable at every step for any stiffness. The coefficients of the damping decide it, so that it is no row of
+/// the table of combinations.
 pub(super) fn check_step(scenario: &Scenario) -> Result<(), InputError> {
     if scenario.time.allow_unstable || stability::takes_gyroscopic(scenario) {
         return Ok(());

@@ -64,6 +64,8 @@ pub(super) fn placed<'a>(scenario: &'a Scenario) -> Result<(Cow<'a, Scenario>, M
     Ok((Cow::Owned(placed), rows))
 }
 
+/// The error for what acts on this coordinate by the entries of its matrix; what none goes with is a row of
+/// the table of combinations.
 fn refused(scenario: &Scenario, key: &str, what: &str, row: usize) -> InputError {
     let with = format!("coordinate {row} (from 0), which has no mass (`system.mass`)");
     let allowed = format!("{what} where every coordinate has a mass");

@@ -185,8 +185,8 @@ fn unrefinable(s: &Scenario) -> Option<usize> {
     on(!(matches!(grid.rule(), GridRule::Graded { .. }) && grid.must_hit().is_empty()))
 }
 
-/// Whether the velocities at the nodes follow from the unknowns of a step: nodes as many as the degree, none at
-/// the beginning of the step.
+/// Whether the velocities at the nodes follow from the unknowns of a step: nodes as many as the degree, none
+/// at the beginning of the step.
 fn has_velocities(s: &Scenario) -> bool {
     match (s.scheme, s.convolution.family) {
         (Scheme::LowOrder { kappa }, _) => kappa < 1.0,
