@@ -8,6 +8,9 @@ use pulp::{Arch, Simd, WithSimd};
 /// Number of vectors that are multiplied in one pass over the matrix.
 const WIDEST: usize = 8;
 
+/// Number of places up to which the choice of a vector unit takes longer than the product.
+const FEW: usize = 32;
+
 /// Number of multiplications for which another thread is worth while.
 const SHARE: usize = 1 << 20;
 
@@ -21,6 +24,14 @@ impl Pattern {
     {
         let size = self.size();
         if size == 0 {
+            return;
+        }
+        if x.len() == size && self.len() <= FEW {
+            let matrix = Matrix { pattern: self, values, factor };
+            for (row, y) in y.iter_mut().enumerate().take(size) {
+                let [sum] = matrix.row(x.as_chunks().0, row);
+                *y = *y + sum * factor;
+            }
             return;
         }
         for (x, y) in x.chunks(WIDEST * size).zip(y.chunks_mut(WIDEST * size)) {

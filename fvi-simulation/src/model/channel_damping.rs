@@ -109,21 +109,22 @@ impl<T: Real> Directions<T> {
     }
 
     /// out += H s for each motion; `vector` is scratch of the length of `out`.
+    #[inline]
     fn give(&self, coefficient: &Coefficient<T>, s: &[T], vector: &mut [T], out: &mut [T]) {
         let Coefficient { rho, strength } = coefficient;
-        let (size, count) = (rho.size().max(1), self.count().max(1));
+        let (size, count) = (|| rho.size().max(1), || self.count().max(1));
         match self {
             Self::All(_) => rho.multiply_add(T::one(), s, out),
-            Self::Coordinates(_) if size == count => rho.multiply_add(T::one(), s, out),
+            Self::Coordinates(_) if size() == count() => rho.multiply_add(T::one(), s, out),
             Self::Coordinates(coordinates) => {
                 vector.fill(T::zero());
-                for (s, vector) in s.chunks_exact(count).zip(vector.chunks_exact_mut(size)) {
+                for (s, vector) in s.chunks_exact(count()).zip(vector.chunks_exact_mut(size())) {
                     coordinates.iter().zip(s).for_each(|(&coordinate, &number)| vector[coordinate] = number);
                 }
                 rho.multiply_add(T::one(), vector, out);
             }
             Self::Columns(columns) => {
-                for (s, out) in s.chunks_exact(count).zip(out.chunks_exact_mut(size)) {
+                for (s, out) in s.chunks_exact(count()).zip(out.chunks_exact_mut(size())) {
                     for ((column, &strength), &number) in columns.iter().zip(strength).zip(s) {
                         column.iter().for_each(|&(coordinate, b)| out[coordinate] += b * (strength * number));
                     }
@@ -185,8 +186,10 @@ impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
     /// Resizes the buffers, and applies G to the sample unless G is the identity.
     fn take(&mut self, sample: &Sample<'_, T>) {
         let (count, nodes) = (self.count, sample.fractions.len());
-        self.known.resize(count * nodes * self.terms.len(), T::zero());
-        self.scratch.resize(count * (nodes + 1), T::zero());
+        if self.scratch.len() != count * (nodes + 1) {
+            self.known.resize(count * nodes * self.terms.len(), T::zero());
+            self.scratch.resize(count * (nodes + 1), T::zero());
+        }
         if !self.directions.are_all() {
             let coordinates = self.coordinates();
             self.directions.take(sample.from, coordinates, &mut self.from);
@@ -225,16 +228,17 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
         let of_channels =
             if directions.are_all() { Sample { ..*sample } } else { Sample { from, behind, ..*sample } };
         channels.memory_terms(&of_channels, of_terms)?;
-        let nodes = sample.fractions.len();
-        let coordinates = sample.from.len().max(1);
-        let of_terms = of_terms.chunks_exact_mut((*count * nodes).max(1));
-        for (kernel, (term, numbers)) in terms.iter().zip(of_terms).enumerate() {
+        let (nodes, coordinates) = (sample.fractions.len(), sample.from.len());
+        let mut rest = of_terms.as_mut_slice();
+        for (kernel, term) in terms.iter().enumerate() {
+            let (numbers, others) = rest.split_at_mut(*count * nodes);
+            rest = others;
             if nodes == 1 {
                 channels.complete(kernel, &of_channels, numbers);
                 directions.give(term, numbers, vector, known);
                 continue;
             }
-            for (node, known) in known.chunks_exact_mut(coordinates).enumerate() {
+            for (node, known) in known.chunks_exact_mut(coordinates.max(1)).enumerate() {
                 let sum = &mut scratch[..*count];
                 channels.complete_node((kernel, node), &of_channels, numbers, sum);
                 directions.give(term, sum, vector, known);
@@ -245,10 +249,12 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
 
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         let coordinates = self.vector.len().max(1);
-        let nodes = increments.len() / coordinates;
-        if let (Directions::All(_), 1, [term]) = (&self.directions, nodes, &self.terms[..]) {
+        if let (Directions::All(_), true, [term]) =
+            (&self.directions, increments.len() == coordinates, &self.terms[..])
+        {
             return term.rho.multiply_add(self.channels.leading(0, 1, 0, 0), increments, force);
         }
+        let nodes = increments.len() / coordinates;
         let sum = &mut scratch[..coordinates];
         for (kernel, term) in self.terms.iter().enumerate() {
             for (own, force) in force.chunks_exact_mut(coordinates).enumerate() {

@@ -3,6 +3,7 @@
 
 use super::band::{self, BandFactors};
 use super::chain::{Chain, ChainFactors};
+use super::few::{few, few_mut};
 use super::shared::Shared;
 use crate::numerics::semidefinite::check_positive_semidefinite;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular};
@@ -99,6 +100,23 @@ impl<T: Real> Tridiagonal<'_, T> {
 }
 
 impl<T: Real> Matrix<T> {
+    /// As [`balance`](Block::balance), for any matrix.
+    #[inline(never)]
+    fn balance_any(&self, (start, (by, force)): (&[T], (T, &[T])), (factor, x): (T, &[T]), out: &mut [T]) {
+        out.copy_from_slice(start);
+        self.multiply_add(factor, x, out);
+        add_multiple(out, -by, force);
+    }
+
+    /// The stored entries.
+    #[inline]
+    fn numbers(&self) -> &[T] {
+        match self {
+            Self::Diagonal(entries) | Self::Dense(entries) => entries,
+            Self::Sparse(sparse) => &sparse.values,
+        }
+    }
+
     /// out += factor · (B x) for several motions one after another. Kept out of line so that only the code
     /// for a diagonal is inlined.
     #[inline(never)]
@@ -213,7 +231,7 @@ fn multiply_add_dense<T: Real>(columns: &[T], factor: T, x: &[T], out: &mut [T])
 }
 
 impl<T: Real> Block<T> for Matrix<T> {
-    #[inline]
+    #[inline(always)]
     fn balance(&self, (start, (by, force)): (&[T], (T, &[T])), (factor, x): (T, &[T]), out: &mut [T]) {
         match self {
             Self::Diagonal(diagonal) if diagonal.len() == x.len() => {
@@ -221,16 +239,19 @@ impl<T: Real> Block<T> for Matrix<T> {
                     start + entry * x * factor - force * by
                 });
             }
-            _ => {
-                out.copy_from_slice(start);
-                self.multiply_add(factor, x, out);
-                add_multiple(out, -by, force);
-            }
+            _ => self.balance_any((start, (by, force)), (factor, x), out),
         }
     }
 
     #[inline]
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        if let (Self::Diagonal(entries) | Self::Dense(entries), [x], [out]) = (self, x, &mut *out)
+            && let [entry] = entries[..]
+        {
+            // One coordinate: one number, without a loop.
+            *out += entry * *x * factor;
+            return;
+        }
         match self {
             Self::Diagonal(diagonal) if diagonal.len() == x.len() => {
                 multiply_add_diagonal(diagonal, factor, x, out);
@@ -386,9 +407,25 @@ impl<T: Real> DenseEquations<T> {
     }
 }
 
+/// Number of rows up to which a matrix is never banded.
+const NEVER_BANDED: usize = 3;
+
 /// Whether elimination within a band has fewer operations than in the full matrix of `size` rows.
 fn is_banded(size: usize, band: usize) -> bool {
-    size > 3 && 3 * band < size
+    size > NEVER_BANDED && 3 * band < size
+}
+
+/// Calls `$of(matrix, pivots, vector)` with arrays where rows are few: elimination in them costs less than
+/// its loops. `$few` borrows matrix and pivots.
+macro_rules! of_rows {
+    ($of:path, $few:ident, $matrix:expr, $pivots:expr, $vector:expr) => {
+        match $pivots.len() {
+            1 => $of($few::<_, 1>($matrix), $few::<_, 1>($pivots), few_mut::<_, 1>($vector)),
+            2 => $of($few::<_, 4>($matrix), $few::<_, 2>($pivots), few_mut::<_, 2>($vector)),
+            3 => $of($few::<_, 9>($matrix), $few::<_, 3>($pivots), few_mut::<_, 3>($vector)),
+            _ => $of($matrix, $pivots, $vector),
+        }
+    };
 }
 
 impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
@@ -400,7 +437,7 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
         }
         let (n, band) = (self.pivots.len(), self.band);
         // A small matrix is cleared faster than its band is determined.
-        if !self.is_banded() || n <= 16 {
+        if n <= 16 || !self.is_banded() {
             return self.entries.fill(T::zero());
         }
         // Elimination fills an equal number of entries to the right.
@@ -412,7 +449,13 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
         }
     }
 
+    #[inline]
     fn add(&mut self, row: usize, column: usize, factor: T, block: &Matrix<T>) {
+        if let ([place], [entry]) = (&mut self.entries[..], block.numbers()) {
+            // One unknown: one number, without a search for its place.
+            *place += *entry * factor;
+            return;
+        }
         match (&mut self.chain, block) {
             (Some(chain), Matrix::Diagonal(diagonal)) => return chain.add_diagonal(factor, diagonal),
             (Some(chain), Matrix::Sparse(sparse)) if sparse.is_tridiagonal() => {
@@ -423,7 +466,9 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
         if let Some(chain) = self.chain.take() {
             self.spread(&chain);
         }
-        self.band = self.band.max(row.abs_diff(column) * self.coordinates + block.band());
+        if self.pivots.len() > NEVER_BANDED {
+            self.band = self.band.max(row.abs_diff(column) * self.coordinates + block.band());
+        }
         let (row, column) = (row * self.coordinates, column * self.coordinates);
         block.add_to(factor, &mut self.entries, self.pivots.len(), row, column);
     }
@@ -438,7 +483,7 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
             return band::solve(&mut self.entries, self.band, &mut self.pivots, vector);
         }
         self.has_factors = true;
-        fvi_core::solve(&mut self.entries, &mut self.pivots, vector)
+        of_rows!(fvi_core::solve, few_mut, &mut self.entries, &mut self.pivots, vector)
     }
 
     fn has_factors(&self) -> bool {
@@ -448,7 +493,7 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
     fn solve_again(&mut self, vector: &mut [T]) {
         match &self.chain {
             Some(chain) => chain.solve(vector),
-            None => substitute(&self.entries, &self.pivots, vector),
+            None => of_rows!(substitute, few, &self.entries, &self.pivots, vector),
         }
     }
 
@@ -477,7 +522,9 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
 
     fn solve_kept(&mut self, kept: &DenseFactors<T>, vector: &mut [T]) {
         match kept {
-            DenseFactors::Whole(factors) => substitute_kept(factors, &self.pivots, vector),
+            DenseFactors::Whole(factors) => {
+                of_rows!(substitute_kept, few, factors, &self.pivots, vector);
+            }
             DenseFactors::Banded(factors) => factors.solve(vector),
             DenseFactors::Chain(factors) => factors.solve(vector),
         }

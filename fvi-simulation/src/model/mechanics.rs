@@ -37,12 +37,14 @@ pub struct Model<T> {
     /// Energies of these motions.
     energies: Vec<T>,
     potential: Option<CompiledPotential<T>>,
-    /// K of the quadratic part ½ qᵀKq + bᵀq of the potential.
-    quadratic: Matrix<T>,
+    /// K of the quadratic part ½ qᵀKq + bᵀq of the potential, if there is one.
+    quadratic: Option<Matrix<T>>,
     linear: Vec<(usize, T)>,
     force: CompiledForce<T>,
     /// Whether there is a force at all.
     forced: bool,
+    /// Whether the stiffness is the same at every position and time.
+    is_linear: bool,
     /// Whether the restoring force is that of a constant matrix from files, or rows, alone.
     is_constant: bool,
     /// Forces that are rough in time, with exact moments.
@@ -216,7 +218,7 @@ impl<T: Elementary> Model<T> {
             && elements.is_empty()
             && own.is_none();
         let entries = vec![T::zero(); jacobian_slots.len()];
-        let quadratic = Matrix::symmetric(size, springs.iter().copied());
+        let quadratic = (!springs.is_empty()).then(|| Matrix::symmetric(size, springs.iter().copied()));
         let mut model = Self {
             mass,
             inverse_mass,
@@ -232,6 +234,7 @@ impl<T: Elementary> Model<T> {
             potential,
             is_constant,
             forced: !force.is_zero(),
+            is_linear: false,
             rough,
             own,
             force,
@@ -248,6 +251,7 @@ impl<T: Elementary> Model<T> {
             potential_sides: potential_sides.map(SidedPoint::new),
             force_sides: force_sides.map(SidedPoint::new),
         };
+        model.is_linear = model.has_constant_stiffness();
         model.take_sides_at(&scenario.initial.position);
         Ok(model)
     }
@@ -307,7 +311,9 @@ impl<T: Elementary> Model<T> {
         if let Some(base) = &self.base {
             base.multiply_add(T::one(), position, restoring);
         }
-        self.quadratic.multiply_add(T::one(), position, restoring);
+        if let Some(quadratic) = &self.quadratic {
+            quadratic.multiply_add(T::one(), position, restoring);
+        }
         for &(coordinate, entry) in &self.linear {
             restoring[coordinate] += entry;
         }
@@ -460,7 +466,7 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
     }
 
     fn is_linear(&self) -> bool {
-        self.is_linear()
+        self.is_linear
     }
 
     fn energy(&mut self, position: &Vec<T>, momentum: &Vec<T>) -> T {
@@ -641,7 +647,7 @@ impl<T: Elementary> Model<T> {
     }
 
     /// Whether the stiffness is the same at every position and time.
-    fn is_linear(&self) -> bool {
+    fn has_constant_stiffness(&self) -> bool {
         self.own.as_ref().is_none_or(|own| !own.depends_on_position())
             && self.potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
             && self.elements.iter().all(Elements::is_quadratic)

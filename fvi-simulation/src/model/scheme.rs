@@ -1,7 +1,9 @@
 //! The schemes of scenarios: any degree, any quadrature, known at run time.
 
+use super::few::few_mut;
 use super::massless::{Carried, Found, MasslessRows, Settling};
 use super::matrices::Matrix;
+use super::small::{Lent, Small};
 use super::space::{AnyEquations, AnyFactors, AnySpace};
 use crate::numerics::StagedMethod;
 use crate::scenario::{DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
@@ -164,23 +166,23 @@ impl<T: Real> AnyScheme<T> {
     pub fn kicks_at_main_nodes(&self) -> bool {
         self.form == Form::MainNodes
     }
+}
 
-    /// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths are known to
-    /// the compiler: its step has no loops over nodes and points.
-    #[inline(always)]
-    fn of_one_point(&self) -> Option<DiscreteLagrangian<'_, T>> {
-        fn one<T>(numbers: &[T]) -> Option<&[T; 1]> {
-            numbers.try_into().ok()
-        }
-        Some(DiscreteLagrangian {
-            weights: one(&self.weights)?,
-            nodes: one(&self.nodes)?,
-            control_points: one(&self.control_points)?,
-            shapes: one(&self.shapes)?,
-            tests: one(&self.tests)?,
-            kinetic: one(&self.kinetic)?,
-        })
+/// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths are known to the
+/// compiler: its step has no loops over nodes and points.
+#[inline(always)]
+fn of_one_point<'a, T>(any: &DiscreteLagrangian<'a, T>) -> Option<DiscreteLagrangian<'a, T>> {
+    fn one<T>(numbers: &[T]) -> Option<&[T; 1]> {
+        numbers.try_into().ok()
     }
+    Some(DiscreteLagrangian {
+        weights: one(any.weights)?,
+        nodes: one(any.nodes)?,
+        control_points: one(any.control_points)?,
+        shapes: one(any.shapes)?,
+        tests: one(any.tests)?,
+        kinetic: one(any.kinetic)?,
+    })
 }
 
 /// A quadrature on [0, 1].
@@ -239,7 +241,7 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         let numbers = |count: usize| vec![T::zero(); count * size];
         let behind = if self.form == Form::Nodes { points } else { 0 };
         // For a linear system there is no guess.
-        let guessed = !mechanics.is_linear() && self.of_one_point().is_some();
+        let guessed = !mechanics.is_linear() && of_one_point(&self.view()).is_some();
         Room {
             increments: numbers(degree),
             residual: numbers(degree),
@@ -282,9 +284,37 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
-        let (behind, rest) = room.carried.split_at_mut(room.behind);
-        let (restoring, means) = rest.split_at_mut(room.pulled);
         room.settling.begin(&self.massless, &state.position);
+        let iterations = match (of_one_point(&self.view()), state.position.len()) {
+            (Some(line), 1) => room.step_of_few::<1, _, _>(&line, self.form, mechanics, damping, step, state),
+            (Some(line), 2) => room.step_of_few::<2, _, _>(&line, self.form, mechanics, damping, step, state),
+            (Some(line), 3) => room.step_of_few::<3, _, _>(&line, self.form, mechanics, damping, step, state),
+            (Some(line), 4) => room.step_of_few::<4, _, _>(&line, self.form, mechanics, damping, step, state),
+            (line, _) => self.step_of_any(line, room, mechanics, damping, step, state),
+        }?;
+        if !self.massless.is_empty() {
+            let (behind, rest) = room.carried.split_at_mut(room.behind);
+            let (_, means) = rest.split_at_mut(room.pulled);
+            let found = Found { weights: &self.weights, stages: &room.stages };
+            let carried = Carried { behind, means, increments: &mut room.increments };
+            room.settling.end(&self.massless, mechanics, step, &found, carried, state);
+        }
+        Ok(iterations)
+    }
+}
+
+impl<T: Real> AnyScheme<T> {
+    /// The step for any number of coordinates; `line` is the scheme if it is a straight line with one node.
+    fn step_of_any<G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
+        &self,
+        line: Option<DiscreteLagrangian<'_, T>>,
+        room: &mut Room<T>,
+        mechanics: &mut G,
+        damping: &mut D,
+        step: &Step<'_, T>,
+        state: &mut State<Vec<T>>,
+    ) -> Result<u32, StepError> {
+        let (behind, rest) = room.carried.split_at_mut(room.behind);
         let mut work = Workspace::<T, AnySpace, _> {
             increments: &mut room.increments,
             residual: &mut room.residual,
@@ -293,19 +323,19 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
             known: &mut room.known,
             scratch: &mut room.scratch,
             behind,
-            restoring,
+            restoring: &mut rest[..room.pulled],
             moment_correction: &mut room.moment_correction,
             point: &mut room.point,
             stiffness: &mut room.stiffness,
             matrix: &mut room.matrix,
             kept: &mut room.kept,
         };
-        let iterations = match (self.form, self.of_one_point()) {
-            (Form::MainNodes, Some(lagrangian)) => {
-                lagrangian.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
+        match (self.form, line) {
+            (Form::MainNodes, Some(line)) => {
+                line.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
             }
-            (Form::EndOfStep | Form::Nodes, Some(lagrangian)) => {
-                lagrangian.step_damped_at_nodes(&mut work, mechanics, damping, step, state)
+            (Form::EndOfStep | Form::Nodes, Some(line)) => {
+                line.step_damped_at_nodes(&mut work, mechanics, damping, step, state)
             }
             (Form::MainNodes, None) => {
                 self.view().step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
@@ -318,13 +348,48 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
                 let tables = CollocationTables { matrix, square, weights, nodes };
                 tables.step(&mut work, mechanics, damping, step, state)
             }
-        }?;
-        if !self.massless.is_empty() {
-            let found = Found { weights: &self.weights, stages: &room.stages };
-            let carried = Carried { behind, means, increments: &mut room.increments };
-            room.settling.end(&self.massless, mechanics, step, &found, carried, state);
         }
-        Ok(iterations)
+    }
+}
+
+impl<T: Real> Room<T> {
+    /// The step on a straight line with one node for N coordinates, compiled for them: without loops over
+    /// vectors of any length, with the same bits.
+    #[inline(never)]
+    fn step_of_few<const N: usize, G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
+        &mut self,
+        line: &DiscreteLagrangian<'_, T>,
+        form: Form,
+        mechanics: &mut G,
+        damping: &mut D,
+        step: &Step<'_, T>,
+        state: &mut State<Vec<T>>,
+    ) -> Result<u32, StepError> {
+        let line = of_one_point(line).expect("one point");
+        let (behind, rest) = self.carried.split_at_mut(self.behind);
+        let mut work = Workspace::<T, Small<N>, _> {
+            increments: few_mut::<T, N>(&mut self.increments),
+            residual: few_mut::<T, N>(&mut self.residual),
+            stages: few_mut::<T, N>(&mut self.stages),
+            forces: few_mut::<T, N>(&mut self.forces),
+            known: few_mut::<T, N>(&mut self.known),
+            scratch: few_mut::<T, N>(&mut self.scratch),
+            behind,
+            restoring: &mut rest[..self.pulled],
+            moment_correction: &mut self.moment_correction,
+            point: &mut self.point,
+            stiffness: &mut self.stiffness,
+            matrix: &mut self.matrix,
+            kept: &mut self.kept,
+        };
+        let (mechanics, damping) = (&mut Lent(mechanics), &mut Lent(damping));
+        match form {
+            Form::MainNodes => {
+                work.behind = &mut [];
+                line.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
+            }
+            _ => line.step_damped_at_nodes(&mut work, mechanics, damping, step, state),
+        }
     }
 }
 

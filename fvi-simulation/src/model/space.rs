@@ -122,6 +122,7 @@ impl<T> Default for AnyFactors<T> {
 impl<T: Real> Equations<T, Matrix<T>> for AnyEquations<T> {
     type Factor = AnyFactors<T>;
 
+    #[inline]
     fn clear(&mut self) {
         match self {
             Self::Dense(equations) => equations.clear(),
@@ -129,6 +130,7 @@ impl<T: Real> Equations<T, Matrix<T>> for AnyEquations<T> {
         }
     }
 
+    #[inline]
     fn add(&mut self, row: usize, column: usize, factor: T, block: &Matrix<T>) {
         match self {
             Self::Dense(equations) => equations.add(row, column, factor, block),
@@ -136,6 +138,7 @@ impl<T: Real> Equations<T, Matrix<T>> for AnyEquations<T> {
         }
     }
 
+    #[inline]
     fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular> {
         match self {
             Self::Dense(equations) => equations.solve(vector),
@@ -143,6 +146,7 @@ impl<T: Real> Equations<T, Matrix<T>> for AnyEquations<T> {
         }
     }
 
+    #[inline]
     fn has_factors(&self) -> bool {
         match self {
             Self::Dense(equations) => equations.has_factors(),
@@ -154,6 +158,7 @@ impl<T: Real> Equations<T, Matrix<T>> for AnyEquations<T> {
         matches!(self, Self::Sparse(_))
     }
 
+    #[inline]
     fn solve_again(&mut self, vector: &mut [T]) {
         match self {
             Self::Dense(equations) => equations.solve_again(vector),
@@ -179,6 +184,7 @@ impl<T: Real> Equations<T, Matrix<T>> for AnyEquations<T> {
         Ok(())
     }
 
+    #[inline]
     fn solve_kept(&mut self, kept: &AnyFactors<T>, vector: &mut [T]) {
         match (self, kept) {
             (Self::Dense(equations), AnyFactors::Dense(factors)) => equations.solve_kept(factors, vector),
