@@ -86,3 +86,22 @@ fn damping_of_order_zero_is_a_spring_in_motion_and_energy() {
         }
     }
 }
+
+#[test]
+fn energies_of_orders_near_zero_and_one_are_kept() {
+    let place = Workplace::new();
+    for order in [0.001, 0.95, 0.999] {
+        let text = format!(
+            "system.mass = [1.0]\nsystem.stiffness = [1.0]\nsystem.damping = [{{ order = {order}, coefficient = [0.5] }}]\n\
+             initial.position = [1.0]\ntime = {{ step = 0.02, steps = 150 }}\noutput.memory_energy = true\n"
+        );
+        place.write("edge.toml", &text);
+        let (done, message) = fvi(&place, &format!("run edge.toml --out {order}"));
+        assert!(done, "{order}: {message}");
+        let table = fs::read_to_string(place.path(&format!("{order}/trajectory.csv"))).unwrap();
+        for line in table.lines().skip(1) {
+            let row: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+            assert!((row[3] + row[4] + row[5] - 0.5).abs() < 1e-13, "{order}: {row:?}");
+        }
+    }
+}

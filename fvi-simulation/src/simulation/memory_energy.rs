@@ -1,9 +1,12 @@
 //! Energy stored in the memories of materials, and energy dissipated by them.
 
 use crate::language::{InputError, Problem};
+use crate::numerics::multistep_rule::MultistepRule;
+use crate::numerics::multistep_weights::multistep_weights;
 use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{ConvolutionFamily, Derivative, Scenario, SymmetricMatrix};
+use crate::scenario::{ConvolutionFamily, Derivative, Scenario, SymmetricMatrix, TimeGrid};
 use fvi_core::{Real, StateError, StateReader, StateWriter};
+use nalgebra::Complex;
 use std::f64::consts::PI;
 
 /// Energy stored in the memories of a run with the midpoint rule, and dissipated by them, with an exact
@@ -73,6 +76,10 @@ const IMMEDIATE: f64 = 1e8;
 /// Ratio to a sum below which its terms are neglected.
 const NEGLIGIBLE: f64 = 1e-18;
 
+/// Number of the run's weights with which the elements are compared, and the largest difference.
+const COMPARED: usize = 64;
+const AGREEMENT: f64 = 1e-12;
+
 impl MemoryEnergy {
     /// At t = 0 of a scenario; `None` if it does not request these energies.
     ///
@@ -87,6 +94,9 @@ impl MemoryEnergy {
             let (with, allowed) = (with.to_owned(), allowed.to_owned());
             Err(scenario.error_at("output.memory_energy", Problem::Incompatible { with, allowed }))
         };
+        let Ok(Some(multistep)) = scenario.convolution.family.multistep() else {
+            return refused("a Runge–Kutta family", "multistep rules");
+        };
         // Those that the table of combinations leaves.
         let rule = match scenario.convolution.family {
             ConvolutionFamily::Trapezoidal => Rule::Trapezoidal,
@@ -98,6 +108,13 @@ impl MemoryEnergy {
             let elements = elements(&term.transfer, scenario.time.step).map_err(|reason| {
                 let with = format!("`system.damping[{index}]`, {reason}");
                 let allowed = "kernels that are Maxwell elements side by side".to_owned();
+                scenario.error_at("output.memory_energy", Problem::Incompatible { with, allowed })
+            })?;
+            let agreement = agreement(&term.transfer, &elements, (rule, multistep), &scenario.time);
+            agreement.map_err(|reason| {
+                let with = format!("`system.damping[{index}]`, {reason}");
+                let allowed =
+                    format!("kernels whose weights their Maxwell elements make up to {AGREEMENT:e}");
                 scenario.error_at("output.memory_energy", Problem::Incompatible { with, allowed })
             })?;
             let jumps = term.coefficient.times(&scenario.initial.position).iter().any(|&force| force != 0.0)
@@ -161,12 +178,13 @@ impl MemoryEnergy {
 
     /// Restores a saved state.
     pub(crate) fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
-        let mut numbers = vec![0.0; self.numbers().count()];
+        let mut head = [0.0; 2];
+        let mut numbers = vec![0.0; self.numbers().count() - head.len()];
         let mut reader = StateReader::new(bytes);
+        reader.numbers(&mut head)?;
         reader.numbers(&mut numbers)?;
         reader.finish()?;
-        let mut numbers = numbers.into_iter();
-        (self.dissipated, self.rest) = (numbers.next().unwrap_or(0.0), numbers.next().unwrap_or(0.0));
+        [self.dissipated, self.rest] = head;
         let states = self.terms.iter_mut().flat_map(|term| &mut term.states).flatten().flatten();
         states.zip(numbers).for_each(|(place, number)| *place = number);
         Ok(())
@@ -225,6 +243,22 @@ impl Element {
         lost
     }
 
+    /// Adds the weights of g s/(s + r) with h s = γ(z), a ratio of polynomials in z.
+    fn add_weights(&self, rule: Rule, weights: &mut [f64]) {
+        let Self { modulus, rate } = *self;
+        let ([n0, n1, n2], [d0, d1, d2]) = match rule {
+            Rule::One => ([1.0, -1.0, 0.0], [1.0 + rate, -1.0, 0.0]),
+            Rule::Two => ([3.0, -4.0, 1.0], [3.0 + 2.0 * rate, -4.0, 1.0]),
+            Rule::Trapezoidal => ([2.0, -2.0, 0.0], [2.0 + rate, rate - 2.0, 0.0]),
+        };
+        let (mut before, mut earlier) = (0.0, 0.0);
+        for (weight, n) in weights.iter_mut().zip([n0, n1, n2].into_iter().chain(std::iter::repeat(0.0))) {
+            let next = (n * modulus - d1 * before - d2 * earlier) / d0;
+            *weight += next;
+            (before, earlier) = (next, before);
+        }
+    }
+
     fn stored(&self, rule: Rule, [before, earlier]: &[Vec<f64>; 2], rho: &SymmetricMatrix) -> f64 {
         let Self { modulus: g, rate } = *self;
         match rule {
@@ -249,10 +283,8 @@ fn elements(transfer: &TransferFunction, step: f64) -> Result<Vec<Element>, &'st
     if transfer.table().is_some() {
         return Err("which is weights and has no states");
     }
-    match transfer.exponent() {
-        Some(0.0) => return Ok(vec![Element { modulus: 1.0, rate: 0.0 }]),
-        Some(1.0) => return Ok(vec![Element { modulus: DASHPOT / step, rate: DASHPOT }]),
-        _ => {}
+    if transfer.exponent() == Some(1.0) {
+        return Ok(vec![Element { modulus: DASHPOT / step, rate: DASHPOT }]);
     }
     if !transfer.is_relaxation() {
         return Err("whose kernel has singularities off the negative real axis");
@@ -261,6 +293,9 @@ fn elements(transfer: &TransferFunction, step: f64) -> Result<Vec<Element>, &'st
         return Err("whose kernel grows faster than s: it holds inertia beside elements");
     }
     let poles = transfer.poles();
+    if transfer.narrow().is_some() {
+        return Err("whose cut is too narrow: its elements are too many");
+    }
     let Some(cut) = transfer.cut() else {
         // −residue/λ = g
         let element = |pole: &crate::numerics::transfer::Pole| Element {
@@ -270,62 +305,145 @@ fn elements(transfer: &TransferFunction, step: f64) -> Result<Vec<Element>, &'st
         let elements: Vec<Element> = poles.iter().map(element).collect();
         return if elements.iter().all(|element| element.modulus > 0.0) { Ok(elements) } else { Err(ACTIVE) };
     };
+    // Distances in units of the fastest rate that the steps see.
+    let unit = cut.start + step.recip();
     let spacing = 2.0 * PI * cut.strip / 40.0;
     let node = |k: i32| {
-        let d = libm::exp(spacing * f64::from(k)) / step;
+        let d = libm::exp(spacing * f64::from(k)) * unit;
         let rate = cut.start + d;
-        (spacing * d * transfer.jump(d) / rate, rate, d)
+        // d/r first: d^{1+β} may exceed all numbers.
+        (spacing * (d / rate) * transfer.jump(d), rate, d)
     };
-    const MOST: i32 = 200_000;
     let mut elements = Vec::new();
-    let (mut slow, mut slow_rates) = (0.0_f64, 0.0_f64);
-    let (mut fast, mut fast_times) = (0.0_f64, 0.0_f64);
-    let mut least = 0.0_f64;
-    for k in (-MOST..0).rev() {
+    let (mut slow_distances, mut fast_times) = (0.0_f64, 0.0_f64);
+    for k in (i32::MIN..0).rev() {
         let (modulus, rate, d) = node(k);
-        least = least.min(modulus);
-        if d * step > STANDING {
+        if d > STANDING * unit {
             elements.push(Element { modulus, rate: rate * step });
             continue;
         }
-        (slow, slow_rates) = (slow + modulus, slow_rates + modulus * rate);
-        if modulus <= NEGLIGIBLE * slow || d < 1e-290 {
+        slow_distances += modulus * d;
+        if (modulus * d).abs() <= NEGLIGIBLE * slow_distances.abs() || d < 1e-290 {
             break;
         }
     }
-    for k in 0..MOST {
+    for k in 0..i32::MAX {
         let (modulus, rate, d) = node(k);
-        least = least.min(modulus);
-        if d * step < IMMEDIATE {
+        if d < IMMEDIATE * unit {
             elements.push(Element { modulus, rate: rate * step });
             continue;
         }
-        (fast, fast_times) = (fast + modulus / rate, fast_times + modulus / (rate * rate));
-        if modulus / rate <= NEGLIGIBLE * fast || d > 1e290 {
+        let times = modulus / rate / rate;
+        fast_times += times;
+        if times.abs() <= NEGLIGIBLE * fast_times.abs() || d > 1e290 {
             break;
         }
     }
-    if slow > 0.0 {
-        elements.push(Element { modulus: slow, rate: slow_rates / slow * step });
-    }
-    if fast > 0.0 {
-        // Σ g/r and Σ g/r² are preserved.
-        let rate = fast / fast_times;
-        elements.push(Element { modulus: fast * rate, rate: rate * step });
-    }
+    let [slow, fast] = rests(transfer, &elements, step, cut.start, [slow_distances, fast_times]);
+    elements.extend([slow, fast].into_iter().flatten());
     let largest = elements.iter().fold(0.0_f64, |most, element| most.max(element.modulus));
-    if least < -1e-12 * largest {
+    if elements.iter().any(|element| element.modulus < -1e-12 * largest) {
         return Err(ACTIVE);
     }
-    elements.retain(|element| element.modulus > 0.0);
+    // What is left of a NaN is found by the comparison with the weights.
+    elements.retain(|element| element.modulus.is_nan() || element.modulus > 0.0);
     Ok(elements)
+}
+
+/// The elements slower and faster than those between, each part merged to one: S/(s + a + δ) and G/(s + r).
+///
+/// Their sums need not converge within the numbers there are (for β near 0 and 1 they go like d^{±0.001}),
+/// but R(s) is known: with those between taken off, R(s) = S/(s + a + δ) + F − T s at two places s gives
+/// S = Σ g and F = Σ g/r, where the sums S δ = Σ g d and T = Σ g/r² do converge. `None` for a part within the
+/// rounding of R.
+fn rests(
+    transfer: &TransferFunction,
+    between: &[Element],
+    step: f64,
+    start: f64,
+    [slow_distances, fast_times]: [f64; 2],
+) -> [Option<Element>; 2] {
+    const ROUNDING: f64 = 3e-14;
+    let unit = start + step.recip();
+    let at = |s: f64| {
+        let whole = transfer.value(Complex::new(s, 0.0)).re / s;
+        let taken = between.iter().map(|element| element.modulus / (s + element.rate / step)).sum::<f64>();
+        let near = s + start;
+        (whole, whole - taken + slow_distances / (near * near) + fast_times * s, near.recip())
+    };
+    let ((_, low, low_factor), (whole, high, high_factor)) = (at(1e-4 * unit), at(unit));
+    let slow = (low - high) / (low_factor - high_factor);
+    let fast = high - slow * high_factor;
+    let counts = |part: f64| part.is_nan() || part.abs() > ROUNDING * whole;
+    let slow = counts(slow * high_factor)
+        .then(|| Element { modulus: slow, rate: (start + slow_distances / slow) * step });
+    let fast = counts(fast).then(|| {
+        let rate = (fast / fast_times).clamp(IMMEDIATE * unit, DASHPOT * unit);
+        Element { modulus: fast * rate, rate: rate * step }
+    });
+    [slow, fast]
+}
+
+/// Compares elements with the weights of a run, and with K(s) for what happens later than those.
+///
+/// # Errors
+/// If they differ, with the difference.
+fn agreement(
+    transfer: &TransferFunction,
+    elements: &[Element],
+    (rule, multistep): (Rule, MultistepRule),
+    time: &TimeGrid,
+) -> Result<(), String> {
+    let weights = multistep_weights(transfer, multistep, time.step, false, time.steps.clamp(1, COMPARED))
+        .map_err(|error| error.to_string())?;
+    let found =
+        larger(difference(elements, rule, &weights), later(transfer, elements, time.step, time.steps));
+    if found <= AGREEMENT {
+        Ok(())
+    } else {
+        Err(format!("whose elements are off its weights by {found:.1e}"))
+    }
+}
+
+/// The larger of two errors, or NaN.
+fn larger(a: f64, b: f64) -> f64 {
+    if a.is_nan() || a > b { a } else { b }
+}
+
+/// Largest difference of the elements' weights from those of the rule, and of their sums, in units of the sum
+/// of the sizes of the latter so far.
+fn difference(elements: &[Element], rule: Rule, weights: &[f64]) -> f64 {
+    let mut made = vec![0.0; weights.len()];
+    for element in elements {
+        element.add_weights(rule, &mut made);
+    }
+    let (mut sum, mut size, mut worst) = (0.0_f64, 0.0, 0.0);
+    for (made, weight) in made.iter().zip(weights) {
+        let off = made - weight;
+        sum += off;
+        size += weight.abs();
+        worst = larger(worst, larger(off.abs(), sum.abs()) / size);
+    }
+    worst
+}
+
+/// Largest difference of Σ g s/(s + r) from K(s) at real s from 1/(the run's length) to 1/h, in units of
+/// K(1/h).
+fn later(transfer: &TransferFunction, elements: &[Element], step: f64, steps: usize) -> f64 {
+    const PLACES: i32 = 10;
+    let kernel = |s: f64| transfer.value(Complex::new(s, 0.0)).re;
+    let ratio = (steps.max(1) as f64).powf(-f64::from(PLACES).recip());
+    let size = kernel(step.recip()).abs();
+    (0..=PLACES).fold(0.0, |worst, place| {
+        let x = ratio.powi(place);
+        let made = elements.iter().map(|element| element.modulus * (x / (x + element.rate))).sum::<f64>();
+        larger(worst, (made - kernel(x / step)).abs() / size)
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numerics::multistep_rule::MultistepRule;
-    use crate::numerics::multistep_weights::multistep_weights;
     use crate::scenario::kernel_of_symbol;
     use fvi_core::BdfOrder;
 
@@ -337,14 +455,46 @@ mod tests {
     }
 
     /// The force in a step with the increment d from the previous states to the state v.
-    fn force(element: &Element, rule: Rule, [before, earlier]: &[Vec<f64>; 2], (d, v): (f64, f64)) -> f64 {
-        let (v1, v2) = (before[0], earlier[0]);
+    fn force(element: &Element, rule: Rule, [v1, v2]: [f64; 2], d: f64, v: f64) -> f64 {
         element.modulus
             * match rule {
                 Rule::One => 0.5 * (v + v1),
                 Rule::Trapezoidal => (d + 4.0 * v1) / (2.0 + element.rate),
                 Rule::Two => 3.0 * v + 2.0 * v1 - v2,
             }
+    }
+
+    /// Largest error of the force by the double sum, and of the balance, over some steps.
+    fn errors(elements: &[Element], rule: Rule, weights: &[f64], jumps: bool) -> [f64; 2] {
+        let one = SymmetricMatrix::Diagonal(vec![1.0]);
+        let path = |k: usize| 1.0 + 0.2 * (0.7 * k as f64).sin() + 0.001 * (k as f64).powf(1.5);
+        let start = if jumps { 0.0 } else { path(0) };
+        let sample = |k: usize| 0.5 * (path(k) + path(k + 1)) - start;
+        let jump = [path(0) - start];
+        let mut states: Vec<_> = elements.iter().map(|element| element.after_a_jump(rule, &jump)).collect();
+        let mut stored: f64 =
+            elements.iter().zip(&states).map(|(e, state)| e.stored(rule, state, &one)).sum();
+        let [mut of_force, mut of_balance] = [0.0; 2];
+        for k in 0..weights.len() {
+            let increment = path(k + 1) - path(k);
+            let (mut found, mut lost, mut after) = (0.0, 0.0, 0.0);
+            for (element, state) in elements.iter().zip(&mut states) {
+                let old = [state[0][0], state[1][0]];
+                let dissipated = element.advance(rule, &[increment], state, &one);
+                assert!(dissipated >= 0.0);
+                lost += dissipated;
+                after += element.stored(rule, state, &one);
+                found += force(element, rule, old, increment, state[0][0]);
+            }
+            let known: f64 = (0..=k).map(|n| weights[n] * sample(k - n)).sum();
+            let size: f64 = (0..=k).map(|n| (weights[n] * sample(k - n)).abs()).sum();
+            of_force = larger(of_force, (found - known).abs() / size);
+            let work = known * increment;
+            let scale = size * increment.abs() + after + stored + lost;
+            of_balance = larger(of_balance, (work - (after - stored) - lost).abs() / scale);
+            stored = after;
+        }
+        [of_force, of_balance]
     }
 
     #[test]
@@ -360,7 +510,6 @@ mod tests {
             kernel_of_symbol("s^0.5/(1 + s^0.5) + 0.3*s^0.8").unwrap(),
         ];
         const STEPS: usize = 400;
-        let one = SymmetricMatrix::Diagonal(vec![1.0]);
         for transfer in &kernels {
             let elements = elements(transfer, STEP).unwrap();
             for (rule, multistep) in rules() {
@@ -369,38 +518,66 @@ mod tests {
                     if jumps && rule == Rule::Trapezoidal && transfer.growth() > 0.0 {
                         continue;
                     }
-                    let path = |k: usize| 1.0 + 0.2 * (0.7 * k as f64).sin() + 0.001 * (k as f64).powf(1.5);
-                    let start = if jumps { 0.0 } else { path(0) };
-                    let samples: Vec<f64> =
-                        (0..STEPS).map(|k| 0.5 * (path(k) + path(k + 1)) - start).collect();
-                    let jump = [path(0) - start];
-                    let mut states: Vec<_> =
-                        elements.iter().map(|element| element.after_a_jump(rule, &jump)).collect();
-                    let mut stored: f64 =
-                        elements.iter().zip(&states).map(|(e, state)| e.stored(rule, state, &one)).sum();
-                    for k in 0..STEPS {
-                        let increment = path(k + 1) - path(k);
-                        let (mut found, mut lost, mut after) = (0.0, 0.0, 0.0);
-                        for (element, state) in elements.iter().zip(&mut states) {
-                            let old = state.clone();
-                            let dissipated = element.advance(rule, &[increment], state, &one);
-                            assert!(dissipated >= 0.0);
-                            lost += dissipated;
-                            after += element.stored(rule, state, &one);
-                            found += force(element, rule, &old, (increment, state[0][0]));
-                        }
-                        let known: f64 = (0..=k).map(|n| weights[n] * samples[k - n]).sum();
-                        let size: f64 = (0..=k).map(|n| (weights[n] * samples[k - n]).abs()).sum();
-                        let at = format!("{transfer}, {rule:?}, {jumps}, {k}");
-                        assert!((found - known).abs() < 2e-13 * size, "{at}: {found} {known}");
-                        let work = found * increment;
-                        let error = (work - (after - stored) - lost).abs();
-                        assert!(error < 1e-12 * (work.abs() + after + stored + lost), "{at}: {error:e}");
-                        stored = after;
-                    }
+                    let [force, balance] = errors(&elements, rule, &weights, jumps);
+                    assert!(force < 2e-13, "{transfer}, {rule:?}, {jumps}: {force:e}");
+                    assert!(balance < 1e-12, "{transfer}, {rule:?}, {jumps}: {balance:e}");
                 }
             }
         }
+    }
+
+    #[test]
+    fn elements_at_the_edges_of_parameters_make_up_the_weights_or_are_refused() {
+        let ends = [0.001, 0.01, 0.025, 0.3, 0.9, 0.95, 0.99, 0.999];
+        let (power, tempered) = (TransferFunction::power, TransferFunction::tempered);
+        let (maxwell, havriliak) = (TransferFunction::maxwell, TransferFunction::havriliak_negami);
+        let symbol = |text: String| kernel_of_symbol(&text).unwrap();
+        let mut kernels = vec![symbol("s^0.97 + 0.2*s^0.99".to_owned())];
+        for order in ends {
+            kernels.push(power(order).unwrap());
+            kernels.extend([1e-6, 0.3, 1e4, 1e12].map(|rate| tempered(order, rate).unwrap()));
+            kernels.extend([1e-4, 0.5, 1e5].map(|time| maxwell(order, 0.0, time).unwrap()));
+            kernels.push(maxwell(order, 0.5 * order, 0.3).unwrap());
+            kernels.extend([0.001, 0.3, 0.999].map(|power| havriliak(order, power, 0.4).unwrap()));
+            kernels.extend([1e-4, 0.4, 1e4].map(|time| havriliak(1.0, order, time).unwrap()));
+            kernels.push(symbol(format!("0.2*s^{order:?} + s^0.5/(1 + s^0.5)")));
+        }
+        kernels.push(TransferFunction::prony(&[1e-9, 3.0, 1e6], &[1e9, 0.05, 1e-9]).unwrap());
+        let (mut wrong, mut refused) = (Vec::new(), Vec::new());
+        for transfer in &kernels {
+            let elements = match elements(transfer, STEP) {
+                Ok(elements) => elements,
+                Err(reason) => {
+                    refused.push(format!("{transfer}: {reason}"));
+                    continue;
+                }
+            };
+            for (rule, multistep) in rules() {
+                let weights = multistep_weights(transfer, multistep, STEP, false, COMPARED).unwrap();
+                let [off, late] =
+                    [difference(&elements, rule, &weights), later(transfer, &elements, STEP, 100_000)];
+                let [force, balance] = errors(&elements, rule, &weights[..16], false);
+                if larger(off, late) > 5e-13
+                    || larger(force, balance) > AGREEMENT
+                    || (off + late + force + balance).is_nan()
+                {
+                    wrong.push(format!(
+                        "{transfer}, {rule:?}, {}: {off:.1e} {late:.1e} {force:.1e} {balance:.1e}",
+                        elements.len()
+                    ));
+                }
+            }
+        }
+        assert!(
+            wrong.is_empty(),
+            "{} of {}:\n{}\n{}",
+            wrong.len(),
+            3 * kernels.len(),
+            wrong.join("\n"),
+            refused.join("\n")
+        );
+        let known = |reason: &String| reason.contains("too narrow") || reason.contains("s^");
+        assert!(refused.iter().all(known), "{refused:#?}");
     }
 
     #[test]
