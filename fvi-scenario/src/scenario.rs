@@ -128,6 +128,20 @@ impl Scenario {
         self.scheme.descriptor(self.convolution.family)
     }
 
+    /// Order in h of positions and momenta on steps of any length.
+    ///
+    /// That of the scheme, but for variational schemes at most w + 2 − β, w the stage order of the Runge–Kutta
+    /// family and β the largest order of the damping: the quadrature at the stages has no higher one.
+    pub fn order_of_varying_steps(&self) -> f64 {
+        let descriptor = self.scheme_descriptor();
+        let order = descriptor.order as f64;
+        let Some(method) = self.convolution.family.staged().filter(|_| descriptor.is_variational) else {
+            return order;
+        };
+        let growth = self.system.damping.iter().map(|term| term.transfer.growth());
+        growth.fold(order, |order, growth| order.min(method.stage_order() as f64 + 2.0 - growth))
+    }
+
     /// Reads and checks a scenario file.
     ///
     /// # Errors

@@ -8,6 +8,7 @@ pub mod columns;
 pub mod control;
 mod crossings;
 pub mod energy_guard;
+mod error_budget;
 pub mod events;
 mod forces_of_time;
 #[cfg(test)]

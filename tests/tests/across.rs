@@ -4,6 +4,7 @@
 mod collocation;
 mod conformance;
 mod documented_keys;
+mod edges;
 mod engines;
 mod exponential_sum;
 mod failures;

@@ -26,6 +26,14 @@ impl StagedMethod {
         }
     }
 
+    /// Order of the values at its stages.
+    pub fn stage_order(self) -> usize {
+        match self {
+            Self::RadauIia(stages) => stages,
+            Self::LobattoIiic(stages) => stages - 1,
+        }
+    }
+
     /// The family's name in headings and tables.
     pub fn family(self) -> &'static str {
         match self {

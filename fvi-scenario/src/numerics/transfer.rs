@@ -297,6 +297,25 @@ impl TransferFunction {
         }
     }
 
+    /// γ ≤ 1 if a coordinate without mass that this kernel holds begins to creep like t^γ: μ where K grows,
+    /// otherwise the power with which K(∞) − K(s) ~ s^{−γ} vanishes.
+    pub fn creep_power(&self) -> f64 {
+        let power = match &self.form {
+            Form::HavriliakNegami { order, power, .. } => order * power,
+            Form::Maxwell { order, inner: 0.0, .. } => *order,
+            Form::Prony { .. } | Form::Weights(_) => 1.0,
+            Form::Formula { growth, .. } if *growth <= 0.0 => {
+                let at = |exponent: f64| self.value(Complex::new(libm::pow(10.0, exponent), 0.0));
+                let [near, far] =
+                    [[at(4.0), at(8.0)], [at(8.0), at(12.0)]].map(|[one, other]| (other - one).norm());
+                // A difference of rounding only is that of a rational function.
+                if far > 1e-11 * at(8.0).norm() { libm::log10(near / far) / 4.0 } else { 1.0 }
+            }
+            _ => self.growth(),
+        };
+        power.min(1.0)
+    }
+
     /// K(s); on the negative real axis the value on its upper side.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
         match &self.form {

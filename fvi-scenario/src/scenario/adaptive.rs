@@ -17,6 +17,12 @@ const SHORTEST: f64 = 1e-12;
 const SHORTEST_OF_ALL: f64 = 1e-30;
 const SMALL_PART: f64 = 0.03;
 
+/// The same where positions of coordinates without mass begin like t^γ, γ < 1. The size of that motion depends
+/// on forces and is not known here; the shortest step, which costs rates of the memory only, suffices for this
+/// multiple of `scale`. Below the bound the square of a step leaves the range of double precision.
+const SHORTEST_OF_CREEP: f64 = 1e-140;
+const LARGEST_CREEP: f64 = 1e3;
+
 /// The first pair of steps, in units of the shortest, if no step is short enough.
 const UNJUDGED: f64 = 1000.0;
 
@@ -48,14 +54,19 @@ pub struct Adaptive {
     pub start: Start,
     /// The first step that the tolerance requires for this behaviour.
     pub asked: f64,
+    /// The length in which a creep like t^γ of the size `scale` at the end stays within the tolerance; the end
+    /// without one.
+    pub creep: f64,
     /// The first pair of steps, if the required step is too short to be made and the scenario does not give
     /// the shortest; see [`momenta_from`](Self::momenta_from).
     pub unjudged: Option<f64>,
 }
 
-/// Behaviour of the momentum at the start: like c m t^e, m the mass.
+/// Behaviour at the start: of the momentum like c m t^e, m the mass, of positions without mass like t^γ.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
+    /// γ, the smallest of all such coordinates, at most 1.
+    pub creep: f64,
     /// e, at most 1.
     pub power: f64,
     /// c, the largest of all terms; zero if e is 1.
@@ -79,9 +90,14 @@ impl Adaptive {
         let most = (start.size * libm::pow(end, start.power)).max(scale);
         let small = SMALL_PART * tolerance * (scale / most);
         let asked = if start.power < 1.0 { libm::pow(small, 1.0 / start.power) * end } else { end };
+        let part_of_creep = |size: f64| match start.creep {
+            creep if creep < 1.0 => libm::pow(SMALL_PART * tolerance / size, 1.0 / creep) * end,
+            _ => end,
+        };
         let shortest = positive("shortest")?.unwrap_or_else(|| {
             (SHORTEST * end)
                 .min(asked.max(SHORTEST_OF_ALL * end))
+                .min(part_of_creep(LARGEST_CREEP).max(SHORTEST_OF_CREEP * end))
                 .min(first.map_or(f64::INFINITY, |first| SHORTER_THAN_FIRST * first))
                 .min(longest.map_or(f64::INFINITY, |longest| SHORTER_THAN_FIRST * longest))
         });
@@ -105,7 +121,8 @@ impl Adaptive {
         }
         let is_out_of_reach = asked < shortest && table.optional("shortest").is_none();
         let unjudged = is_out_of_reach.then_some(UNJUDGED * shortest);
-        Ok(Self { end, tolerance, first, shortest, longest, scale, start, asked, unjudged })
+        let creep = part_of_creep(1.0);
+        Ok(Self { end, tolerance, first, shortest, longest, scale, start, asked, creep, unjudged })
     }
 
     /// Time from which momenta are held to the tolerance, if that is later than the start.
@@ -139,7 +156,7 @@ impl Adaptive {
             moved.fold(0.0_f64, |most, (force, mass)| most.max((force / mass).abs()))
         };
         let terms = system.damping.iter().filter(|term| term.derivative == Derivative::RiemannLiouville);
-        let mut start = Start { power: 1.0, size: 0.0 };
+        let mut start = Start { creep: Self::creep(system), power: 1.0, size: 0.0 };
         for term in terms {
             let (power, size) = match term.transfer.growth() {
                 order if order < 1.0 => (1.0 - order, by_mass(term.coefficient.times(&initial.position))),
@@ -157,10 +174,28 @@ impl Adaptive {
                 _ => continue,
             };
             if size > 0.0 && power < 1.0 {
-                start = Start { power: start.power.min(power), size: start.size.max(size) };
+                start = Start { power: start.power.min(power), size: start.size.max(size), ..start };
             }
         }
         start
+    }
+
+    /// The smallest power of t with which a coordinate without mass begins to move, at most 1: that of the
+    /// kernel on its own motion that grows fastest.
+    fn creep(system: &System) -> f64 {
+        let mut held: Vec<Option<(f64, f64)>> = vec![None; system.coordinates()];
+        for term in &system.damping {
+            let (growth, power) = (term.transfer.growth(), term.transfer.creep_power());
+            for (held, entry) in held.iter_mut().zip(term.coefficient.diagonal()) {
+                // Of two that grow alike the one that begins more steeply.
+                let beats = |(most, least): (f64, f64)| growth > most || (growth == most && power < least);
+                if entry != 0.0 && held.is_none_or(beats) {
+                    *held = Some((growth, power));
+                }
+            }
+        }
+        let massless = system.massless();
+        massless.iter().filter_map(|&row| held[row]).fold(1.0, |least, (_, power)| power.min(least))
     }
 
     /// The smallest tolerance in a precision with this rounding unit.

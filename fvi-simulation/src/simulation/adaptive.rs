@@ -2,6 +2,7 @@
 
 use super::breaks::Breaks;
 use super::crossings::{Crossings, Standing, Verdict};
+use super::error_budget::ErrorBudget;
 use super::step_control::StepControl;
 use super::{GridState, Precision, Simulation};
 use crate::language::{InputError, Problem};
@@ -9,15 +10,11 @@ use crate::scenario::{Adaptive, Scenario};
 use fvi_core::{StateError, StepError};
 use serde::{Deserialize, Serialize};
 
-/// Factor between the difference of two half steps and the whole step and the assumed error of the half
-/// steps.
-///
-/// For a smooth motion the error is 1/(2^k − 1) of the difference, for a singular start up to a quarter. The
-/// remaining margin allows for the accumulation of errors in undamped motions.
-const SHARE: f64 = 2.0;
-
 /// The first attempt without other information, as a fraction of the end, times √tolerance.
 const FIRST: f64 = 1e-3;
+
+/// The shortest step in single precision, as a fraction of the end.
+const SHORTEST_IN_SINGLE: f64 = 1e-30;
 
 /// Largest number of attempts at one step.
 const MOST_ATTEMPTS: usize = 60;
@@ -49,8 +46,8 @@ pub(crate) struct AdaptiveSteps<'s> {
     place_inside: f64,
     /// Weights of the differences of positions and momenta inside a step.
     share_inside: [f64; 2],
-    /// Orders of the error in the length of the step: at its end, and inside it.
-    orders: [f64; 2],
+    /// Order of the error inside a step in its length.
+    order_inside: f64,
     /// Whether the simulation is at the end of the pair while its second half has not been returned yet.
     ahead: bool,
     /// Iterations of Newton's method in that half.
@@ -61,6 +58,7 @@ pub(crate) struct AdaptiveSteps<'s> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
     control: StepControl,
+    budget: ErrorBudget,
     /// Length and end of the second half of the current pair, if its first half has been returned.
     second: Option<(f64, f64)>,
     time: f64,
@@ -114,11 +112,23 @@ impl<'s> AdaptiveSteps<'s> {
                 format!("at least {smallest:.1e} in single precision, whose rounding decides below");
             return Err(scenario.error_at("time.tolerance", Problem::OutOfRange { allowed }));
         }
+        if precision == Precision::F32 && rule.shortest < SHORTEST_IN_SINGLE * rule.end {
+            let allowed = format!(
+                "at least {:.1e} in single precision, whose range ends below (absent, it is {:.1e}, for a start like t^{:.3})",
+                SHORTEST_IN_SINGLE * rule.end,
+                rule.shortest,
+                rule.start.creep
+            );
+            return Err(scenario.error_at("time.shortest", Problem::OutOfRange { allowed }));
+        }
         let first = rule.first.map_or(FIRST * rule.tolerance.sqrt() * rule.end, |first| 2.0 * first);
         let first = rule.unjudged.unwrap_or(first);
+        let first = if rule.first.is_none() { first.min(2.0 * rule.creep) } else { first };
         let scheme = scenario.scheme_descriptor();
-        let orders = [scheme.order as f64 + 1.0, scheme.order_inside as f64];
-        let control = StepControl::new(orders[0], first.max(2.0 * rule.shortest));
+        let order_inside = scheme.order_inside as f64;
+        let budget = ErrorBudget::new(scenario.order_of_varying_steps());
+        let control =
+            StepControl::new(budget.order_of_pairs(), rule.start.creep, first.max(2.0 * rule.shortest));
         let largest =
             [&start.position, &start.momentum].map(|numbers| numbers.iter().map(|x| x.abs()).collect());
         let counts = Counts { rejected: 0, attempts: 0, smallest: f64::INFINITY, largest: 0.0 };
@@ -140,7 +150,7 @@ impl<'s> AdaptiveSteps<'s> {
         );
         let standing = crossings.as_ref().map(|crossings| crossings.standing().clone());
         let progress =
-            Progress { control, second: None, time: 0.0, largest, counts, at_break: true, standing };
+            Progress { control, budget, second: None, time: 0.0, largest, counts, at_break: true, standing };
         Ok(Some(Self {
             breaks: Breaks::of(scenario, rule.shortest),
             crossings,
@@ -160,10 +170,10 @@ impl<'s> AdaptiveSteps<'s> {
             // The polynomial of half the step is more accurate by the same ratio. Galerkin's has momenta of
             // low order, which are not held to the tolerance.
             share_inside: match scheme.has_momentum_inside {
-                true => [libm::pow(2.0, -orders[1]); 2],
-                false => [libm::pow(2.0, -orders[1]), 0.0],
+                true => [libm::pow(2.0, -order_inside); 2],
+                false => [libm::pow(2.0, -order_inside), 0.0],
             },
-            orders,
+            order_inside,
             ahead: false,
             iterations_ahead: 0,
         }))
@@ -227,6 +237,7 @@ impl<'s> AdaptiveSteps<'s> {
 
     /// Makes pairs until one is accurate enough, and writes the state between its halves.
     fn attempt(&mut self, simulation: &mut Simulation, middle: &mut GridState) -> Result<u32, String> {
+        self.check_outlook()?;
         let time = self.progress.time;
         let input = self.input(time);
         if let Some(crossings) = &mut self.crossings {
@@ -271,7 +282,7 @@ impl<'s> AdaptiveSteps<'s> {
             self.progress.counts.attempts += 1;
             let made = self.make_pair(simulation, (half, between, end), input, middle);
             let error = match made {
-                Ok(_) => Some(self.error()),
+                Ok(_) => Some(self.error([time, end])),
                 Err(AttemptError::Step(_)) => None,
                 Err(AttemptError::State(error)) => return Err(error.to_string()),
             };
@@ -312,6 +323,9 @@ impl<'s> AdaptiveSteps<'s> {
                 }
                 (self.progress.second, self.progress.time, self.ahead) = (Some((half, end)), between, true);
                 self.progress.at_break = at_break;
+                if at_break {
+                    self.progress.budget.pass(end);
+                }
                 self.progress.standing =
                     self.crossings.as_ref().map(|crossings| crossings.standing().clone());
                 return Ok(*iterations);
@@ -329,22 +343,50 @@ impl<'s> AdaptiveSteps<'s> {
                 break;
             }
         }
-        if time == 0.0 && self.rule.asked < self.rule.shortest && self.rule.unjudged.is_none() {
-            let power = self.rule.start.power;
-            return Err(format!(
-                "{}, with steps of {tried:.1e} even: Riemann–Liouville damping from an initial state that is not zero lets the momentum \
-                 begin like t^{power:.3}, and `time.tolerance` asks for a first step of {:.1e}, shorter than `time.shortest`; without \
-                 that key it is made, or momenta are held to the tolerance from a later time on, which is said",
-                worst.unwrap_or_default(),
-                self.rule.asked
-            ));
+        Err(self.too_rough(&worst.unwrap_or_default(), tried))
+    }
+
+    /// The message that no step is accurate enough, down to the one tried last.
+    fn too_rough(&self, worst: &str, tried: f64) -> String {
+        let Adaptive { start, asked, shortest, creep, .. } = self.rule;
+        let is_start = self.progress.time == 0.0;
+        if is_start && asked < shortest && self.rule.unjudged.is_none() {
+            return format!(
+                "{worst}, with steps of {tried:.1e} even: Riemann–Liouville damping from an initial state that is not zero lets the \
+                 momentum begin like t^{:.3}, and `time.tolerance` asks for a first step of {asked:.1e}, shorter than `time.shortest`; \
+                 without that key it is made, or momenta are held to the tolerance from a later time on, which is said",
+                start.power
+            );
         }
-        Err(format!(
-            "{}, with steps of {:.1e} even, the shortest here (`time.shortest`): a jump of a force belongs on a grid point \
-             (`time.must_hit`), and a tolerance above what rounding leaves",
-            worst.unwrap_or_default(),
-            tried
-        ))
+        if is_start && creep < shortest {
+            return format!(
+                "{worst}, with steps of {tried:.1e} even, the shortest here (`time.shortest`): a coordinate without mass begins to move \
+                 like t^{:.3}, and `time.tolerance` asks for a first step of {creep:.1e}",
+                start.creep
+            );
+        }
+        format!(
+            "{worst}, with steps of {tried:.1e} even, the shortest here (`time.shortest`): a jump of a force belongs on a grid point \
+             (`time.must_hit`), and a tolerance above what rounding leaves"
+        )
+    }
+
+    /// # Errors
+    /// The reason if the steps of a run will not suffice.
+    fn check_outlook(&mut self) -> Result<(), String> {
+        let Self { rule, progress, scenario, .. } = self;
+        let steps = 2 * (progress.counts.attempts - progress.counts.rejected);
+        let (most, order) = (scenario.time.steps, scenario.order_of_varying_steps());
+        let asked = (rule.end, most);
+        match progress.budget.out_of_reach((steps, progress.time), asked) {
+            None => Ok(()),
+            Some(all) => Err(format!(
+                "some {all:.0e} steps would be needed up to the end, and a run makes at most {most:.0e}: with this scheme, of order \
+                 {order:.2}, they become fewer like `time.tolerance` to the power −{:.2}; take a larger tolerance, or a scheme of a \
+                 higher order",
+                1.0 / order
+            )),
+        }
     }
 
     /// Makes the whole step, restores the state, and makes the half steps. Leaves the simulation at the end.
@@ -377,17 +419,18 @@ impl<'s> AdaptiveSteps<'s> {
         Ok(iterations)
     }
 
-    /// The error of the halves in units of the tolerance: the largest of all positions and momenta, at the
+    /// The error of the halves of a pair as a multiple of what it may be: the largest of all positions and momenta, at the
     /// end and inside.
-    fn error(&self) -> f64 {
+    fn error(&self, pair: [f64; 2]) -> f64 {
         let is_judged = self.rule.longest_unjudged(self.progress.time).is_none();
         let of_momenta = if is_judged { 1.0 } else { 0.0 };
-        let at_end = SHARE * self.largest_difference(&self.whole, &self.end, [1.0, of_momenta]);
+        let at_end =
+            self.progress.budget.of(self.largest_difference(&self.whole, &self.end, [1.0, of_momenta]), pair);
         let inside = self.inside.as_ref().map_or(0.0, |[whole, of_half]| {
             let [positions, momenta] = self.share_inside;
             let error = self.largest_difference(whole, of_half, [positions, of_momenta * momenta]);
             // Rescaled to the same dependence on the length as the other.
-            libm::pow(error, self.orders[0] / self.orders[1])
+            libm::pow(error, self.progress.budget.order_of_pairs() / self.order_inside)
         });
         if inside > at_end || inside.is_nan() { inside } else { at_end }
     }

@@ -21,8 +21,8 @@ const FADING: f64 = 0.97;
 const FADING_WHEN_LOW: f64 = 1e-3;
 const LOW: f64 = 0.05;
 
-/// Order of the error, in its length, of a step that begins with a jump or at t = 0: that for a motion like
-/// t^{5/2}. For smoother motions the step is too short at first, and grows.
+/// Largest order of the error, in its length, of a step that begins with a jump or at t = 0: that for a motion
+/// like t^{5/2}. For smoother motions the step is too short at first, and grows.
 const SINGULAR_ORDER: f64 = 2.5;
 
 /// The controller of adaptive steps.
@@ -40,6 +40,8 @@ const SINGULAR_ORDER: f64 = 2.5;
 pub(super) struct StepControl {
     /// k
     order: f64,
+    /// The same for a step that begins with a jump or at t = 0.
+    singular_order: f64,
     /// The length to try next.
     proposed: f64,
     /// Length and error of the last accepted step.
@@ -57,10 +59,12 @@ pub(super) struct StepControl {
 }
 
 impl StepControl {
-    /// A controller for steps whose error has the given order in their length, with the first length.
-    pub(super) fn new(order: f64, first: f64) -> Self {
+    /// A controller for steps whose error has the given order in their length, with the first length;
+    /// `singular`: the smallest power of t with which a coordinate begins to move.
+    pub(super) fn new(order: f64, singular: f64, first: f64) -> Self {
         Self {
             order,
+            singular_order: if singular < 1.0 { singular } else { SINGULAR_ORDER },
             proposed: first,
             before: None,
             at_break: true,
@@ -94,7 +98,7 @@ impl StepControl {
         let bound = SAFETY * libm::pow(self.hardest.max(f64::MIN_POSITIVE), -1.0 / self.order);
         let next = (length * factor.clamp(MOST_SHRINKING, most)).min(bound);
         if self.at_break {
-            let singular = 0.5 * libm::pow(error, -1.0 / SINGULAR_ORDER);
+            let singular = 0.5 * libm::pow(error, -1.0 / self.singular_order);
             self.after_break = Some(length * singular.clamp(0.5, MOST_GROWTH_AFTER_BREAK));
         }
         // A step shortened to end at a break is no reason against longer ones.
@@ -114,8 +118,9 @@ impl StepControl {
     pub(super) fn reject(&mut self, length: f64, error: Option<f64>) {
         let factor = match error {
             Some(error) if self.at_break => {
-                let factor = 0.5 * libm::pow(error, -1.0 / SINGULAR_ORDER);
-                factor.clamp(MOST_SHRINKING_AFTER_BREAK, 0.5)
+                let factor = 0.5 * libm::pow(error, -1.0 / self.singular_order);
+                let least = libm::pow(MOST_SHRINKING_AFTER_BREAK, SINGULAR_ORDER / self.singular_order);
+                factor.clamp(least, 0.5)
             }
             Some(error) => {
                 self.hardest = self.hardest.max(error / libm::pow(length, self.order));
@@ -136,7 +141,7 @@ mod tests {
     /// Lengths and number of rejections over [0, end] if a step from t of length h has the error `error(t,
     /// h)`.
     fn run(order: f64, first: f64, end: f64, error: impl Fn(f64, f64) -> f64) -> (Vec<f64>, usize) {
-        let mut control = StepControl::new(order, first);
+        let mut control = StepControl::new(order, 1.0, first);
         let (mut time, mut lengths, mut rejected) = (0.0, Vec::new(), 0);
         while time < end {
             let length = control.proposed();

@@ -1,0 +1,3 @@
+//! Laws at the edges of their parameters.
+
+mod tolerance;
