@@ -31,8 +31,9 @@ pub enum Derivative {
 pub struct Sample<'a, T> {
     /// Main node q_k at the beginning of the step.
     pub from: &'a [T],
-    /// q_k − X_{k−1,i}, the offsets of q_k from the nodes of the previous sample, R·N numbers. Empty if the
-    /// previous sample is the main node q_k.
+    /// q_k − X_{k−1,i}, the offsets of q_k from the nodes of the previous sample, R·N numbers; before the first
+    /// sample those from the rest of Caputo's type, zero unless the position jumped. Empty if the previous
+    /// sample is the main node q_k.
     pub behind: &'a [T],
     /// t_k.
     pub time: T,
@@ -284,6 +285,7 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         let velocity = X::slice(&self.initial_velocity);
         let into = sample.fractions.get(j).map_or(T::zero(), |&fraction| fraction * sample.length);
         let first = self.memory.is_empty();
+        let behind = || vectors(sample.behind, sample.from.len()).nth(j).unwrap_or_default();
         let (position, lapse) = match self.memory.acts_on() {
             ActsOn::Values => {
                 let time = sample.time + into;
@@ -298,13 +300,12 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
                 }
                 return;
             }
+            // What lies behind a first sample is a jump of the position at the start.
             ActsOn::Increments | ActsOn::Rises if first => {
                 let from_rest = !matches!(self.start, Subtraction::Nothing);
-                (if from_rest { &[] } else { sample.from }, into)
+                (if from_rest { behind() } else { sample.from }, into)
             }
-            ActsOn::Increments => {
-                (vectors(sample.behind, sample.from.len()).nth(j).unwrap_or_default(), sample.length)
-            }
+            ActsOn::Increments => (behind(), sample.length),
             ActsOn::Rises => (&[][..], into),
         };
         add_multiple(out, factor, position);

@@ -11,7 +11,7 @@ use crate::memory::MemoryError;
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
 use crate::scheme::{Outcome, Rounding, Sampling, Scheme, State, Step, StepError, conclude};
-use crate::space::{Block, Space, part_mut};
+use crate::space::{Block, Space, part_mut, vectors_mut};
 use crate::system::{Force, Mechanics, Potential, System};
 
 /// Integrates d/dt ∂L/∂v − ∂L/∂q = F + u − Σ_m ρ_m D₋^{β_m} q step by step.
@@ -335,6 +335,27 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         state.step += 1;
         self.anchor = (self.state.step, end);
         Ok(())
+    }
+
+    /// Moves the position at once, at the present time: the memories see a jump of the motion. At the start
+    /// they are at rest at the position before it.
+    ///
+    /// For schemes whose memories store nodes ([`Sampling::Nodes`]); with main nodes for coordinates that no
+    /// damping acts on.
+    pub fn jump_to(&mut self, position: &X::Vector) {
+        let coordinates = X::slice(position).len();
+        let stored = match self.scheme.sampling() {
+            Sampling::MainNodes => 0,
+            Sampling::Nodes(fractions) => fractions.len() * coordinates,
+        };
+        let behind = part_mut(S::carried_mut(&mut self.storage), stored);
+        let from = X::slice(&self.state.position);
+        for offsets in vectors_mut(behind, coordinates) {
+            let moved = offsets.iter_mut().zip(X::slice(position).iter().zip(from));
+            moved.for_each(|(offset, (&to, &from))| *offset += to - from);
+        }
+        X::slice_mut(&mut self.state.position).copy_from_slice(X::slice(position));
+        X::slice_mut(&mut self.state.rounding.position).fill(T::zero());
     }
 
     /// Time t_k of the present state: k h where all steps had the step size h and the first began at 0.

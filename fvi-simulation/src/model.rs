@@ -35,7 +35,7 @@ pub use elements::Elements;
 pub use energies::{EnergyRoom, States};
 pub use force_moments::{ForceMoments, StepLengths};
 pub use loads::Loads;
-pub(crate) use massless::{Equilibrium, MasslessRows};
+pub(crate) use massless::{Direction, Equilibrium, MasslessRows};
 pub use matrices::{DenseEquations, DenseFactors, Matrix, Sparse};
 pub use mechanics::{Model, matrix, vector};
 pub(crate) use missed::first_missed;

@@ -36,8 +36,8 @@ use crate::language::expression::Elementary;
 use crate::language::{InputError, Problem};
 use crate::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
 use crate::model::{
-    AnyScheme, AnySpace, ChannelDamping, EnergyRoom, MasslessRows, Matrix, Model, States, Switched,
-    channels_of, follow_alike, term_on_memory, vector,
+    AnyScheme, AnySpace, ChannelDamping, EnergyRoom, Matrix, Model, States, Switched, channels_of,
+    follow_alike, term_on_memory, vector,
 };
 use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, Past, ReportedMomentum, Scenario};
 pub use choice::{Solver, SolverChoice};
@@ -49,6 +49,7 @@ use fvi_core::{
     Stateful, StepError,
 };
 use gyroscopic::Gyroscopic;
+use massless::Placed;
 use momentum_offset::MomentumOffset;
 use nalgebra::DMatrix;
 use piece::{Piece, WithinStep};
@@ -186,7 +187,8 @@ impl Simulation {
         scenario.check_combinations()?;
         forces_of_time::check(scenario)?;
         given_weights::check(scenario)?;
-        let (scenario, massless) = &massless::placed(scenario)?;
+        let (given, placed) = (scenario, massless::placed(scenario)?);
+        let scenario = &*placed.scenario;
         let space = match sparse_space(scenario, choice)? {
             Some(space) => {
                 if choice::is_of_few(scenario, choice) && !stability::is_unconditional(scenario) {
@@ -210,8 +212,8 @@ impl Simulation {
             factor_bytes: plan.factor_bytes(),
         });
         let stepper: Box<dyn Stepper> = match precision {
-            Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, scenario, massless, tables)?),
-            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, scenario, massless, tables)?),
+            Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, given, &placed, tables)?),
+            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, given, &placed, tables)?),
         };
         let (engines, shared) = (stepper.engines(), stepper.shared());
         let warning = if solver == Solver::Dense { dense_warning(scenario) } else { None };
@@ -224,7 +226,7 @@ impl Simulation {
     /// # Errors
     /// If the check is not possible.
     pub fn is_predicted_stable(scenario: &Scenario) -> Result<bool, InputError> {
-        let mut scenario = massless::placed(scenario)?.0.into_owned();
+        let mut scenario = massless::placed(scenario)?.scenario.into_owned();
         scenario.time.allow_unstable = false;
         match check_stability(&scenario) {
             Ok(()) => Ok(true),
@@ -457,23 +459,25 @@ enum Energies {
 }
 
 impl<T: Elementary + Memories> TypedSimulation<T> {
-    /// Builds the integrator from system, scheme and memories.
+    /// Builds the integrator from system, scheme and memories, which are at rest at the position of the
+    /// scenario, and lets it jump to the one `placed`.
     fn new(
         space: AnySpace,
         scenario: &Scenario,
-        massless: &MasslessRows,
+        placed: &Placed<'_>,
         tables: &Tables,
     ) -> Result<Self, InputError> {
         let scheme = AnyScheme::new(scenario).map_err(|error| {
             let allowed = format!("{} ({} given)", error.allowed, error.parameter);
             scenario.error_at("scheme", Problem::OutOfRange { allowed })
         })?;
-        let scheme = scheme.with_massless(massless.clone());
+        let scheme = scheme.with_massless(placed.rows.clone());
         let nodes = scheme.sampling().nodes();
         let mut damping = damping_terms(scenario, &space, nodes, tables)?;
         let system = Model::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
         // With a past the motion begins at rest at its first position.
         let position = vector(scenario.initial.base()).repeat(space.copies());
+        let start = placed.jumps.then(|| vector(&placed.scenario.initial.position));
         let zeros = || vec![T::zero(); position.len()];
         let momentum = match scenario.initial.past {
             None => vector(&scenario.initial.momentum).repeat(space.copies()),
@@ -485,7 +489,11 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         // With sparse factors an energy costs about as much as a step.
         let is_dear = space.plan().is_some();
         // With several nodes terms do not share memories.
-        let offset = MomentumOffset::of(scenario, nodes, |term| resisting(&damping.terms[term], &position));
+        let offset = MomentumOffset::of(scenario, nodes, |term| {
+            let mut force = resisting(&damping.terms[term], start.as_ref().unwrap_or(&position));
+            placed.rows.all.iter().for_each(|&row| force[row] = T::zero());
+            force
+        });
         let mean = kicked && scenario.output.momentum == ReportedMomentum::Mean;
         damping.kick = mean.then(|| Kick { next: zeros(), last: zeros() });
         let reported = (mean || !offset.is_empty()).then(zeros);
@@ -499,6 +507,10 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
             .momentum(momentum)
             .build()
             .map_err(|error| refused(scenario, &error))?;
+        if let Some(start) = &start {
+            integrator.system_mut().take_sides_at(&placed.scenario.initial.position);
+            integrator.jump_to(start);
+        }
         if let Some(past) = &scenario.initial.past {
             follow_past(&mut integrator, scenario, past)?;
         }

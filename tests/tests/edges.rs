@@ -1,3 +1,4 @@
 //! Laws at the edges of their parameters.
 
+mod creep;
 mod tolerance;

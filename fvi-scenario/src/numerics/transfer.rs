@@ -316,6 +316,21 @@ impl TransferFunction {
         power.min(1.0)
     }
 
+    /// K(∞), the unrelaxed modulus (glass modulus), the spring included: the force on a jump of the
+    /// displacement. `None` if the force has no bound. For weights the first one.
+    pub fn unrelaxed(&self) -> Option<f64> {
+        match &self.form {
+            Form::Power { order } if *order > 0.0 => None,
+            Form::Power { order } => Some(if *order == 0.0 { 1.0 } else { 0.0 }),
+            Form::Tempered { .. } => None,
+            Form::Maxwell { inner, .. } => (*inner == 0.0).then_some(1.0),
+            Form::Prony { strengths, .. } => Some(strengths.iter().sum()),
+            Form::HavriliakNegami { .. } => Some(1.0),
+            Form::Formula { formula, .. } => value_at_infinity(&*formula.0),
+            Form::Weights(table) => table.weights().first().copied(),
+        }
+    }
+
     /// K(s); on the negative real axis the value on its upper side.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
         match &self.form {
@@ -710,6 +725,45 @@ pub(super) fn value_at_zero(formula: &dyn Formula) -> f64 {
     let (near, far) = (at(-60.0), at(-50.0));
     let stays = (near - far).abs() <= 1e-9 * near.abs() && near.abs() > 1e-13 * at(0.0).abs();
     if stays { near } else { 0.0 }
+}
+
+/// K(∞) of a formula; `None` if it has no bound.
+///
+/// K(10^e) for equidistant e up to 60: where the last values still differ, as those of low powers of s do,
+/// the limit is that of Wynn's ε-algorithm, which is exact for sums of powers that decay. A difference that
+/// does not decrease belongs to a power that grows, or to a logarithm.
+fn value_at_infinity(formula: &dyn Formula) -> Option<f64> {
+    const VALUES: usize = 11;
+    const APART: f64 = 5.0;
+    let at = |k: usize| formula.value(Complex::new(libm::exp10(10.0 + APART * k as f64), 0.0)).re;
+    let values: Vec<f64> = (0..VALUES).map(at).collect();
+    let [.., before, near, far] = values[..] else { return None };
+    let (change, earlier) = ((far - near).abs(), (near - before).abs());
+    if change <= 1e-14 * far.abs() {
+        return Some(far);
+    }
+    // Of a power with the exponent −10⁻³ a change leaves 0.9886.
+    if !(change < 0.99 * earlier) {
+        return None;
+    }
+    if far.abs() < 1e-3 * near.abs() {
+        return Some(0.0);
+    }
+    let (mut odd, mut even) = (vec![0.0; VALUES + 1], values);
+    let mut limit = far;
+    while even.len() > 2 {
+        let next = |odd: &[f64], even: &[f64]| -> Vec<f64> {
+            let steps = even.windows(2).zip(&odd[1..]);
+            steps.map(|(pair, &odd)| odd + (pair[1] - pair[0]).recip()).collect()
+        };
+        odd = next(&odd, &even);
+        even = next(&even, &odd);
+        match even.last() {
+            Some(&last) if last.is_finite() => limit = last,
+            _ => break,
+        }
+    }
+    Some(limit)
 }
 
 /// a/b, and what rounding leaves out of it.

@@ -80,7 +80,7 @@ pub(crate) struct Settling<T> {
 
 impl<T: Real> Settling<T> {
     pub(crate) fn new<G: Mechanics<T, AnySpace>>(rows: &MasslessRows, mechanics: &G) -> Self {
-        let equilibrium = (!rows.held.is_empty()).then(|| Equilibrium::new(rows.held.clone(), mechanics));
+        let equilibrium = (!rows.held.is_empty()).then(|| Equilibrium::new(&rows.held, mechanics));
         Self { equilibrium, start: vec![T::zero(); rows.all.len()], position: Vec::new() }
     }
 
@@ -170,11 +170,15 @@ const CORRECTIONS: usize = 25;
 /// Largest number of coordinates for which the balance is solved in a full matrix.
 const FEW: usize = 64;
 
-/// The balance of forces on some coordinates, G_i(t, q) = ∂U/∂q_i − F_i − u_i = 0, to be solved for these.
+/// A direction in which a position may move: coordinates and their entries.
+pub(crate) type Direction = Vec<(usize, f64)>;
+
+/// The balance of the forces G_i(t, q) = ∂U/∂q_i − F_i − u_i along some directions N, NᵀG = 0, to be solved
+/// for a displacement N y. Directions are often single coordinates.
 pub(crate) struct Equilibrium<T> {
-    rows: Vec<usize>,
-    /// Index of each coordinate among the rows.
-    places: Vec<Option<usize>>,
+    directions: Vec<Direction>,
+    /// The directions in which each coordinate moves, with their entries.
+    places: Vec<Direction>,
     /// Solver for a linear system, once it has been built.
     kept: Option<Solver>,
     restoring: Vec<T>,
@@ -189,13 +193,14 @@ enum Solver {
 }
 
 impl Solver {
-    /// A solver for the rows and columns of a stiffness that have places.
-    fn new<T: Real>(stiffness: &Matrix<T>, places: &[Option<usize>], count: usize) -> Option<Self> {
-        let entries: Vec<(usize, usize, f64)> = stiffness
-            .entries()
-            .into_iter()
-            .filter_map(|(row, column, entry)| Some((places[row]?, places[column]?, entry.to_f64())))
-            .collect();
+    /// A solver for NᵀKN.
+    fn new<T: Real>(stiffness: &Matrix<T>, places: &[Direction], count: usize) -> Option<Self> {
+        let along = |(row, column, entry): (usize, usize, T)| {
+            let pairs =
+                places[row].iter().flat_map(move |one| places[column].iter().map(move |other| (one, other)));
+            pairs.map(move |(one, other)| (one.0, other.0, one.1 * entry.to_f64() * other.1))
+        };
+        let entries: Vec<(usize, usize, f64)> = stiffness.entries().into_iter().flat_map(along).collect();
         if count > FEW
             && let Some(factor) = sparse_factor(count, &entries)
         {
@@ -230,19 +235,26 @@ fn sparse_factor(count: usize, entries: &[(usize, usize, f64)]) -> Option<Factor
 }
 
 impl<T: Real> Equilibrium<T> {
-    /// The balance for these coordinates, ascending.
-    pub(crate) fn new<G: Mechanics<T, AnySpace>>(rows: Vec<usize>, mechanics: &G) -> Self {
-        let stiffness = mechanics.stiffness();
-        let size = stiffness.size();
-        let mut places = vec![None; size];
-        rows.iter().enumerate().for_each(|(place, &row)| places[row] = Some(place));
-        let zeros = || vec![T::zero(); size];
-        let right = vec![0.0; rows.len()];
-        Self { rows, places, kept: None, restoring: zeros(), velocity: zeros(), stiffness, right }
+    /// The balance for these coordinates.
+    pub(crate) fn new<G: Mechanics<T, AnySpace>>(rows: &[usize], mechanics: &G) -> Self {
+        Self::along(rows.iter().map(|&row| vec![(row, 1.0)]).collect(), mechanics)
     }
 
-    /// Moves the coordinates to a balance of their forces while the others stay fixed, with the momentum of
-    /// the motion and an input u whose missing numbers are zero.
+    /// The balance along these directions.
+    pub(crate) fn along<G: Mechanics<T, AnySpace>>(directions: Vec<Direction>, mechanics: &G) -> Self {
+        let stiffness = mechanics.stiffness();
+        let size = stiffness.size();
+        let mut places = vec![Vec::new(); size];
+        for (index, direction) in directions.iter().enumerate() {
+            direction.iter().for_each(|&(row, entry)| places[row].push((index, entry)));
+        }
+        let zeros = || vec![T::zero(); size];
+        let right = vec![0.0; directions.len()];
+        Self { directions, places, kept: None, restoring: zeros(), velocity: zeros(), stiffness, right }
+    }
+
+    /// Moves the position along the directions to a balance of the forces, with the momentum of the motion
+    /// and an input u whose missing numbers are zero.
     ///
     /// # Errors
     /// If Newton's method does not converge; the position must not be used then.
@@ -269,17 +281,22 @@ impl<T: Real> Equilibrium<T> {
                     mechanics.linearise_in_motion(instant, position, velocity, restoring, stiffness);
                 }
             }
-            let solver = known.or_else(|| Solver::new(stiffness, &self.places, self.rows.len()));
+            let solver = known.or_else(|| Solver::new(stiffness, &self.places, self.directions.len()));
             let Some(solver) = solver else { return Err(NoEquilibrium) };
-            for (right, &row) in self.right.iter_mut().zip(&self.rows) {
-                let input = input.get(row).copied().unwrap_or(T::zero());
-                *right = (restoring[row] - input).to_f64();
+            for (right, direction) in self.right.iter_mut().zip(&self.directions) {
+                let along = direction.iter().map(|&(row, entry)| {
+                    let input = input.get(row).copied().unwrap_or(T::zero());
+                    entry * (restoring[row] - input).to_f64()
+                });
+                *right = along.sum();
             }
             solver.solve(&mut self.right);
             if !self.right.iter().all(|right| right.is_finite()) {
                 return Err(NoEquilibrium);
             }
-            self.right.iter().zip(&self.rows).for_each(|(&right, &row)| position[row] -= T::of(right));
+            for (&right, direction) in self.right.iter().zip(&self.directions) {
+                direction.iter().for_each(|&(row, entry)| position[row] -= T::of(right * entry));
+            }
             if linear {
                 self.kept = Some(solver);
                 return Ok(());

@@ -13,6 +13,7 @@ use super::switches::{Side, SidedPoint, Switched};
 use super::unbounded_forces::UnboundedForces;
 use crate::language::expression::Elementary;
 use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters, force_variables};
+use crate::numerics::transfer::TransferFunction;
 use crate::scenario::{Derivative, SampledInput, Scenario, SymmetricMatrix, System};
 use fvi_core::{Block, Instant, MatrixError, Mechanics, NodalRule, Real};
 use fvi_core::{combine_two, factor, invert_factored};
@@ -105,6 +106,19 @@ impl<T: Elementary> Model<T> {
     /// # Errors
     /// If the mass, apart from rows and columns of zeros, is not positive definite in the precision of `T`.
     pub fn new(scenario: &Scenario) -> Result<Self, MatrixError> {
+        Self::with_moduli(scenario, |transfer| Some(transfer.spring()))
+    }
+
+    /// The system as a jump of the position meets it: with the unrelaxed moduli K_m(∞) of its kernels, in
+    /// place of K_m(0). Kernels that have none are left out; they allow no jump.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub(crate) fn unrelaxed(scenario: &Scenario) -> Result<Self, MatrixError> {
+        Self::with_moduli(scenario, TransferFunction::unrelaxed)
+    }
+
+    fn with_moduli(scenario: &Scenario, modulus: Modulus) -> Result<Self, MatrixError> {
         let rough = RoughForces::of(scenario);
         let unbounded = UnboundedForces::of(scenario);
         let scenario = unbounded.as_ref().map_or(scenario, |unbounded| &unbounded.rest);
@@ -132,8 +146,8 @@ impl<T: Elementary> Model<T> {
         let mut elements: Vec<_> =
             system.elements.iter().map(|element| Elements::<T>::new(element, is_sided)).collect();
         let base: Option<Matrix<T>> = system.stiffness.as_ref().map(|k| matrix(k).on_threads(threads));
-        let base = with_springs_of_kernels(system, base, threads);
-        let anchor = Anchor::of(scenario);
+        let base = with_springs_of_kernels(system, modulus, base, threads);
+        let anchor = Anchor::of(scenario, modulus);
         let springs: Vec<_> = potential
             .iter()
             .flat_map(|potential| potential.quadratic().stiffness.iter().map(entry))
@@ -258,7 +272,7 @@ impl<T: Elementary> Model<T> {
 
     /// Sets the sides of switches from a position at t = 0. It is repeated, since the sides of arguments
     /// within arguments depend on others.
-    fn take_sides_at(&mut self, position: &[f64]) {
+    pub(crate) fn take_sides_at(&mut self, position: &[f64]) {
         let (mut values, mut before) = (Vec::new(), Vec::new());
         for _ in 0..=self.switches().min(DEEPEST) {
             self.arguments(0.0, position, &mut values);
@@ -692,12 +706,13 @@ struct Anchor<T> {
 }
 
 impl<T: Real> Anchor<T> {
-    fn of(scenario: &Scenario) -> Option<Self> {
+    fn of(scenario: &Scenario, modulus: Modulus) -> Option<Self> {
         let position = scenario.initial.base();
         let mut restoring = vec![0.0; position.len()];
         for term in &scenario.system.damping {
-            let spring = term.transfer.spring();
-            if spring != 0.0 && term.derivative == Derivative::Caputo {
+            let Some(spring) = modulus(&term.transfer) else { continue };
+            let from_rest = term.derivative == Derivative::Caputo && term.transfer.exponent() != Some(0.0);
+            if spring != 0.0 && from_rest {
                 restoring
                     .iter_mut()
                     .zip(term.coefficient.times(position))
@@ -728,17 +743,21 @@ impl<T: Real> Anchor<T> {
     }
 }
 
+/// The modulus of the spring that stands for a kernel, if one does.
+type Modulus = fn(&TransferFunction) -> Option<f64>;
+
 /// K with the springs of kernels added, K + Σ K_m(0) ρ_m.
 fn with_springs_of_kernels<T: Real>(
     system: &System,
+    modulus: Modulus,
     base: Option<Matrix<T>>,
     threads: usize,
 ) -> Option<Matrix<T>> {
     let springs: Vec<(f64, Matrix<T>)> = system
         .damping
         .iter()
-        .filter(|term| term.transfer.spring() != 0.0)
-        .map(|term| (term.transfer.spring(), matrix(&term.coefficient)))
+        .filter_map(|term| Some((modulus(&term.transfer)?, matrix(&term.coefficient))))
+        .filter(|(spring, _)| *spring != 0.0)
         .collect();
     if springs.is_empty() {
         return base;

@@ -136,7 +136,19 @@ impl EnergyGuard {
                 Derivative::Caputo if term.transfer.growth() > 1.0 => {
                     pushes.push((term.coefficient.times(&velocity), term.transfer.clone(), 1.0));
                 }
-                Derivative::Caputo => {}
+                // Coordinates without mass may have jumped from where memories are at rest.
+                Derivative::Caputo => {
+                    let jump: Vec<f64> = start
+                        .position
+                        .iter()
+                        .zip(scenario.initial.base())
+                        .map(|(to, from)| to - from)
+                        .collect();
+                    if let (true, Some(modulus)) = (jump.iter().any(|&x| x != 0.0), term.transfer.unrelaxed())
+                    {
+                        springs += 0.5 * modulus.abs() * dot(&term.coefficient.times(&jump), &jump);
+                    }
+                }
                 Derivative::RiemannLiouville => pushes.push((pulled, term.transfer.clone(), 0.0)),
             }
         }

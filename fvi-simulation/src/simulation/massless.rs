@@ -3,11 +3,11 @@
 
 use super::bad_mass;
 use crate::language::{InputError, Problem};
-use crate::model::{Equilibrium, MasslessRows, Matrix, Model, matrix};
+use crate::model::{Direction, Equilibrium, MasslessRows, Matrix, Model, matrix};
 use crate::scenario::{ConvolutionFamily, DampedAt, Derivative, Scenario, Scheme};
 use fvi_core::{Instant, Mechanics};
 use fvi_sparse::{Analysis, FactorError, Pattern};
-use nalgebra::Complex;
+use nalgebra::{Complex, DMatrix};
 use std::borrow::Cow;
 
 /// Fraction of a diagonal entry above which a pivot is not rounding.
@@ -15,6 +15,9 @@ const ROUNDING: f64 = 1e-13;
 
 /// Largest distance of a given position from the balance of forces, relative to the largest position.
 const GIVEN: f64 = 1e-6;
+
+/// Most coordinates that dampers without an unrelaxed modulus may hold in some directions only.
+const MOST_COUPLED: usize = 500;
 
 /// Most means that a position at a grid point is made of.
 const MOST_MEANS: usize = 6;
@@ -27,26 +30,45 @@ struct Held {
     /// ∂²U/∂q² − ∂F/∂q, and −∂F/∂v if there is one.
     stiffness: Matrix<f64>,
     resistance: Option<Matrix<f64>>,
-    /// For each whether a damping term acts on it, whether one that grows with the frequency does, and
-    /// whether a velocity-dependent force does.
+    /// For each whether a damping term acts on it, whether one without an unrelaxed modulus does, whether one
+    /// does that is at rest at the given position, and whether a velocity-dependent force does.
     remembered: Vec<bool>,
     creeping: Vec<bool>,
+    resting: Vec<bool>,
     resisted: Vec<bool>,
 }
 
-/// The coordinates without mass of a scenario, and the scenario with the initial positions of those that are
-/// determined by the balance of forces alone. Scenarios with a mass for every coordinate are unchanged.
+/// A scenario with coordinates without mass.
+pub(super) struct Placed<'a> {
+    /// The scenario, with its position at t = 0+ as the initial one.
+    pub(super) scenario: Cow<'a, Scenario>,
+    /// Whether this differs from the given position, at which memories are at rest.
+    pub(super) jumps: bool,
+    /// The coordinates without mass.
+    pub(super) rows: MasslessRows,
+}
+
+/// The coordinates without mass of a scenario, and the scenario with their positions at t = 0+. Scenarios with
+/// a mass for every coordinate are unchanged.
 ///
-/// If z is held by stiffness alone, or by memories that yield at once to a jump of the force, z(0) follows
-/// from the other coordinates: G_z(0, q(0)) = 0. A given zero is replaced by this value, other given values
-/// must be near it. Dampers that resist a jump of z hold it at the given value.
+/// A coordinate without mass follows the load of t = 0 at once, as far as the dampers let it: it jumps along
+/// the directions y in which every kernel has an unrelaxed modulus K_m(∞), to
+///
+/// ```text
+/// yᵀ [∇U(q) − F + Σ_m K_m(∞) ρ_m (q − q₀)] = 0 ,
+/// ```
+///
+/// where the memories are at rest at the given q₀, those of Riemann and Liouville's derivatives at 0. Dampers
+/// without such a modulus hold it at q₀. Where no memory is at rest at q₀, a given zero is replaced by the
+/// position found; other given values must be near it.
 ///
 /// # Errors
 /// If nothing holds one of them, or the scheme, the damping or another key needs its mass.
-pub(super) fn placed<'a>(scenario: &'a Scenario) -> Result<(Cow<'a, Scenario>, MasslessRows), InputError> {
+pub(super) fn placed(scenario: &Scenario) -> Result<Placed<'_>, InputError> {
+    let unchanged = |rows| Placed { scenario: Cow::Borrowed(scenario), jumps: false, rows };
     let rows = scenario.system.massless();
     if rows.is_empty() {
-        return Ok((Cow::Borrowed(scenario), MasslessRows::default()));
+        return Ok(unchanged(MasslessRows::default()));
     }
     let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
     let held = Held::new(scenario, rows, &mut model)?;
@@ -58,10 +80,10 @@ pub(super) fn placed<'a>(scenario: &'a Scenario) -> Result<(Cow<'a, Scenario>, M
         held.check_damping(scenario, position)?;
     }
     let rows = held.sorted(scenario);
-    let Some(position) = start else { return Ok((Cow::Borrowed(scenario), rows)) };
+    let Some(position) = start else { return Ok(unchanged(rows)) };
     let mut placed = scenario.clone();
     placed.initial.position = position;
-    Ok((Cow::Owned(placed), rows))
+    Ok(Placed { scenario: Cow::Owned(placed), jumps: true, rows })
 }
 
 /// The error for what acts on this coordinate by the entries of its matrix; what none goes with is a row of
@@ -117,16 +139,19 @@ impl Held {
         } else {
             model.linearise(instant, &position, &mut restoring, &mut stiffness);
         }
-        let (mut remembered, mut creeping) = (vec![false; rows.len()], vec![false; rows.len()]);
+        let [mut remembered, mut creeping, mut resting] = [(); 3].map(|()| vec![false; rows.len()]);
         for term in &scenario.system.damping {
+            let creeps = term.transfer.unrelaxed().is_none();
+            let rests = term.derivative == Derivative::Caputo && term.transfer.exponent() != Some(0.0);
             for (row, _, entry) in matrix::<f64>(&term.coefficient).entries() {
                 if let (Some(place), true) = (places[row], entry != 0.0) {
                     remembered[place] = true;
-                    creeping[place] |= term.transfer.growth() > 0.0;
+                    creeping[place] |= creeps;
+                    resting[place] |= rests;
                 }
             }
         }
-        Ok(Self { rows, places, stiffness, resistance, remembered, creeping, resisted })
+        Ok(Self { rows, places, stiffness, resistance, remembered, creeping, resting, resisted })
     }
 
     /// Refuses gyroscopic forces and dampings that need a mass, or leave where the motion begins open.
@@ -150,7 +175,7 @@ impl Held {
                 let what = "a kernel that grows faster than s (an order above 1), which is an inertia,";
                 return Err(refused(scenario, &key, what, row));
             }
-            if term.derivative == Derivative::RiemannLiouville {
+            if term.derivative == Derivative::RiemannLiouville && term.transfer.unrelaxed().is_none() {
                 let force = term.coefficient.times(position);
                 if let Some(&row) = self.rows.iter().find(|&&row| force[row] != 0.0) {
                     let reason = format!(
@@ -161,10 +186,10 @@ impl Held {
                 }
             }
         }
-        // Whatever dampers hold must be held in every direction, or part of it would follow from forces.
-        if let Some(place) =
-            self.loose(scenario, &self.remembered).or_else(|| self.loose(scenario, &self.creeping))
-        {
+        // What a force of the velocity resists must be held in every direction: at the end of a step it is
+        // what the polynomial says.
+        let resisted = self.resisted.contains(&true);
+        if let Some(place) = self.loose(scenario).filter(|_| resisted) {
             let reason = format!(
                 "the damping couples coordinate {}, which has no mass, with others so that it resists some of their motions only; take \
                  coordinates of which each is damped or not, such as the elongations of the dampers",
@@ -175,17 +200,15 @@ impl Held {
         Ok(())
     }
 
-    /// A coordinate, of those that forces of the velocity or `these` dampers hold, on which they are not
-    /// positive definite.
-    fn loose(&self, scenario: &Scenario, these: &[bool]) -> Option<usize> {
+    /// A coordinate, of those that forces of the velocity or dampers hold, on which they are not positive
+    /// definite.
+    fn loose(&self, scenario: &Scenario) -> Option<usize> {
         let count = self.rows.len();
-        let damped: Vec<bool> = (0..count).map(|place| these[place] || self.resisted[place]).collect();
+        let damped: Vec<bool> =
+            (0..count).map(|place| self.remembered[place] || self.resisted[place]).collect();
         let mut entries = Vec::new();
-        let creeping_only = *these != *self.remembered;
         for term in &scenario.system.damping {
-            if !creeping_only || term.transfer.growth() > 0.0 {
-                entries.extend(self.own_block(&matrix(&term.coefficient), 1.0));
-            }
+            entries.extend(self.own_block(&matrix(&term.coefficient), 1.0));
         }
         entries.extend(self.resistance.iter().flat_map(|resistance| self.own_block(resistance, 1.0)));
         entries.retain(|&(row, column, _)| damped[row] && damped[column]);
@@ -263,36 +286,74 @@ impl Held {
         matrix.entries().into_iter().filter_map(own).collect()
     }
 
-    /// The position at the start, if it is not the one given.
-    fn start(&self, scenario: &Scenario) -> Result<Option<Vec<f64>>, InputError> {
-        let standing = |place: &usize| !self.creeping[*place] && !self.resisted[*place];
-        let rows: Vec<usize> = (0..self.rows.len()).filter(standing).map(|place| self.rows[place]).collect();
-        if rows.is_empty() {
-            return Ok(None);
+    /// The directions in which the coordinates may jump: those in which neither dampers without an unrelaxed
+    /// modulus nor forces of the velocity resist, the eigenvectors of their sum with the eigenvalue 0.
+    fn free(&self, scenario: &Scenario) -> Result<Vec<Direction>, InputError> {
+        let count = self.rows.len();
+        let held = |place: usize| self.creeping[place] || self.resisted[place];
+        let (held, free): (Vec<usize>, Vec<usize>) = (0..count).partition(|&place| held(place));
+        let mut directions: Vec<Direction> =
+            free.iter().map(|&place| vec![(self.rows[place], 1.0)]).collect();
+        let creeping = scenario.system.damping.iter().filter(|term| term.transfer.unrelaxed().is_none());
+        let mut entries: Vec<_> =
+            creeping.flat_map(|term| self.own_block(&matrix(&term.coefficient), 1.0)).collect();
+        entries.extend(self.resistance.iter().flat_map(|resistance| self.own_block(resistance, 1.0)));
+        let mut among = vec![None; count];
+        held.iter().enumerate().for_each(|(index, &place)| among[place] = Some(index));
+        let entries: Vec<(usize, usize, f64)> = entries
+            .into_iter()
+            .filter_map(|(row, column, entry)| Some((among[row]?, among[column]?, entry)))
+            .collect();
+        let Some(loose) = first_loose(held.len(), &entries) else { return Ok(directions) };
+        if held.len() > MOST_COUPLED {
+            let reason = format!(
+                "the damping couples coordinate {}, which has no mass, with others so that it resists some of their motions only,                  and with {} such coordinates in all, more than {MOST_COUPLED}; take coordinates of which each is damped or not,                  such as the elongations of the dampers",
+                self.rows[held[loose]],
+                held.len()
+            );
+            return Err(scenario.error_at("system.damping", Problem::Unusable { reason }));
         }
-        // Springs in kernels are at rest where the motion begins, wherever that is.
-        let mut alone = scenario.clone();
-        alone.system.damping.clear();
-        let mut model = Model::<f64>::new(&alone).map_err(|error| bad_mass(scenario, &error))?;
+        let mut resisting = DMatrix::zeros(held.len(), held.len());
+        for (row, column, entry) in entries {
+            resisting[(row, column)] += 0.5 * entry;
+            resisting[(column, row)] += 0.5 * entry;
+        }
+        let eigen = resisting.symmetric_eigen();
+        let largest = eigen.eigenvalues.amax();
+        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            if *value <= ROUNDING.sqrt() * 1e-3 * largest {
+                let entries = held.iter().zip(vector.iter()).filter(|(_, entry)| **entry != 0.0);
+                directions.push(entries.map(|(&place, &entry)| (self.rows[place], entry)).collect());
+            }
+        }
+        Ok(directions)
+    }
+
+    /// The position at t = 0+, if coordinates can jump.
+    fn start(&self, scenario: &Scenario) -> Result<Option<Vec<f64>>, InputError> {
+        let directions = self.free(scenario)?;
+        let Some(&(row, _)) = directions.iter().flatten().next() else { return Ok(None) };
+        let mut model = Model::<f64>::unrelaxed(scenario).map_err(|error| bad_mass(scenario, &error))?;
         let given = &scenario.initial.position;
         let mut position = given.clone();
         let instant = Instant::in_step(scenario.time.start, 0.0, scenario.time.step);
         let input = scenario.input.as_ref().and_then(|input| input.at_step(0)).unwrap_or(&[]);
         let motion = (&mut position, scenario.initial.momentum.as_slice());
-        if Equilibrium::new(rows.clone(), &model).find(&mut model, instant, input, motion).is_err() {
+        if Equilibrium::along(directions, &model).find(&mut model, instant, input, motion).is_err() {
             let reason = format!(
-                "no balance of the forces on coordinate {} and others without mass was found from there; give one that is nearer",
-                rows[0]
+                "no balance of the forces on coordinate {row} and others without mass was found from there; give one that is nearer"
             );
             return Err(scenario.error_at("initial.position", Problem::Unusable { reason }));
         }
         let largest = position.iter().fold(0.0, |most: f64, number| most.max(number.abs()));
-        let far =
-            |row: &&usize| given[**row] != 0.0 && (given[**row] - position[**row]).abs() > GIVEN * largest;
-        if let Some(&row) = rows.iter().find(far) {
+        let far = |&(place, row): &(usize, &usize)| {
+            let (free, off) = (!self.resting[place], (given[*row] - position[*row]).abs());
+            free && given[*row] != 0.0 && off > GIVEN * largest
+        };
+        if let Some((_, &row)) = self.rows.iter().enumerate().find(far) {
             let reason = format!(
-                "coordinate {row} (from 0) has no mass and no damper that holds it: its forces balance at {}, {} is given, which is off \
-                 by {:e}; give that, or 0 to have it computed",
+                "coordinate {row} (from 0) has no mass and no memory that is at rest at the given position: its forces balance at {}, \
+                 {} is given, which is off by {:e}; give that, or 0 to have it computed",
                 position[row],
                 given[row],
                 given[row] - position[row]

@@ -173,7 +173,14 @@ impl LinearSystem {
             own +=
                 0.5 * (matrix.view_range(count.., count..) + matrix.view_range(count.., count..).transpose());
         }
-        let inverse = dense::inverse(Cholesky::new(metric)?.l())?;
+        // Dampers may resist some motions only; then stiffness holds the others.
+        let regular = Cholesky::new(metric.clone()).or_else(|| {
+            let mut own = metric.view_range_mut(count.., count..);
+            let held = stiffness.view_range(count.., count..);
+            own += 0.5 * (held + held.transpose());
+            Cholesky::new(metric)
+        });
+        let inverse = dense::inverse(regular?.l())?;
         let in_new_coordinates = |matrix: &DMatrix<f64>| &inverse * matrix * inverse.transpose();
         damping.iter_mut().for_each(|term| term.coefficients = in_new_coordinates(&term.coefficients));
         let (stiffness, resistance) =
