@@ -407,8 +407,14 @@ impl MemoryRequest<'_> {
             None if self.planned() <= CROSSOVER && few => Engine::BlockFft,
             None if self.convolution.family == ConvolutionFamily::Trapezoidal => Engine::BlockFft,
             None if self.transfer.table().is_some() => Engine::BlockFft,
+            None if self.is_staged() && !self.transfer.is_relaxation() => Engine::BlockFft,
             None => Engine::ExponentialSum,
         }
+    }
+
+    /// Whether its weights are matrices, those of a Runge–Kutta method.
+    fn is_staged(&self) -> bool {
+        !matches!(self.convolution.family, ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal)
     }
 
     /// Relative error of a weight in a table of exponentials.
@@ -626,8 +632,20 @@ impl MemoryRequest<'_> {
             return self.variable_steps(method, tables);
         }
         if !self.transfer.is_relaxation() {
-            let reason = "this kernel has singularities off the negative real axis: take `convolution.family` = \"bdf\"";
-            return Err(EngineError::Unsuited { engine, reason });
+            if self
+                .transfer
+                .fractions()
+                .is_none_or(|fractions| fractions.poles.iter().any(|p| p.place.re >= 0.0))
+            {
+                let reason = "this kernel has singularities off the negative real axis and is no quotient of polynomials with \
+                              poles in Re s < 0: take `convolution.family` = \"bdf\"";
+                return Err(EngineError::Unsuited { engine, reason });
+            }
+            if matches!(engine, Engine::ExponentialSum | Engine::ExponentialSumCore) {
+                let reason = "this kernel has poles in complex pairs, or multiple ones: take the engine \"direct\", \"block-fft\" \
+                              or \"real-time\", or `convolution.family` = \"bdf\"";
+                return Err(EngineError::Unsuited { engine, reason });
+            }
         }
         let count = match engine {
             Engine::Direct => self.kept().saturating_add(1),

@@ -11,6 +11,7 @@ pub mod dense;
 pub mod dual;
 pub mod exponential;
 pub mod exponential_table;
+pub mod fractions;
 pub mod growing_ring;
 mod inverse;
 mod kernel_defects;

@@ -126,7 +126,7 @@ impl fmt::Display for RateTableError {
             Self::ToleranceMissed { tolerance, reached } => write!(
                 f,
                 "no relaxations make up this kernel within {tolerance:e} for steps of any length, but to {reached:.1e}: \
-                 its singularities must all lie on the negative real axis, and what grows faster than s must vanish like s; \
+                 its singularities must all lie on the negative real axis, poles be simple, and what grows faster than s must vanish like s; \
                  `convolution.family` = \"bdf\" on equal steps takes any kernel"
             ),
         }
@@ -186,8 +186,8 @@ pub fn rate_table_of<T: Real, const R: usize>(
         relaxations.sort_by(|a, b| a.rate.total_cmp(&b.rate));
         Ok(table(exponent, Aligned::zeros(0), &relaxations, [shortest, horizon]))
     };
-    // A Prony series is a sum of relaxations already.
-    if !transfer.poles().is_empty() {
+    // A sum of poles is one of relaxations already.
+    if transfer.fractions().is_some() {
         return finished(nodes);
     }
     let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
@@ -326,6 +326,8 @@ mod tests {
             (symbol("s^1.5/(1 + s^0.3)").unwrap(), 300),
             (symbol("1/(1 + s^0.5)").unwrap(), 300),
             (symbol("s^0.3 - s^0.6").unwrap(), 300),
+            (symbol("s/(1 + s)").unwrap(), 4),
+            (symbol("0.3*s + s/(1 + s) - 0.2*s/(s^2 + 3*s + 2)").unwrap(), 4),
         ] {
             let table =
                 rate_table_of::<f64, 3>(&radau(), &transfer, 1e-9, 1e8, 1e-12).unwrap_or_else(|error| {
@@ -350,7 +352,7 @@ mod tests {
             symbol("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)"),
             symbol("sqrt(s)*tanh(sqrt(s))"),
             symbol("s^1.3 + s^0.5"),
-            symbol("s/(1 + s)"),
+            symbol("s^2/(1 + s)^2"),
         ] {
             let refused = rate_table_of::<f64, 3>(&radau(), &transfer, 1e-3, 1.0, 1e-12);
             assert!(matches!(refused, Err(RateTableError::ToleranceMissed { .. })), "{transfer}");

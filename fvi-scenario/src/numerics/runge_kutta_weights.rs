@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 use std::ops::Range;
 
 use super::aligned::Aligned;
+use super::fractions::{Fractions, PoleOfOrder};
 use super::inverse::inverse;
 use super::transfer::{Pole, TransferFunction};
 use fvi_core::{ExponentialTable, ParameterError, Real, RungeKutta};
@@ -77,6 +78,8 @@ pub struct RungeKuttaWeights<const R: usize> {
     near: Vec<SMatrix<f64, R, R>>,
     /// Empty for integer exponents.
     exponentials: Vec<RankOneExponential<R>>,
+    /// The other weights of a rational K whose poles are not all simple and real.
+    far: Vec<SMatrix<f64, R, R>>,
 }
 
 impl<const R: usize> RungeKuttaWeights<R> {
@@ -110,7 +113,7 @@ impl<const R: usize> RungeKuttaWeights<R> {
             cut_exponentials(&matrix, &weights, exponent, scale, near.len()..count.max(near.len() + 1))
         };
         near.iter_mut().for_each(|weight| *weight *= scale);
-        Ok(Self { count, step_size, near, exponentials })
+        Ok(Self { count, step_size, near, exponentials, far: Vec::new() })
     }
 
     /// Weights of the same operator on rises X_k − 1 x_k, the differences of the stages from the main node
@@ -140,12 +143,12 @@ impl<const R: usize> RungeKuttaWeights<R> {
         Ok(weights)
     }
 
-    /// Weights of any transfer function K that is determined by its cut and poles, on values, or on rises if
+    /// Weights of any transfer function K that is determined by its cut and poles, or rational, on values, or on rises if
     /// `on_rises` is set: Σ W_n zⁿ = K(Δ(z)/h), or K(Δ(z)/h) (Δ(z)/h)⁻¹ times A⁻¹/h.
     ///
     /// # Errors
     /// As [`new`](RungeKuttaWeights::new) and [`on_rises`](RungeKuttaWeights::on_rises); and if K has
-    /// singularities off the negative real axis.
+    /// singularities off the negative real axis that are not poles of a rational function in Re s < 0.
     pub fn of_transfer(
         method: &RungeKutta<R>,
         transfer: &TransferFunction,
@@ -161,8 +164,10 @@ impl<const R: usize> RungeKuttaWeights<R> {
         if let Some(narrow) = transfer.narrow() {
             return Err(narrow);
         }
-        if !transfer.is_relaxation() {
-            return refuse("kernel", f64::NAN, "one whose singularities lie on the negative real axis");
+        if !transfer.is_relaxation() && oscillating(transfer).is_none() {
+            let allowed = "one whose singularities lie on the negative real axis, or a quotient of polynomials with \
+                           poles in Re s < 0";
+            return refuse("kernel", f64::NAN, allowed);
         }
         if !(step_size > 0.0 && step_size.is_finite()) {
             return refuse("step size", step_size, "positive and finite");
@@ -181,12 +186,18 @@ impl<const R: usize> RungeKuttaWeights<R> {
             if on_rises { value / s } else { value }
         };
         let near = contour_weights_of(&matrix, &weights, function, first);
-        let exponentials =
-            exponentials_of(&matrix, &weights, transfer, on_rises, step_size, first..count.max(first + 1));
-        let mut made = Self { count, step_size, near, exponentials };
+        let range = first..count.max(first + 1);
+        let (exponentials, far) = match oscillating(transfer).filter(|_| !transfer.is_relaxation()) {
+            Some(fractions) => {
+                let poles = if on_rises { fractions.poles_over_s() } else { fractions.poles };
+                (Vec::new(), responses_of(&matrix, &weights, &poles, step_size, range))
+            }
+            None => (exponentials_of(&matrix, &weights, transfer, on_rises, step_size, range), Vec::new()),
+        };
+        let mut made = Self { count, step_size, near, exponentials, far };
         if on_rises {
             let derivative = inverse(&matrix) / step_size;
-            made.near.iter_mut().for_each(|weight| *weight *= derivative);
+            made.near.iter_mut().chain(&mut made.far).for_each(|weight| *weight *= derivative);
             made.exponentials.iter_mut().for_each(|e| e.right = derivative.tr_mul(&e.right));
         }
         Ok(made)
@@ -222,7 +233,7 @@ impl<const R: usize> RungeKuttaWeights<R> {
     pub fn symbol(&self, z: Complex<f64>) -> SMatrix<Complex<f64>, R, R> {
         let mut power = Complex::new(1.0, 0.0);
         let mut symbol = SMatrix::zeros();
-        for weight in &self.near {
+        for weight in self.near.iter().chain(&self.far) {
             symbol += weight.map(|entry| power * entry);
             power *= z;
         }
@@ -287,8 +298,11 @@ impl<const R: usize> RungeKuttaWeights<R> {
                 }
             }
         };
-        for (n, weight) in self.near.iter().enumerate().take(self.count) {
+        for (n, weight) in self.near.iter().chain(&self.far).enumerate().take(self.count) {
             put(n, weight);
+        }
+        if !self.far.is_empty() {
+            return planes;
         }
         // Largest x first: terms that have decayed at n are dropped for good.
         let mut alive = self.exponentials.len();
@@ -425,6 +439,52 @@ fn contour_integrals(
         near[2] -= (product * stability).map(|entry| entry.re);
     }
     near
+}
+
+/// The partial fractions of a rational K whose poles lie in Re s < 0.
+fn oscillating(transfer: &TransferFunction) -> Option<Fractions> {
+    transfer.fractions().filter(|fractions| fractions.poles.iter().all(|pole| pole.place.re < 0.0))
+}
+
+/// The weights of poles of any order for n in `range`: the stages of x₁' = p x₁ + u, x₂' = p x₂ + x₁, … by the
+/// method itself, whose discrete operator at Δ(z)/h they are, under unit pulses at each stage.
+fn responses_of<const R: usize>(
+    matrix: &SMatrix<f64, R, R>,
+    weights: &SVector<f64, R>,
+    poles: &[PoleOfOrder],
+    step_size: f64,
+    range: Range<usize>,
+) -> Vec<SMatrix<f64, R, R>> {
+    let complex = |number: f64| Complex::new(number, 0.0);
+    let matrix = DMatrix::from_fn(R, R, |i, j| complex(matrix[(i, j)] * step_size));
+    let weights = DVector::from_fn(R, |i, _| complex(weights[i] * step_size));
+    let mut made = vec![SMatrix::<f64, R, R>::zeros(); range.len()];
+    for pole in poles.iter().filter(|pole| pole.place.im >= 0.0) {
+        // Of a pair both are counted with the upper one.
+        let times = if pole.place.im > 0.0 { 2.0 } else { 1.0 };
+        let implicit = DMatrix::identity(R, R) - &matrix * pole.place;
+        let unknown = DMatrix::from_element(R, R, complex(f64::NAN));
+        let resolvent = implicit.lu().try_inverse().unwrap_or(unknown);
+        for column in 0..R {
+            let mut states = vec![Complex::ZERO; pole.coefficients.len()];
+            for n in 0..range.end {
+                let pulse = if n == 0 { 1.0 } else { 0.0 };
+                let mut input =
+                    DVector::from_fn(R, |stage, _| complex(if stage == column { pulse } else { 0.0 }));
+                for (state, coefficient) in states.iter_mut().zip(&pole.coefficients) {
+                    let stages = &resolvent * (&matrix * &input + DVector::repeat(R, *state));
+                    *state += weights.dot(&(&stages * pole.place + &input));
+                    if let Some(place) = n.checked_sub(range.start) {
+                        for stage in 0..R {
+                            made[place][(stage, column)] += times * (stages[stage] * coefficient).re;
+                        }
+                    }
+                    input = stages;
+                }
+            }
+        }
+    }
+    made
 }
 
 /// The integral over the cut of any transfer function, divided by s on rises, and its poles, for n in

@@ -52,7 +52,7 @@ impl Spectrum<'_> {
         let mut nodes = self.of_poles();
         // The cut of a formula may begin anywhere.
         let anywhere = Cut { start: 0.0, rest: 0.0, power: 0.0, strip: 0.0 };
-        let is_formula = self.transfer.text().is_some();
+        let is_formula = self.transfer.text().is_some() && self.transfer.fractions().is_none();
         if let Some(cut) = self.transfer.cut().or(is_formula.then_some(anywhere)) {
             let found = if cut.strip >= WIDE_STRIP { self.trapezoidal(&cut) } else { self.in_windows(&cut) };
             nodes.extend(found);

@@ -2,6 +2,7 @@
 
 pub use super::active::Active;
 use super::algebra::{Algebra, Series};
+use super::fractions::{Fractions, PoleOfOrder};
 use super::multistep_rule::MultistepRule;
 use super::weight_table::WeightTable;
 use fvi_core::{DoubleDouble, ParameterError};
@@ -61,6 +62,8 @@ enum Form {
         spring: f64,
         is_beside: bool,
         relaxation: bool,
+        /// Of a rational function.
+        fractions: Option<Arc<Fractions>>,
         active: Option<Active>,
     },
     Weights(Arc<WeightTable>),
@@ -85,6 +88,10 @@ pub trait Formula: fmt::Debug + Send + Sync {
     /// Numbers that the text refers to.
     fn numbers(&self) -> &[f64] {
         &[]
+    }
+    /// Its partial fractions, if it is rational.
+    fn fractions(&self) -> Option<Fractions> {
+        None
     }
     /// Whether its passivity is known from its form.
     fn is_passive(&self) -> bool {
@@ -243,13 +250,16 @@ impl TransferFunction {
         let allowed = "a symbol that does not vanish like an integral for large s";
         check(growth > -1.0, "growth of the symbol", growth, allowed)?;
         let spring = value_at_zero(&*formula);
+        let fractions = formula.fractions().filter(|fractions| are_of(fractions, &*formula)).map(Arc::new);
+        let rational = fractions.as_ref().map(|fractions| fractions.is_relaxation());
         let formula = SharedFormula(formula);
         let (relaxation, active, is_beside) = (false, None, true);
-        let mut made =
-            Self { form: Form::Formula { formula, growth, spring, is_beside, relaxation, active } };
+        let mut made = Self {
+            form: Form::Formula { formula, growth, spring, is_beside, relaxation, fractions, active },
+        };
         let (whole, drives) = match &made.form {
             Form::Formula { formula, .. } if formula.0.is_passive() => (false, None),
-            _ => (made.is_made_up_by_its_cut(), made.look_for_activity()),
+            _ => (rational.unwrap_or_else(|| made.is_made_up_by_its_cut()), made.look_for_activity()),
         };
         if let Form::Formula { relaxation, active, .. } = &mut made.form {
             (*relaxation, *active) = (whole, drives);
@@ -403,7 +413,7 @@ impl TransferFunction {
             Form::HavriliakNegami { order, .. } => {
                 Some(Cut { start: 0.0, rest: 0.0, power: order, strip: half.min(PI / order - PI) })
             }
-            Form::Prony { .. } | Form::Weights(_) => None,
+            Form::Prony { .. } | Form::Weights(_) | Form::Formula { fractions: Some(_), .. } => None,
             Form::Formula { .. } => {
                 let size = |d: f64| self.jump(d).abs();
                 let (near, far) = (size(1e-40), size(1e-30));
@@ -455,7 +465,7 @@ impl TransferFunction {
                 let (re, im) = (1.0 + w * sine_of_turns(0.5 - order), w * sine_of_turns(order));
                 libm::pow(libm::hypot(re, im), -power) * libm::sin(power * libm::atan2(im, re)) / PI
             }
-            Form::Prony { .. } | Form::Weights(_) => 0.0,
+            Form::Prony { .. } | Form::Weights(_) | Form::Formula { fractions: Some(_), .. } => 0.0,
             Form::Formula { ref formula, .. } => formula.0.value(Complex::new(-d, 0.0)).im / PI,
         }
     }
@@ -472,7 +482,32 @@ impl TransferFunction {
                 };
                 poles.map(pole).collect()
             }
+            Form::Formula { fractions: Some(fractions), relaxation: true, .. } => {
+                let residue = |pole: &PoleOfOrder| pole.coefficients.iter().map(|a| a.re).sum();
+                let poles = fractions.poles.iter();
+                poles
+                    .map(|pole| Pole { rate: -pole.place.re, residue: residue(pole), rests: [0.0; 2] })
+                    .collect()
+            }
             _ => Vec::new(),
+        }
+    }
+
+    /// K(s), its spring included, in partial fractions; `None` if it is not known to be rational.
+    pub fn fractions(&self) -> Option<Fractions> {
+        match &self.form {
+            Form::Power { order: 0.0 } => Some(Fractions::constant(1.0)),
+            Form::Power { order: 1.0 } => Some(Fractions { direct: [0.0, 1.0], poles: Vec::new() }),
+            Form::Prony { strengths, .. } => {
+                let poles = self.poles().into_iter().map(|pole| PoleOfOrder {
+                    place: Complex::new(-pole.rate, 0.0),
+                    coefficients: vec![Complex::new(pole.residue, 0.0)],
+                });
+                let terms = poles.map(|pole| Fractions { direct: [0.0; 2], poles: vec![pole] });
+                Some(terms.fold(Fractions::constant(strengths.iter().sum()), Fractions::add))
+            }
+            Form::Formula { fractions, .. } => fractions.as_deref().cloned(),
+            _ => None,
         }
     }
 
@@ -764,6 +799,20 @@ fn value_at_infinity(formula: &dyn Formula) -> Option<f64> {
         }
     }
     Some(limit)
+}
+
+/// Whether partial fractions are those of a formula: they agree on rays into the right half-plane, relative to
+/// their terms.
+fn are_of(fractions: &Fractions, formula: &dyn Formula) -> bool {
+    let agree = |angle: f64, exponent: i32| {
+        let size = libm::exp10(f64::from(exponent));
+        let s = Complex::new(size * libm::cos(angle), size * libm::sin(angle));
+        let (found, known) = (fractions.value(s), formula.value(s));
+        // Powers of very large and very small s are no numbers.
+        let is_finite = known.re.is_finite() && known.im.is_finite();
+        !is_finite || (found - known).norm() <= 1e-11 * fractions.size(s)
+    };
+    [0.0, 0.9, 1.5].into_iter().all(|angle| (-24..=24).all(|exponent| agree(angle, exponent)))
 }
 
 /// a/b, and what rounding leaves out of it.

@@ -7,6 +7,7 @@ use crate::language::expression::{Expression, Function, Kind, LARGEST_MULTIPLIED
 use crate::language::number_table::NumberTable;
 use crate::numerics::algebra::{Algebra, Series};
 use crate::numerics::dual::Dual;
+use crate::numerics::fractions::{Fractions, Quotient};
 use crate::numerics::relaxation::Relaxation;
 use crate::numerics::transfer::{Formula, TransferFunction};
 use crate::numerics::transfer_derivative::TransferDerivative;
@@ -394,6 +395,57 @@ impl Formula for Symbol {
     fn text(&self) -> &str {
         self.0.text()
     }
+
+    fn fractions(&self) -> Option<Fractions> {
+        fractions_of(self.0.root())
+    }
+}
+
+/// Partial fractions of an expression in s, of sums term by term; `None` if it is not a quotient of
+/// polynomials.
+fn fractions_of(node: &Node) -> Option<Fractions> {
+    match node.kind() {
+        Kind::Negation(inner) => Some(fractions_of(inner)?.scale(-1.0)),
+        Kind::Chain(first, operands) if operands.iter().all(|(operator, _)| operator.is_additive()) => {
+            operands.iter().try_fold(fractions_of(first)?, |sum, (operator, operand)| {
+                let sign = if *operator == Operator::Subtract { -1.0 } else { 1.0 };
+                Some(sum.add(fractions_of(operand)?.scale(sign)))
+            })
+        }
+        // A number times a sum is the sum of its terms.
+        Kind::Chain(first, operands) => match (first.as_number(), operands.as_slice()) {
+            (Some(number), [(Operator::Multiply, operand)]) => Some(fractions_of(operand)?.scale(number)),
+            _ => quotient(node)?.fractions(),
+        },
+        _ => quotient(node)?.fractions(),
+    }
+}
+
+/// An expression in s as a quotient of polynomials.
+fn quotient(node: &Node) -> Option<Quotient> {
+    let found = match node.kind() {
+        Kind::Number(value) => Quotient::constant(*value),
+        Kind::Variable(0) => Quotient::variable(),
+        Kind::Negation(inner) => quotient(inner)?.multiply(&Quotient::constant(-1.0)),
+        Kind::Chain(first, operands) => {
+            operands.iter().try_fold(quotient(first)?, |joined, (operator, operand)| {
+                let operand = quotient(operand)?;
+                let joined = match operator {
+                    Operator::Add => joined.add(&operand),
+                    Operator::Subtract => joined.add(&operand.multiply(&Quotient::constant(-1.0))),
+                    Operator::Multiply => joined.multiply(&operand),
+                    Operator::Divide => joined.multiply(&operand.inverse()?),
+                };
+                joined.is_readable().then_some(joined)
+            })?
+        }
+        Kind::Power(sides) => {
+            let [base, exponent] = sides.as_ref();
+            quotient(base)?.power(exponent.as_number()?)?
+        }
+        _ => return None,
+    };
+    found.is_readable().then_some(found)
 }
 
 /// The derivative of an expression in s and a constant, which follows s as a variable, by that constant at

@@ -302,7 +302,12 @@ fn elements(transfer: &TransferFunction, step: f64) -> Result<Vec<Element>, &'st
             modulus: -pole.residue / pole.rate,
             rate: pole.rate * step,
         };
-        let elements: Vec<Element> = poles.iter().map(element).collect();
+        let mut elements: Vec<Element> = poles.iter().map(element).collect();
+        // c₁ s of a rational function is a dashpot.
+        let viscous = transfer.fractions().map_or(0.0, |fractions| fractions.direct[1]);
+        if viscous != 0.0 {
+            elements.push(Element { modulus: viscous * DASHPOT / step, rate: DASHPOT });
+        }
         return if elements.iter().all(|element| element.modulus > 0.0) { Ok(elements) } else { Err(ACTIVE) };
     };
     // Distances in units of the fastest rate that the steps see.
