@@ -229,6 +229,15 @@ pub fn respond(
         progress(index + 1, omega.len());
     }
     let poles = linearised.poles();
+    if poles.is_ok()
+        && let Some(kernel) = linearised.kernel_of_unknown_poles()
+    {
+        warnings.push(format!(
+            "poles.csv may be incomplete: the kernel {kernel} may itself have poles, which cancel those of the system \
+             in the counts of the argument principle; those of quotients of polynomials in s, as damping terms of their \
+             own, are known"
+        ));
+    }
     let times: Vec<f64> = omega.iter().rev().map(|omega| omega.recip()).collect();
     let terms = linearised.kernels().iter();
     let kernels = terms.map(|transfer| KernelCurves {

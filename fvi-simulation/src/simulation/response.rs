@@ -227,6 +227,12 @@ impl Linearised {
         self.scheme.as_ref().err().map(String::as_str)
     }
 
+    /// A kernel that may have poles of its own which are not known, as a formula that is neither rational nor
+    /// made up by its cut: beside them [`poles`](Self::poles) may miss zeros.
+    pub fn kernel_of_unknown_poles(&self) -> Option<&TransferFunction> {
+        self.transfers.iter().find(|transfer| !poles::is_known(transfer))
+    }
+
     /// The zeros s of det(s²M + K + Σ_m ρ_m K_m(s)) on the principal sheet with Im s ≥ 0, ordered by their
     /// frequencies; for Im s > 0 the conjugate is a zero too. Zeros at s = 0, of unconstrained motions, are
     /// left out.

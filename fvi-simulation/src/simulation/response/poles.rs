@@ -1,5 +1,6 @@
 //! Poles of a damped structure: zeros of its characteristic function, counted and computed.
 
+use crate::numerics::fractions::{Fractions, is_same};
 use crate::numerics::transfer::TransferFunction;
 use crate::simulation::stability::Part;
 use crate::simulation::stability::characteristic::log_determinant;
@@ -26,8 +27,17 @@ impl SystemPole {
     }
 }
 
-/// Lower bound of |s| in the search, as a fraction of the largest frequency.
+/// Lower bound of |s| in the search, as a fraction of the largest frequency and of the slowest pole of a kernel;
+/// and where the stiffness asks for more, at most.
 const SLOWEST: f64 = 1e-9;
+const SLOWEST_OF_ALL: f64 = 1e-60;
+
+/// Distance from a kernel's pole, relative to it, within which the kernel is evaluated by its partial fractions:
+/// their pole is the one that is multiplied out.
+const CLOSE: f64 = 1e-3;
+
+/// Size of a cell, in ln s, below which zeros whose halves cannot be counted are one place.
+const ONE_PLACE: f64 = 1e-4;
 
 /// For a side of a cell.
 const FINENESS: Fineness = Fineness { followed: 0.7, parts: 8, halvings: 40 };
@@ -39,9 +49,9 @@ const MOST_VALUES: usize = 4_000_000;
 /// the real axis.
 ///
 /// In w = ln s the sheet is a strip. It is divided into cells, whose zeros are counted by the argument
-/// principle, until a cell has one zero, which is computed by the secant method. If no kernel has a cut,
-/// zeros and poles may lie on the negative real axis: the strip then extends beyond it, and the poles of
-/// Prony series are divided out.
+/// principle, until a cell has one zero, which is computed by the secant method. Where no cut lies, zeros and
+/// poles may lie on the negative real axis: the strip then extends beyond it. The poles of rational kernels are
+/// multiplied out, each as often as its McMillan degree says, so that they cancel no zero.
 ///
 /// # Errors
 /// A message, if zeros cannot be separated.
@@ -49,9 +59,9 @@ pub(super) fn poles_of(part: &Part, transfers: &[TransferFunction]) -> Result<Ve
     let search = Search::new(part, transfers);
     let mut found = search.zeros()?;
     found.retain(|s| !search.is_taken_out(*s));
-    // Zeros on the real axis up to rounding, and conjugates of zeros found beyond it.
-    for s in &mut found {
-        if s.im.abs() <= 1e-11 * s.re.abs() {
+    let all = found.clone();
+    for (index, s) in found.iter_mut().enumerate() {
+        if search.is_real(*s, index, &all) {
             s.im = 0.0;
         }
     }
@@ -59,13 +69,40 @@ pub(super) fn poles_of(part: &Part, transfers: &[TransferFunction]) -> Result<Ve
     Ok(found.into_iter().map(|place| SystemPole { place }).collect())
 }
 
+/// Whether every pole of a kernel is known, so that zeros beside them are counted.
+pub(super) fn is_known(transfer: &TransferFunction) -> bool {
+    transfer.fractions().is_some() || transfer.is_relaxation()
+}
+
+/// A kernel in the characteristic function.
+struct Acting<'a> {
+    transfer: &'a TransferFunction,
+    rho: &'a DMatrix<f64>,
+    fractions: Option<Fractions>,
+}
+
+impl Acting<'_> {
+    fn value(&self, s: Complex<f64>) -> Complex<f64> {
+        match &self.fractions {
+            Some(fractions)
+                if fractions.poles.iter().any(|p| (s - p.place).norm() < CLOSE * p.place.norm()) =>
+            {
+                fractions.value(s) - self.transfer.spring()
+            }
+            _ => self.transfer.value(s),
+        }
+    }
+}
+
 struct Search<'a> {
     part: &'a Part,
-    transfers: Vec<(&'a TransferFunction, &'a DMatrix<f64>)>,
-    /// Poles s = −λ of kernels if no kernel has a cut, each with the rank of ρ as its multiplicity.
-    taken_out: Vec<(f64, f64)>,
-    /// Bounds of ln |s| and of the angle.
-    strip: [(f64, f64); 2],
+    acting: Vec<Acting<'a>>,
+    /// Poles of rational kernels, each with its multiplicity.
+    taken_out: Vec<(Complex<f64>, f64)>,
+    /// The strip, in ln |s| and the angle.
+    strip: Vec<Cell>,
+    /// ln |s| beyond which the negative real axis is a cut.
+    cut: f64,
     /// Depth to which cells are divided whatever their count: the poles of formulas might cancel zeros in it.
     least_depth: u32,
     values: std::cell::Cell<usize>,
@@ -78,52 +115,58 @@ struct Cell {
     depth: u32,
 }
 
-impl<'a> Search<'a> {
-    fn new(part: &'a Part, transfers: &'a [TransferFunction]) -> Self {
-        let acting: Vec<_> =
-            transfers.iter().zip(&part.damping).filter(|(_, rho)| rho.amax() > 0.0).collect();
-        let has_cut = acting.iter().any(|(transfer, _)| transfer.cut().is_some());
-        let is_simple =
-            acting.iter().all(|(transfer, _)| transfer.is_relaxation() && transfer.text().is_none());
-        let mut taken_out: Vec<(f64, f64)> = Vec::new();
-        for (transfer, rho) in &acting {
-            let rank = rank(rho);
-            for pole in transfer.poles() {
-                match taken_out.iter_mut().find(|(rate, _)| (rate - pole.rate).abs() <= 1e-12 * rate.abs()) {
-                    Some((_, known)) => *known = (*known + rank).min(part.size() as f64),
-                    None => taken_out.push((pole.rate, rank)),
-                }
-            }
-        }
-        // There are no zeros beyond |s|² = Σ |ρ| |K(s)| + |K|; |s| is doubled as a margin.
-        let bound = |radius: f64| {
-            let angles = [0.0, 0.25 * PI, 0.5 * PI, 0.75 * PI, PI];
-            let size = |transfer: &TransferFunction| {
-                let sizes =
-                    angles.iter().map(|&angle| transfer.value(polar(libm::log(radius), angle)).norm());
-                sizes.filter(|size| size.is_finite()).fold(0.0, f64::max)
-            };
-            part.stiffness.norm()
-                + acting.iter().map(|(transfer, rho)| rho.norm() * size(transfer)).sum::<f64>()
-        };
-        let mut highest = 1e-12;
-        while highest * highest < 4.0 * bound(highest) && highest < 1e150 {
-            highest *= 2.0;
-        }
-        let top = libm::log(highest);
-        let left = if has_cut { PI } else { PI + 0.061 };
-        Self {
-            part,
-            transfers: acting,
-            taken_out,
-            strip: [(top + libm::log(SLOWEST), top), (-0.053, left)],
-            least_depth: if is_simple { 0 } else { 10 },
-            values: std::cell::Cell::new(MOST_VALUES),
-        }
+impl Cell {
+    fn size(&self) -> f64 {
+        (self.to.0 - self.from.0).max(self.to.1 - self.from.1)
     }
 
+    fn middle(&self) -> Complex<f64> {
+        polar(0.5 * (self.from.0 + self.to.0), 0.5 * (self.from.1 + self.to.1))
+    }
+}
+
+impl<'a> Search<'a> {
+    fn new(part: &'a Part, transfers: &'a [TransferFunction]) -> Self {
+        let acting: Vec<Acting<'_>> = transfers
+            .iter()
+            .zip(&part.damping)
+            .filter(|(_, rho)| rho.amax() > 0.0)
+            .map(|(transfer, rho)| Acting { transfer, rho, fractions: transfer.fractions() })
+            .collect();
+        // Before a cut the real axis is like any other place.
+        let starts = acting.iter().filter_map(|acting| acting.transfer.cut());
+        let cut = starts.map(|cut| libm::log(cut.start)).fold(f64::INFINITY, f64::min) - 1e-6;
+        let is_simple = acting.iter().all(|acting| is_known(acting.transfer));
+        let taken_out = poles_with_multiplicity(&acting, part.size());
+        let [lowest, highest] = reach(part, &acting, &taken_out);
+        let (below, above) = (-0.053, PI + 0.061);
+        let cell = |from: f64, to: f64, angle: f64| Cell { from: (from, below), to: (to, angle), depth: 0 };
+        let strip = if cut >= highest {
+            vec![cell(lowest, highest, above)]
+        } else if cut <= lowest {
+            vec![cell(lowest, highest, PI)]
+        } else {
+            vec![cell(lowest, cut, above), cell(cut, highest, PI)]
+        };
+        let least_depth = if is_simple { 0 } else { 10 };
+        Self { part, acting, taken_out, strip, cut, least_depth, values: std::cell::Cell::new(MOST_VALUES) }
+    }
+
+    /// Where kernels share a pole up to rounding, what is left of it.
     fn is_taken_out(&self, s: Complex<f64>) -> bool {
-        self.taken_out.iter().any(|(rate, _)| (s + *rate).norm() <= 1e-7 * rate)
+        self.taken_out.iter().any(|(place, _)| (s - place).norm() <= 1e-14 * place.norm())
+    }
+
+    /// Whether a zero is real up to rounding: beside the real axis zeros come in conjugate pairs.
+    fn is_real(&self, s: Complex<f64>, index: usize, all: &[Complex<f64>]) -> bool {
+        if s.re < 0.0 && libm::log(s.norm()) >= self.cut {
+            return s.im.abs() <= 1e-11 * s.re.abs();
+        }
+        let has_conjugate = || {
+            let others = all.iter().enumerate().filter(|(other, _)| *other != index);
+            others.into_iter().any(|(_, other)| (other - s.conj()).norm() < s.im.abs())
+        };
+        s.im.abs() <= 1e-6 * s.re.abs() && !has_conjugate()
     }
 
     /// A logarithm of the function at s = e^{x + iy}.
@@ -135,8 +178,7 @@ impl<'a> Search<'a> {
     fn logarithm_at(&self, s: Complex<f64>) -> Option<Complex<f64>> {
         let size = self.part.size();
         let mut matrix = vec![Complex::ZERO; size * size];
-        let factors: Vec<_> =
-            self.transfers.iter().map(|(transfer, rho)| (transfer.value(s), *rho)).collect();
+        let factors: Vec<_> = self.acting.iter().map(|acting| (acting.value(s), acting.rho)).collect();
         for row in 0..size {
             for column in 0..size {
                 let mut entry = Complex::new(self.part.stiffness[(row, column)], 0.0);
@@ -148,52 +190,66 @@ impl<'a> Search<'a> {
             }
         }
         let mut sum = log_determinant(&mut matrix, size)?;
-        for &(rate, rank) in &self.taken_out {
-            let factor = s / rate + 1.0;
-            sum += Complex::new(libm::log(factor.norm()), libm::atan2(factor.im, factor.re)) * rank;
+        for &(place, multiplicity) in &self.taken_out {
+            let factor = (s - place) / place.norm();
+            sum += Complex::new(libm::log(factor.norm()), libm::atan2(factor.im, factor.re)) * multiplicity;
         }
         (sum.re.is_finite() && sum.im.is_finite()).then_some(sum)
     }
 
     fn zeros(&self) -> Result<Vec<Complex<f64>>, String> {
-        let [(left, right), (low, high)] = self.strip;
         let mut found = Vec::new();
-        let mut cells = vec![Cell { from: (left, low), to: (right, high), depth: 0 }];
+        for &cell in &self.strip {
+            let inside = self.zeros_in(cell)?;
+            // The whole strip at once is another count than its cells.
+            if self.least_depth == 0
+                && let Some(count) = self.count(&cell)
+                && count != inside.len() as i64
+            {
+                return Err(format!(
+                    "the argument principle counts {count} poles, of which {} were found",
+                    inside.len()
+                ));
+            }
+            found.extend(inside);
+        }
+        Ok(found)
+    }
+
+    fn zeros_in(&self, cell: Cell) -> Result<Vec<Complex<f64>>, String> {
+        let mut found = Vec::new();
+        let mut cells = vec![cell];
         while let Some(cell) = cells.pop() {
             let count = self.count(&cell);
             if count == Some(0) && cell.depth >= self.least_depth {
                 continue;
             }
-            let (wide, high) = (cell.to.0 - cell.from.0, cell.to.1 - cell.from.1);
             if count == Some(1)
-                && wide.max(high) < 0.3
+                && cell.size() < 0.3
                 && let Some(zero) = self.refine(&cell)
             {
                 found.push(zero);
                 continue;
             }
-            if wide.max(high) < 1e-7 {
-                // Zeros that coincide up to rounding are one place with the counted multiplicity; a cell of
-                // poles has none.
-                match count {
-                    Some(count) => {
-                        let middle = polar(0.5 * (cell.from.0 + cell.to.0), 0.5 * (cell.from.1 + cell.to.1));
-                        found.extend((0..count.max(0)).map(|_| middle));
-                        continue;
-                    }
-                    None => return Err(self.lost(&cell)),
-                }
+            // Zeros that coincide up to rounding are one place with the counted multiplicity; a cell of poles
+            // has none.
+            let halves = self.halves(cell);
+            let is_one_place = cell.size() < 1e-7
+                || cell.size() < ONE_PLACE && halves.iter().any(|half| self.count(half).is_none());
+            if is_one_place && let Some(count) = count {
+                found.extend((0..count.max(0)).map(|_| cell.middle()));
+                continue;
             }
-            if self.values.get() == 0 {
+            if cell.size() < 1e-7 || self.values.get() == 0 {
                 return Err(self.lost(&cell));
             }
-            cells.extend(self.halves(cell));
+            cells.extend(halves);
         }
         Ok(found)
     }
 
     fn lost(&self, cell: &Cell) -> String {
-        let s = polar(0.5 * (cell.from.0 + cell.to.0), 0.5 * (cell.from.1 + cell.to.1));
+        let s = cell.middle();
         format!("the poles near s = {:.4e} + {:.4e}i cannot be told apart", s.re, s.im)
     }
 
@@ -283,10 +339,95 @@ impl<'a> Search<'a> {
     }
 }
 
-fn rank(rho: &DMatrix<f64>) -> f64 {
-    let eigenvalues = crate::numerics::dense::symmetric_eigenvalues(rho.clone());
-    let threshold = 1e-12 * eigenvalues.amax();
-    eigenvalues.iter().filter(|value| value.abs() > threshold).count() as f64
+/// Bounds of ln |s|. There are no zeros beyond |s|² = Σ |ρ| |K(s)| + |K|, farther out than all poles, where |s|
+/// is doubled as a margin; and none where s² and Σ |ρ| |K(s)| are small against a stiffness.
+fn reach(part: &Part, acting: &[Acting<'_>], taken_out: &[(Complex<f64>, f64)]) -> [f64; 2] {
+    let angles = [0.0, 0.25 * PI, 0.5 * PI, 0.75 * PI, PI];
+    let of = |transfer: &TransferFunction, radius: f64| {
+        let sizes = angles.iter().map(|&angle| transfer.value(polar(libm::log(radius), angle)).norm());
+        sizes.filter(|size| size.is_finite()).fold(0.0, f64::max)
+    };
+    let damping = |radius: f64| -> f64 {
+        acting.iter().map(|acting| acting.rho.norm() * of(acting.transfer, radius)).sum()
+    };
+    let sizes = || taken_out.iter().map(|(place, _)| place.norm());
+    let mut highest = sizes().fold(1e-12, |most, size| f64::max(most, 4.0 * size));
+    while highest * highest < 4.0 * (part.stiffness.norm() + damping(highest)) && highest < 1e150 {
+        highest *= 2.0;
+    }
+    let slowest = sizes().fold(highest, f64::min);
+    let mut lowest = SLOWEST * slowest;
+    let eigenvalues = crate::numerics::dense::symmetric_eigenvalues(part.stiffness.clone());
+    let softest = eigenvalues.iter().fold(f64::INFINITY, |least, value| least.min(value.abs()));
+    while softest > 1e-12 * part.stiffness.norm()
+        && lowest * lowest + damping(lowest) > 0.25 * softest
+        && lowest > SLOWEST_OF_ALL * highest
+    {
+        lowest *= 0.5;
+    }
+    [libm::log(lowest), libm::log(highest)]
+}
+
+/// The poles of Σ ρ_m K_m, with the McMillan degree of each, the rank of the block Hankel matrix
+///
+/// ```text
+/// [ A₁ A₂ … A_k ; A₂ A₃ … 0 ; … ; A_k 0 … 0 ]
+/// ```
+///
+/// of its Laurent coefficients A_j.
+fn poles_with_multiplicity(acting: &[Acting<'_>], size: usize) -> Vec<(Complex<f64>, f64)> {
+    let mut poles: Vec<(Complex<f64>, Vec<DMatrix<Complex<f64>>>)> = Vec::new();
+    for Acting { rho, fractions, .. } in acting {
+        for pole in fractions.iter().flat_map(|fractions| &fractions.poles) {
+            let index =
+                poles.iter().position(|(place, _)| is_same(*place, pole.place)).unwrap_or_else(|| {
+                    poles.push((pole.place, Vec::new()));
+                    poles.len() - 1
+                });
+            let matrices = &mut poles[index].1;
+            while matrices.len() < pole.coefficients.len() {
+                matrices.push(DMatrix::zeros(size, size));
+            }
+            for (matrix, coefficient) in matrices.iter_mut().zip(&pole.coefficients) {
+                *matrix += rho.map(|entry| *coefficient * entry);
+            }
+        }
+    }
+    let counted = |(place, matrices): (Complex<f64>, Vec<DMatrix<Complex<f64>>>)| {
+        let order = matrices.len();
+        // In units of the pole, so that the coefficients of all orders are alike.
+        let unit = place.norm();
+        let hankel = DMatrix::from_fn(order * size, order * size, |row, column| {
+            let index = row / size + column / size;
+            let scale = libm::pow(unit, -(index as f64));
+            matrices.get(index).map_or(Complex::ZERO, |matrix| matrix[(row % size, column % size)] * scale)
+        });
+        (place, rank(hankel) as f64)
+    };
+    poles.into_iter().map(counted).filter(|(_, multiplicity)| *multiplicity > 0.0).collect()
+}
+
+/// The rank of a matrix, by elimination with the largest pivots.
+fn rank(mut matrix: DMatrix<Complex<f64>>) -> usize {
+    let size = matrix.nrows();
+    let largest = matrix.iter().map(|entry| entry.norm()).fold(0.0, f64::max);
+    for step in 0..size {
+        let places = (step..size).flat_map(|row| (step..size).map(move |column| (row, column)));
+        let pivot = places.max_by(|&a, &b| matrix[a].norm_sqr().total_cmp(&matrix[b].norm_sqr()));
+        let Some((row, column)) = pivot.filter(|&place| matrix[place].norm() > 1e-12 * largest) else {
+            return step;
+        };
+        matrix.swap_rows(step, row);
+        matrix.swap_columns(step, column);
+        for row in step + 1..size {
+            let factor = matrix[(row, step)] / matrix[(step, step)];
+            for column in step..size {
+                let above = matrix[(step, column)];
+                matrix[(row, column)] -= factor * above;
+            }
+        }
+    }
+    size
 }
 
 /// e^{x + iy}; at y = π on the upper side of the negative real axis.
@@ -363,6 +504,35 @@ mod tests {
             assert!(((s * s + 1.0) * (s + 1.0) + s * 0.5).norm() < 1e-12, "{s}");
         }
         assert_eq!(found.iter().filter(|s| s.im == 0.0).count(), 1);
+    }
+
+    fn symbol(text: &str) -> TransferFunction {
+        crate::scenario::kernel_of_symbol(text).unwrap()
+    }
+
+    #[test]
+    fn zeros_beside_the_poles_of_kernels_are_found() {
+        // A resonator, 0.15 from its pole.
+        let kernel = symbol("s^2*0.9728856577525005/(s^2 + 0.5316299786381982*s + 3.2047138700533733)");
+        let found = places(&part(1.0, &[1.0]), &[kernel]);
+        assert_eq!(found.len(), 2, "{found:?}");
+        // Farther out than the springs' frequencies.
+        let prony = TransferFunction::prony(&[2.872, 2.849], &[1.0 / 21.4, 1.0 / 17.6]).unwrap();
+        let found = places(&part(1.0, &[1.0]), &[prony]);
+        assert_eq!(found.len(), 3, "{found:?}");
+    }
+
+    #[test]
+    fn double_poles_of_a_kernel_and_of_the_system_are_counted() {
+        let found = places(&part(1.0, &[0.7]), &[symbol("s^2/(s^2 + 2*s + 1)")]);
+        // (s² + 1)(s + 1)² + 0.7 s², whose roots are two pairs.
+        assert_eq!(found.len(), 2, "{found:?}");
+        for s in found {
+            assert!(((s * s + 1.0) * (s + 1.0) * (s + 1.0) + s * s * 0.7).norm() < 1e-11, "{s}");
+        }
+        let found = places(&part(1.0, &[2.0]), &[TransferFunction::power(1.0).unwrap()]);
+        assert_eq!(found.len(), 2, "{found:?}");
+        assert!(found.iter().all(|s| (s + 1.0).norm() < 1e-6), "{found:?}");
     }
 
     #[test]
