@@ -331,7 +331,7 @@ fn motions_have_the_orders_of_node_form_for_kernels_with_random_parameters() {
 }
 
 /// The solution of ẋ = A x at a time: Taylor's series of the exponential of A t/2ᵏ, squared k times.
-fn of_ode(matrix: &nalgebra::DMatrix<f64>, start: &[f64], time: f64) -> nalgebra::DVector<f64> {
+pub(crate) fn of_ode(matrix: &nalgebra::DMatrix<f64>, start: &[f64], time: f64) -> nalgebra::DVector<f64> {
     const SQUARINGS: i32 = 16;
     let scaled = matrix * (time * 0.5f64.powi(SQUARINGS));
     let identity = nalgebra::DMatrix::identity(matrix.nrows(), matrix.nrows());

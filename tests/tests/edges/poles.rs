@@ -11,6 +11,7 @@ use fvi_host::simulation::response::Linearised;
 use fvi_host::simulation::{Precision, Simulation};
 use nalgebra::{Complex, DMatrix, DVector};
 
+use crate::kernels::of_ode;
 use crate::variable_steps::noise;
 
 fn scenario(text: &str) -> Scenario {
@@ -205,7 +206,7 @@ fn last(text: &str) -> Result<GridState, String> {
     let scenario = scenario(text);
     let mut motion = Motion::start(&scenario, Precision::F64).map_err(|error| error.to_string())?;
     while !motion.is_done() {
-        motion.advance().map_err(|error| error.to_string())?;
+        motion.advance().map_err(|failure| format!("{failure:?}"))?;
     }
     Ok(motion.state().clone())
 }
@@ -274,7 +275,7 @@ fn oscillating_and_double_poles_move_as_their_differential_equations_in_runge_ku
             let matrix = structure.matrix();
             let mut start = DVector::zeros(matrix.nrows());
             (start[0], start[1]) = (1.0, 0.5);
-            ((matrix * 3.0).exp() * start)[0]
+            of_ode(&matrix, start.as_slice(), 3.0)[0]
         };
         let text = Kernel::resonator(numbers, &[1.0]).text;
         for (way, tolerance) in [
