@@ -31,9 +31,9 @@ pub enum Derivative {
 pub struct Sample<'a, T> {
     /// Main node q_k at the beginning of the step.
     pub from: &'a [T],
-    /// q_k − X_{k−1,i}, the offsets of q_k from the nodes of the previous sample, R·N numbers; before the first
-    /// sample those from the rest of Caputo's type, zero unless the position jumped. Empty if the previous
-    /// sample is the main node q_k.
+    /// q_k − X_{k−1,i}, the offsets of q_k from the nodes of the previous sample, R·N numbers; before the
+    /// first sample those from the rest of Caputo's type, zero unless the position jumped. Empty if the
+    /// previous sample is the main node q_k.
     pub behind: &'a [T],
     /// t_k.
     pub time: T,

@@ -130,8 +130,9 @@ impl Scenario {
 
     /// Order in h of positions and momenta on steps of any length.
     ///
-    /// That of the scheme, but for variational schemes at most w + 2 − β, w the stage order of the Runge–Kutta
-    /// family and β the largest order of the damping: the quadrature at the stages has no higher one.
+    /// That of the scheme, but for variational schemes at most w + 2 − β, w the stage order of the
+    /// Runge–Kutta family and β the largest order of the damping: the quadrature at the stages has no higher
+    /// one.
     pub fn order_of_varying_steps(&self) -> f64 {
         let descriptor = self.scheme_descriptor();
         let order = descriptor.order as f64;

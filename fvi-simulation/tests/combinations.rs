@@ -405,9 +405,9 @@ impl Runs {
 }
 
 /// Pairs that are refused where matrices or tables of numbers are computed: gyroscopic forces and dampers act
-/// on the coordinate without mass, kernels have no exponentials to rounding or no Maxwell elements, the
-/// matrix of a step is not symmetric.
-const BY_NUMBERS: [(&str, &str); 12] = [
+/// on the coordinate without mass, kernels have no exponentials to rounding or for steps of any length, or no
+/// Maxwell elements, the matrix of a step is not symmetric.
+const BY_NUMBERS: [(&str, &str); 15] = [
     ("gyroscopic", "massless"),
     ("massless", "main nodes"),
     ("massless", "starting"),
@@ -415,6 +415,9 @@ const BY_NUMBERS: [(&str, &str); 12] = [
     ("oscillating", "exponential-sum"),
     ("oscillating", "exponential-sum-core"),
     ("oscillating", "single states"),
+    ("oscillating", "graded collocation"),
+    ("oscillating", "graded galerkin"),
+    ("oscillating", "adaptive"),
     ("case", "galerkin, more points"),
     ("case", "galerkin, Lobatto"),
     ("case", "galerkin, Radau"),

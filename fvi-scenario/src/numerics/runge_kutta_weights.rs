@@ -143,8 +143,8 @@ impl<const R: usize> RungeKuttaWeights<R> {
         Ok(weights)
     }
 
-    /// Weights of any transfer function K that is determined by its cut and poles, or rational, on values, or on rises if
-    /// `on_rises` is set: Σ W_n zⁿ = K(Δ(z)/h), or K(Δ(z)/h) (Δ(z)/h)⁻¹ times A⁻¹/h.
+    /// Weights of any transfer function K that is determined by its cut and poles, or rational, on values, or
+    /// on rises if `on_rises` is set: Σ W_n zⁿ = K(Δ(z)/h), or K(Δ(z)/h) (Δ(z)/h)⁻¹ times A⁻¹/h.
     ///
     /// # Errors
     /// As [`new`](RungeKuttaWeights::new) and [`on_rises`](RungeKuttaWeights::on_rises); and if K has
@@ -446,8 +446,8 @@ fn oscillating(transfer: &TransferFunction) -> Option<Fractions> {
     transfer.fractions().filter(|fractions| fractions.poles.iter().all(|pole| pole.place.re < 0.0))
 }
 
-/// The weights of poles of any order for n in `range`: the stages of x₁' = p x₁ + u, x₂' = p x₂ + x₁, … by the
-/// method itself, whose discrete operator at Δ(z)/h they are, under unit pulses at each stage.
+/// The weights of poles of any order for n in `range`: the stages of x₁' = p x₁ + u, x₂' = p x₂ + x₁, … by
+/// the method itself, whose discrete operator at Δ(z)/h they are, under unit pulses at each stage.
 fn responses_of<const R: usize>(
     matrix: &SMatrix<f64, R, R>,
     weights: &SVector<f64, R>,

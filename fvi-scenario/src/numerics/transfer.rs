@@ -801,8 +801,8 @@ fn value_at_infinity(formula: &dyn Formula) -> Option<f64> {
     Some(limit)
 }
 
-/// Whether partial fractions are those of a formula: they agree on rays into the right half-plane, relative to
-/// their terms.
+/// Whether partial fractions are those of a formula: they agree on rays into the right half-plane, relative
+/// to their terms.
 fn are_of(fractions: &Fractions, formula: &dyn Formula) -> bool {
     let agree = |angle: f64, exponent: i32| {
         let size = libm::exp10(f64::from(exponent));

@@ -17,9 +17,9 @@ const SHORTEST: f64 = 1e-12;
 const SHORTEST_OF_ALL: f64 = 1e-30;
 const SMALL_PART: f64 = 0.03;
 
-/// The same where positions of coordinates without mass begin like t^γ, γ < 1. The size of that motion depends
-/// on forces and is not known here; the shortest step, which costs rates of the memory only, suffices for this
-/// multiple of `scale`. Below the bound the square of a step leaves the range of double precision.
+/// The same where positions of coordinates without mass begin like t^γ, γ < 1. The size of that motion
+/// depends on forces and is not known here; the shortest step, which costs rates of the memory only, suffices
+/// for this multiple of `scale`. Below the bound the square of a step leaves the range of double precision.
 const SHORTEST_OF_CREEP: f64 = 1e-140;
 const LARGEST_CREEP: f64 = 1e3;
 
@@ -54,8 +54,8 @@ pub struct Adaptive {
     pub start: Start,
     /// The first step that the tolerance requires for this behaviour.
     pub asked: f64,
-    /// The length in which a creep like t^γ of the size `scale` at the end stays within the tolerance; the end
-    /// without one.
+    /// The length in which a creep like t^γ of the size `scale` at the end stays within the tolerance; the
+    /// end without one.
     pub creep: f64,
     /// The first pair of steps, if the required step is too short to be made and the scenario does not give
     /// the shortest; see [`momenta_from`](Self::momenta_from).

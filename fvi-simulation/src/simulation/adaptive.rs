@@ -323,6 +323,7 @@ impl<'s> AdaptiveSteps<'s> {
                 }
                 (self.progress.second, self.progress.time, self.ahead) = (Some((half, end)), between, true);
                 self.progress.at_break = at_break;
+                self.progress.budget.count();
                 if at_break {
                     self.progress.budget.pass(end);
                 }
@@ -419,8 +420,8 @@ impl<'s> AdaptiveSteps<'s> {
         Ok(iterations)
     }
 
-    /// The error of the halves of a pair as a multiple of what it may be: the largest of all positions and momenta, at the
-    /// end and inside.
+    /// The error of the halves of a pair as a multiple of what it may be: the largest of all positions and
+    /// momenta, at the end and inside.
     fn error(&self, pair: [f64; 2]) -> f64 {
         let is_judged = self.rule.longest_unjudged(self.progress.time).is_none();
         let of_momenta = if is_judged { 1.0 } else { 0.0 };

@@ -48,8 +48,8 @@ pub(super) struct Placed<'a> {
     pub(super) rows: MasslessRows,
 }
 
-/// The coordinates without mass of a scenario, and the scenario with their positions at t = 0+. Scenarios with
-/// a mass for every coordinate are unchanged.
+/// The coordinates without mass of a scenario, and the scenario with their positions at t = 0+. Scenarios
+/// with a mass for every coordinate are unchanged.
 ///
 /// A coordinate without mass follows the load of t = 0 at once, as far as the dampers let it: it jumps along
 /// the directions y in which every kernel has an unrelaxed modulus K_m(∞), to

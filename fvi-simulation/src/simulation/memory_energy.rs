@@ -28,7 +28,8 @@ use std::f64::consts::PI;
 /// ```text
 /// BDF 1        S_{k+1} = (g/2)(1 + ε/2) v_k²                   D_k = (g ε/4)(v_k + v_{k−1})²
 /// trapezoidal  S_{k+1} = 2g v_k²                               D_k = g ε (v_k + v_{k−1})²
-/// BDF 2        S_{k+1} = 2g (3v_k − v_{k−1})²                  D_k = 4gε (a y_k − b y_{k−1})² ,  y_k = v_k + v_{k−1} .
+/// BDF 2        S_{k+1} = 2g (3v_k − v_{k−1})²                  D_k = 4gε (a y_k − b y_{k−1})² ,  y_k = v_k +
+/// v_{k−1} .
 ///                        + 4gε [(v_k − b v_{k−1})² + b² v_k²]
 /// ```
 ///

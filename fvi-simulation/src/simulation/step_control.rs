@@ -21,8 +21,8 @@ const FADING: f64 = 0.97;
 const FADING_WHEN_LOW: f64 = 1e-3;
 const LOW: f64 = 0.05;
 
-/// Largest order of the error, in its length, of a step that begins with a jump or at t = 0: that for a motion
-/// like t^{5/2}. For smoother motions the step is too short at first, and grows.
+/// Largest order of the error, in its length, of a step that begins with a jump or at t = 0: that for a
+/// motion like t^{5/2}. For smoother motions the step is too short at first, and grows.
 const SINGULAR_ORDER: f64 = 2.5;
 
 /// The controller of adaptive steps.

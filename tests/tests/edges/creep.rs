@@ -363,7 +363,7 @@ fn adaptive_steps_creep_within_their_tolerance() {
 
 #[test]
 fn creep_data_tell_spring_and_memory() {
-    // Compliance of 1 + 4·(0.3 s)^0.6/(1 + (0.3 s)^0.6), at the grid points of four decades, t = 0 among them.
+    // Compliance of 1 + 4·(0.3 s)^0.6/(1 + (0.3 s)^0.6), at the grid points of four decades and at t = 0.
     let solid = Solid::alone(1.0, 4.0, maxwell(0.6, 0.0, 0.3), 1.0, 0.0);
     let grid = "[time]\ngrid = \"geometric\"\nfirst = 0.001\nratio = 1.1\nend = 10.0\n";
     let mut data = "t,q0\n0,0.2\n".to_owned();

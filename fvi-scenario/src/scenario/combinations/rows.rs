@@ -68,7 +68,6 @@ pub const ROWS: &[Row] = &[
     ),
     row(GivenWeights, Steps, "", "equal steps, those of the file"),
     row(GivenWeights, Staged, "", "the family \"bdf\", whose weights are numbers"),
-    row(OtherKernel, Staged, "", "`convolution.family` = \"bdf\" on equal steps, which takes any kernel"),
     row(ExponentialSums, Trapezoidal, "its weights alternate in sign and do not fall off", ANY_WEIGHTS),
     row(
         ExponentialSums,

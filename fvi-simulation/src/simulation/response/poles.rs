@@ -27,13 +27,13 @@ impl SystemPole {
     }
 }
 
-/// Lower bound of |s| in the search, as a fraction of the largest frequency and of the slowest pole of a kernel;
-/// and where the stiffness asks for more, at most.
+/// Lower bound of |s| in the search, as a fraction of the largest frequency and of the slowest pole of a
+/// kernel; and where the stiffness asks for more, at most.
 const SLOWEST: f64 = 1e-9;
 const SLOWEST_OF_ALL: f64 = 1e-60;
 
-/// Distance from a kernel's pole, relative to it, within which the kernel is evaluated by its partial fractions:
-/// their pole is the one that is multiplied out.
+/// Distance from a kernel's pole, relative to it, within which the kernel is evaluated by its partial
+/// fractions: their pole is the one that is multiplied out.
 const CLOSE: f64 = 1e-3;
 
 /// Size of a cell, in ln s, below which zeros whose halves cannot be counted are one place.
@@ -50,8 +50,8 @@ const MOST_VALUES: usize = 4_000_000;
 ///
 /// In w = ln s the sheet is a strip. It is divided into cells, whose zeros are counted by the argument
 /// principle, until a cell has one zero, which is computed by the secant method. Where no cut lies, zeros and
-/// poles may lie on the negative real axis: the strip then extends beyond it. The poles of rational kernels are
-/// multiplied out, each as often as its McMillan degree says, so that they cancel no zero.
+/// poles may lie on the negative real axis: the strip then extends beyond it. The poles of rational kernels
+/// are multiplied out, each as often as its McMillan degree says, so that they cancel no zero.
 ///
 /// # Errors
 /// A message, if zeros cannot be separated.
@@ -339,8 +339,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Bounds of ln |s|. There are no zeros beyond |s|² = Σ |ρ| |K(s)| + |K|, farther out than all poles, where |s|
-/// is doubled as a margin; and none where s² and Σ |ρ| |K(s)| are small against a stiffness.
+/// Bounds of ln |s|. There are no zeros beyond |s|² = Σ |ρ| |K(s)| + |K|, farther out than all poles,
+/// where |s| is doubled as a margin; and none where s² and Σ |ρ| |K(s)| are small against a stiffness.
 fn reach(part: &Part, acting: &[Acting<'_>], taken_out: &[(Complex<f64>, f64)]) -> [f64; 2] {
     let angles = [0.0, 0.25 * PI, 0.5 * PI, 0.75 * PI, PI];
     let of = |transfer: &TransferFunction, radius: f64| {
