@@ -62,7 +62,7 @@ impl Fractions {
 
     /// The sum of two functions.
     #[must_use]
-    pub fn add(mut self, other: Self) -> Self {
+    pub fn plus(mut self, other: Self) -> Self {
         self.direct.iter_mut().zip(other.direct).for_each(|(mine, more)| *mine += more);
         for pole in other.poles {
             let Some(mine) = self.poles.iter_mut().find(|mine| is_same(mine.place, pole.place)) else {
@@ -131,7 +131,7 @@ impl Quotient {
 
     /// The sum, over a common denominator.
     #[must_use]
-    pub fn add(self, other: &Self) -> Self {
+    pub fn plus(self, other: &Self) -> Self {
         let mut missing = other.below.clone();
         let mut mine = self.below.clone();
         mine.retain(|factor| match missing.iter().position(|other| other == factor) {
@@ -335,7 +335,7 @@ fn roots_of_higher(polynomial: &[f64]) -> Option<Vec<Complex<f64>>> {
                     (value * root + a, slope * root + value)
                 });
             let step = value / slope;
-            if !(step.norm() < 1e-3 * root.norm()) {
+            if step.norm().is_nan() || step.norm() >= 1e-3 * root.norm() {
                 break;
             }
             root -= step;

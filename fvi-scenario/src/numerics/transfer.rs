@@ -504,7 +504,7 @@ impl TransferFunction {
                     coefficients: vec![Complex::new(pole.residue, 0.0)],
                 });
                 let terms = poles.map(|pole| Fractions { direct: [0.0; 2], poles: vec![pole] });
-                Some(terms.fold(Fractions::constant(strengths.iter().sum()), Fractions::add))
+                Some(terms.fold(Fractions::constant(strengths.iter().sum()), Fractions::plus))
             }
             Form::Formula { fractions, .. } => fractions.as_deref().cloned(),
             _ => None,
@@ -778,7 +778,7 @@ fn value_at_infinity(formula: &dyn Formula) -> Option<f64> {
         return Some(far);
     }
     // Of a power with the exponent −10⁻³ a change leaves 0.9886.
-    if !(change < 0.99 * earlier) {
+    if change.is_nan() || change >= 0.99 * earlier {
         return None;
     }
     if far.abs() < 1e-3 * near.abs() {

@@ -409,7 +409,7 @@ fn fractions_of(node: &Node) -> Option<Fractions> {
         Kind::Chain(first, operands) if operands.iter().all(|(operator, _)| operator.is_additive()) => {
             operands.iter().try_fold(fractions_of(first)?, |sum, (operator, operand)| {
                 let sign = if *operator == Operator::Subtract { -1.0 } else { 1.0 };
-                Some(sum.add(fractions_of(operand)?.scale(sign)))
+                Some(sum.plus(fractions_of(operand)?.scale(sign)))
             })
         }
         // A number times a sum is the sum of its terms.
@@ -431,8 +431,8 @@ fn quotient(node: &Node) -> Option<Quotient> {
             operands.iter().try_fold(quotient(first)?, |joined, (operator, operand)| {
                 let operand = quotient(operand)?;
                 let joined = match operator {
-                    Operator::Add => joined.add(&operand),
-                    Operator::Subtract => joined.add(&operand.multiply(&Quotient::constant(-1.0))),
+                    Operator::Add => joined.plus(&operand),
+                    Operator::Subtract => joined.plus(&operand.multiply(&Quotient::constant(-1.0))),
                     Operator::Multiply => joined.multiply(&operand),
                     Operator::Divide => joined.multiply(&operand.inverse()?),
                 };

@@ -8,6 +8,9 @@ use crate::simulation::stability::winding::{Fineness, turned};
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::PI;
 
+/// A matrix of complex numbers.
+type ComplexMatrix = DMatrix<Complex<f64>>;
+
 /// A zero of the characteristic function, a motion e^{st} of the structure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SystemPole {
@@ -376,7 +379,7 @@ fn reach(part: &Part, acting: &[Acting<'_>], taken_out: &[(Complex<f64>, f64)]) 
 ///
 /// of its Laurent coefficients A_j.
 fn poles_with_multiplicity(acting: &[Acting<'_>], size: usize) -> Vec<(Complex<f64>, f64)> {
-    let mut poles: Vec<(Complex<f64>, Vec<DMatrix<Complex<f64>>>)> = Vec::new();
+    let mut poles: Vec<(Complex<f64>, Vec<ComplexMatrix>)> = Vec::new();
     for Acting { rho, fractions, .. } in acting {
         for pole in fractions.iter().flat_map(|fractions| &fractions.poles) {
             let index =
@@ -393,7 +396,7 @@ fn poles_with_multiplicity(acting: &[Acting<'_>], size: usize) -> Vec<(Complex<f
             }
         }
     }
-    let counted = |(place, matrices): (Complex<f64>, Vec<DMatrix<Complex<f64>>>)| {
+    let counted = |(place, matrices): (Complex<f64>, Vec<ComplexMatrix>)| {
         let order = matrices.len();
         // In units of the pole, so that the coefficients of all orders are alike.
         let unit = place.norm();
@@ -408,7 +411,7 @@ fn poles_with_multiplicity(acting: &[Acting<'_>], size: usize) -> Vec<(Complex<f
 }
 
 /// The rank of a matrix, by elimination with the largest pivots.
-fn rank(mut matrix: DMatrix<Complex<f64>>) -> usize {
+fn rank(mut matrix: ComplexMatrix) -> usize {
     let size = matrix.nrows();
     let largest = matrix.iter().map(|entry| entry.norm()).fold(0.0, f64::max);
     for step in 0..size {
