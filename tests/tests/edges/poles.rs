@@ -181,7 +181,7 @@ fn poles_are_counted_with_double_poles_and_shared_ones() {
     shared([0.3, 1.0]).check(1e-6);
     // In one direction the series is that of two terms, and one state of the three is not seen.
     let read = scenario(&shared([1.0, 0.0]).text());
-    assert_eq!(Linearised::new(&read, &[0.0; 2]).unwrap().poles().unwrap().iter().count(), 4);
+    assert_eq!(Linearised::new(&read, &[0.0; 2]).unwrap().poles().unwrap().len(), 4);
 }
 
 #[test]
