@@ -117,6 +117,12 @@ fn problems() -> Vec<Fragment> {
             "oscillating",
             damped(json!({ "kernel": { "symbol": "4*s^2/(s^2 + s + 9)" }, "coefficient": [1.0, 0.0] })),
         ),
+        problem(
+            "oscillating, riemann-liouville",
+            damped(json!({
+                "kernel": { "symbol": "4*s^2/(s^2 + s + 9)" }, "coefficient": [0.3, 0.0], "derivative": "riemann-liouville",
+            })),
+        ),
         problem("past", json!({ "initial": { "past": [] } })),
         problem("start", json!({ "time": { "start": 0.25 } })),
         problem("input", json!({ "input": { "samples": [[3.0, 0.0], [-1.0, 0.5]], "period": 0.25 } })),
@@ -407,7 +413,7 @@ impl Runs {
 /// Pairs that are refused where matrices or tables of numbers are computed: gyroscopic forces and dampers act
 /// on the coordinate without mass, kernels have no exponentials to rounding or for steps of any length, or no
 /// Maxwell elements, the matrix of a step is not symmetric.
-const BY_NUMBERS: [(&str, &str); 15] = [
+const BY_NUMBERS: [(&str, &str); 21] = [
     ("gyroscopic", "massless"),
     ("massless", "main nodes"),
     ("massless", "starting"),
@@ -418,6 +424,12 @@ const BY_NUMBERS: [(&str, &str); 15] = [
     ("oscillating", "graded collocation"),
     ("oscillating", "graded galerkin"),
     ("oscillating", "adaptive"),
+    ("oscillating, riemann-liouville", "exponential-sum"),
+    ("oscillating, riemann-liouville", "exponential-sum-core"),
+    ("oscillating, riemann-liouville", "single states"),
+    ("oscillating, riemann-liouville", "graded collocation"),
+    ("oscillating, riemann-liouville", "graded galerkin"),
+    ("oscillating, riemann-liouville", "adaptive"),
     ("case", "galerkin, more points"),
     ("case", "galerkin, Lobatto"),
     ("case", "galerkin, Radau"),

@@ -6,7 +6,7 @@ The integral is computed by quadrature after the substitution tau = t - s^(1/alp
 tau = t, and checked against (2 alpha - 1)/alpha t^alpha 2F1(1, 1 - alpha; 1 + alpha; t).
 
 Run: python3 extremal_closed_forms.py  (mpmath 1.3); writes extremal_least_fractional_speed.csv beside itself with
-columns alpha, t, x for t = k/64, and the same for one alpha as a reference table in ../../problems.
+columns alpha, t, x for t = k/64, and the same for one alpha as a reference table in ../../examples/problems.
 """
 from pathlib import Path
 

@@ -205,7 +205,7 @@ fn motions_have_the_orders_of_node_form_for_every_analytic_kernel() {
                     "[system]\nmass = [1.0]\npotential = \"0.5*q0^2\"\n[[system.damping]]\ncoefficient = [1.0]\n\
                      kernel = {keys}\nderivative = \"riemann-liouville\"\n[initial]\nposition = [1.0]\n[scheme]\n\
                      kind = \"galerkin\"\ndegree = {degree}\n[convolution]\norder = {formula}\n[time]\n\
-                     step = {}\nsteps = {}\n",
+                     step = {}\nsteps = {}\n[output]\nmomentum = \"one-sided\"\n",
                     1.0 / steps_in_one as f64,
                     3 * steps_in_one
                 );
@@ -800,6 +800,8 @@ fn what_is_stored_and_dissipated_makes_up_the_work_in_every_step() {
 fn energies_of_memories_are_refused_where_nothing_balances() {
     let refusal = |kernel: &str, convolution: &str, rest: &str| {
         let text = material(&[(kernel, "[1.0, 1.0, 1.0]")], convolution, rest);
+        // Momenta of a jump alternate by the trapezoidal rule, which is refused before.
+        let text = text.replace("memory_energy = true", "memory_energy = true\nmomentum = \"one-sided\"");
         let document = Document::new("energy.toml", Path::new("."), &text);
         match Scenario::from_document(document) {
             Ok(scenario) => fvi_host::simulation::motion::Motion::start(&scenario, Precision::F64).err(),

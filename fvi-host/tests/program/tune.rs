@@ -68,7 +68,7 @@ fn law(record: &Value) -> impl Fn(f64) -> Complex + use<> {
 
 /// The example of the repository, with a band in place of a frequency.
 fn liquid_level() -> String {
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../tunings/liquid-level.toml");
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/tunings/liquid-level.toml");
     let text = fs::read_to_string(file).unwrap();
     assert!(text.contains("at = 10,"));
     text.replace("at = 10,", "from = 10, to = 100,")

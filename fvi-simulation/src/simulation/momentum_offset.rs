@@ -62,8 +62,8 @@ impl<T: Real> MomentumOffset<T> {
                     size * (derivative(1) / 12.0 - ratio * derivative(3) / 240.0)
                 }
                 None => {
-                    // f′ = L⁻¹[K], which is unknown for formulas.
-                    let derivative = |k: i32| transfer.response(time, k).unwrap_or(0.0);
+                    // f′ = L⁻¹[K]; kernels for which it is unknown are refused by the table of combinations.
+                    let derivative = |k: i32| transfer.response(time, k).unwrap_or(f64::NAN);
                     step_size.powi(2) * (derivative(0) / 12.0 - step_size.powi(2) * derivative(2) / 240.0)
                 }
             };

@@ -3,7 +3,7 @@
 use super::super::own_terms::SharedTerms;
 use super::super::scheme::{ConvolutionFamily, DampedAt, Quadrature, Scheme};
 use super::super::time::{Engine, ReportedMomentum};
-use super::super::{Action, Derivative, GridRule, Scenario};
+use super::super::{Action, Damping, Derivative, GridRule, Scenario};
 
 /// Defines [`Feature`]: a name, the key, and a predicate that returns the index of what it found. In names
 /// and keys `{i}` stands for that index.
@@ -53,6 +53,13 @@ features! {
     OtherKernel: "a kernel whose singularities do not all lie on the negative real axis",
         "system.damping[{i}].kernel", |s| s.system.damping.iter().position(|term| !term.transfer.is_relaxation());
     MomentumOffset: "a momentum from which an offset is taken off", "output.momentum", momentum_offset;
+    UnknownOffset: "Riemann–Liouville damping from q₀ ≠ 0 by a kernel whose singularities do not all lie on the negative real axis",
+        "system.damping[{i}].kernel", |s| jump(s, |term| !term.transfer.is_relaxation());
+    TrapezoidalJump: "Riemann–Liouville damping from q₀ ≠ 0 by the trapezoidal rule, and a kernel that grows",
+        "system.damping[{i}].derivative", |s| match s.convolution.family {
+            ConvolutionFamily::Trapezoidal => jump(s, |term| term.transfer.growth() > 0.0),
+            _ => None,
+        };
     Past: "a past", "initial.past", |s| on(s.initial.past.is_some());
     LaterStart: "a later start", "time.start", |s| on(s.time.start != 0.0);
     Euler: "Euler's methods", "scheme.kind",
@@ -169,6 +176,14 @@ impl Feature {
 
 fn on(is: bool) -> Option<usize> {
     is.then_some(0)
+}
+
+/// The first damping term of Riemann and Liouville's form that suits and acts on the initial position.
+fn jump(s: &Scenario, suits: impl Fn(&Damping) -> bool) -> Option<usize> {
+    let acts = |term: &Damping| term.coefficient.times(&s.initial.position).iter().any(|&force| force != 0.0);
+    let is_jump =
+        |term: &Damping| term.derivative == Derivative::RiemannLiouville && suits(term) && acts(term);
+    s.system.damping.iter().position(is_jump)
 }
 
 /// Whether the reported momentum differs from that of the scheme, with damping at several nodes.

@@ -45,6 +45,18 @@ pub const ROWS: &[Row] = &[
         "starting weights beside kernels whose singularities lie on the negative real axis",
     ),
     row(MeanMomentum, Euler, "", "\"one-sided\" with Euler's methods"),
+    row(
+        MomentumOffset,
+        UnknownOffset,
+        "what is taken off follows from a sum of decaying exponentials",
+        "\"one-sided\", the momentum of the discrete Lagrangian, of order 2 there; or `convolution.order` up to 2",
+    ),
+    row(
+        TrapezoidalJump,
+        MeanMomentum,
+        "the rule does not forget the jump to the initial position: momenta alternate about the right ones, and approach them with an          order below 2",
+        "\"caputo\" here, or backward differentiation (`convolution.family` = \"bdf\"); or `output.momentum` = \"one-sided\" for momenta          that alternate",
+    ),
     // Steps and engines.
     row(
         Steps,
