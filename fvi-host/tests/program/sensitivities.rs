@@ -88,7 +88,7 @@ const SCHEMES: [&str; 11] = [
     "[scheme]\nkind = \"galerkin\"\ndegree = 3\n[convolution]\norder = 4\n[output]\nmomentum = \"one-sided\"",
     "[scheme]\nkind = \"galerkin\"\ndegree = 2\nquadrature = \"lobatto\"\n[convolution]\nat = \"main-nodes\"\norder = 2",
     "[history]\nengine = \"block-fft\"",
-    "[convolution]\nsymbol = \"trapezoidal\"",
+    "[convolution]\nsymbol = \"trapezoidal\"\n[output]\nmomentum = \"one-sided\"",
     "[history]\nengine = \"exponential-sum\"",
     "[history]\nengine = \"real-time\"\n[scheme]\nkind = \"galerkin\"\ndegree = 2",
     "[scheme]\nkind = \"implicit-euler\"",

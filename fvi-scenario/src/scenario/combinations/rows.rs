@@ -54,8 +54,10 @@ pub const ROWS: &[Row] = &[
     row(
         TrapezoidalJump,
         MeanMomentum,
-        "the rule does not forget the jump to the initial position: momenta alternate about the right ones, and approach them with an          order below 2",
-        "\"caputo\" here, or backward differentiation (`convolution.family` = \"bdf\"); or `output.momentum` = \"one-sided\" for momenta          that alternate",
+        "the rule does not forget the jump to the initial position: momenta alternate about the right ones, and approach them with an \
+         order below 2",
+        "\"caputo\" here, or backward differentiation (`convolution.family` = \"bdf\"); or `output.momentum` = \"one-sided\" for momenta \
+         that alternate",
     ),
     // Steps and engines.
     row(
