@@ -134,7 +134,7 @@ def test_energies_of_memories_balance(tmp_path):
     assert decay(kernel).memory_stored is None
     result.save(tmp_path / "r.npz")
     np.testing.assert_array_equal(fvi.load(tmp_path / "r.npz").memory_dissipated, result.memory_dissipated)
-    with pytest.raises(fvi.InputError, match="this scheme"):
+    with pytest.raises(fvi.InputError, match="a scheme without an exact balance of energies"):
         decay(kernel, memory_energy=True, scheme="galerkin", degree=2)
 
 
