@@ -8,9 +8,10 @@ use std::time::Instant;
 
 use fvi_benches::noise;
 use fvi_core::Memory;
-use fvi_host::memory::{HostMemory, MemoryRequest};
-use fvi_host::numerics::transfer::TransferFunction;
-use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History};
+use fvi_fft::memory::{Engine, History};
+use fvi_fft::memory::{HostMemory, MemoryRequest};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::transfer::TransferFunction;
 
 const STEPS: usize = 1 << 15;
 
@@ -32,12 +33,11 @@ struct Run {
 
 impl Run {
     fn new(engine: Engine, stages: usize, coordinates: usize, lengths: Vec<f64>) -> Self {
-        let convolution =
-            Convolution { family: ConvolutionFamily::RadauIia { stages }, ..Convolution::default() };
         let history = History { engine: Some(engine), ..History::default() };
         let request = MemoryRequest {
             end: (engine == Engine::AnyStep).then_some(HORIZON as f64),
-            convolution: &convolution,
+            family: ConvolutionFamily::RadauIia { stages },
+            starting: &[],
             transfer: &TransferFunction::power(EXPONENT).expect("an exponent"),
             step_size: lengths.iter().copied().fold(f64::INFINITY, f64::min),
             coordinates,

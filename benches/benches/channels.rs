@@ -13,9 +13,9 @@
 //! last two lines say how fast one and two threads copy memory here.
 
 use fvi_core::{BdfOrder, ExponentialTable, Memory};
+use fvi_fft::Aligned;
+use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use fvi_fft::{ChunkedExponentialSum, Scalar, WideExponentialSum};
-use fvi_host::numerics::aligned::Aligned;
-use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use std::time::Instant;
 
 /// Steps of a round: whole chunks of all memories.

@@ -11,7 +11,7 @@ use fvi_benches::{
 use fvi_core::{BdfOrder, ConvolutionWeights, Damping, Fixed, Memory};
 use fvi_fft::WeightTable;
 use fvi_fft::baseline::OfflineFft;
-use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
+use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use fvi_strategies::{Made, Task, engines};
 use gungraun::{library_benchmark, library_benchmark_group, main};
 use nalgebra::SVector;

@@ -4,8 +4,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use fvi_host::language::expression::{Expression, Moment, Symbols};
-use fvi_host::model::tape::CompiledPotential;
+use fvi_scenario::language::expression::{Expression, Moment, Symbols};
+use fvi_simulation::model::tape::CompiledPotential;
 use nalgebra::SVector;
 
 /// Times measured in turn; the fastest counts.
@@ -46,8 +46,8 @@ fn nonlinear_chain(coordinates: usize) -> String {
 type ByHand = fn(&[f64], &mut [f64], &mut [f64]);
 
 fn pendulum(q: &[f64], gradient: &mut [f64], hessian: &mut [f64]) {
-    gradient[0] = 9.81 * fvi_host::language::expression::Elementary::sine(q[0]);
-    hessian[0] = 9.81 * fvi_host::language::expression::Elementary::cosine(q[0]);
+    gradient[0] = 9.81 * fvi_scenario::language::expression::Elementary::sine(q[0]);
+    hessian[0] = 9.81 * fvi_scenario::language::expression::Elementary::cosine(q[0]);
 }
 
 /// The nonlinear chain: diagonal of the Hessian, then the entries below it.

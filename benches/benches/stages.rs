@@ -8,8 +8,8 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use fvi_benches::noise;
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, RungeKutta};
 use fvi_fft::baseline::memory_term;
+use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
 use fvi_fft::{BlockFft, WeightTable};
-use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
 
 const STEPS: usize = 100_000;
 const EXPONENT: f64 = 0.5;

@@ -17,12 +17,12 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use fvi_core::Memory;
-use fvi_host::lab::run::{RunOptions, run};
-use fvi_host::language::Document;
-use fvi_host::memory::{HostMemory, MemoryRequest};
-use fvi_host::numerics::transfer::TransferFunction;
-use fvi_host::scenario::{DampedAt, Scenario};
-use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_fft::memory::{HostMemory, MemoryRequest};
+use fvi_fft::transfer::TransferFunction;
+use fvi_lab::lab::run::{RunOptions, run};
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::{DampedAt, Scenario};
+use fvi_simulation::simulation::{GridState, Precision, Simulation};
 use nalgebra::DMatrix;
 
 const STEP: f64 = 0.01;
@@ -426,7 +426,8 @@ impl<S: ByHand, const AT_NODES: bool, const COMPENSATED: bool> Motion<S, AT_NODE
         let coordinates = scenario.coordinates();
         let memory = MemoryRequest {
             end: None,
-            convolution: &scenario.convolution,
+            family: scenario.convolution.family,
+            starting: &scenario.convolution.starting,
             transfer: &TransferFunction::power(ORDER).expect("an exponent"),
             step_size: STEP,
             coordinates,

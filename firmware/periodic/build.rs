@@ -5,7 +5,7 @@ use std::path::Path;
 use std::{env, fs};
 
 use fvi_core::{AntiWindup, DerivativeFilter, PidGains, PidSettings};
-use fvi_scenario::numerics::controller_source::controller_source;
+use fvi_fft::exponentials::controller_source::controller_source;
 
 fn main() -> Result<(), Box<dyn Error>> {
     // u = 8 (r − y) + 4 I^0.9 (r − y) − 2 D^0.8 y, filtered, within ±2, every millisecond.

@@ -1,18 +1,41 @@
-//! The engines as objects, compiled in this crate.
+//! The engines: block transforms and exponential sums in vector code, and their constructors as objects.
+
+mod block_fft;
+mod chunked_exponential_sum;
+mod complex_exponential_sum;
+mod cover;
+mod lanes;
+mod level;
+#[cfg(test)]
+mod memory_tests;
+mod near;
+pub(crate) mod plans;
+mod real_time;
+mod replay;
+mod row;
+mod scalar;
+mod table_kernel;
+mod transform;
+mod vector_variable_steps;
+mod vectorised;
+pub(crate) mod weights;
+mod wide_exponential_sum;
+
+pub use block_fft::BlockFft;
+pub use chunked_exponential_sum::ChunkedExponentialSum;
+pub use complex_exponential_sum::{ComplexExponentialSum, ComplexExponentials};
+pub use plans::real_transforms;
+pub use real_time::{Pacing, RealTime};
+pub use scalar::Scalar;
+pub use vector_variable_steps::VectorVariableSteps;
+pub use vectorised::Vectorised;
+pub use weights::{WeightTable, Weights};
+pub use wide_exponential_sum::{WIDE_KERNELS, WideExponentialSum};
 
 use fvi_core::{ExponentialTable, Memory, ParameterError};
 
-use crate::block_fft::BlockFft;
-use crate::chunked_exponential_sum::ChunkedExponentialSum;
-use crate::complex_exponential_sum::{ComplexExponentialSum, ComplexExponentials};
-use crate::real_time::{Pacing, RealTime};
-use crate::scalar::Scalar;
-use crate::vectorised::Vectorised;
-use crate::weights::Weights;
-use crate::wide_exponential_sum::WideExponentialSum;
-
-/// A memory engine chosen at run time.
-pub type Engine<T> = Box<dyn Memory<T> + Send>;
+/// A memory whose type is known at run time only.
+pub type BoxedMemory<T> = Box<dyn Memory<T> + Send>;
 
 /// Constructors of the engines of this crate for a scalar, as trait objects, so that crates which use them do
 /// not compile them again.
@@ -25,7 +48,7 @@ pub trait Engines: Scalar {
         kernel: &mut dyn Weights<Self>,
         channels: usize,
         capacity: usize,
-    ) -> Result<Engine<Self>, ParameterError>;
+    ) -> Result<BoxedMemory<Self>, ParameterError>;
 
     /// [`RealTime::planned`] with [`Pacing::Paced`]
     ///
@@ -35,7 +58,7 @@ pub trait Engines: Scalar {
         kernel: &mut dyn Weights<Self>,
         channels: usize,
         capacity: usize,
-    ) -> Result<Engine<Self>, ParameterError>;
+    ) -> Result<BoxedMemory<Self>, ParameterError>;
 
     /// [`ChunkedExponentialSum::new`] for the kernel of a table of 1 to 4 stages
     ///
@@ -44,7 +67,7 @@ pub trait Engines: Scalar {
     fn exponential_sum(
         table: &ExponentialTable<&[f64]>,
         channels: usize,
-    ) -> Result<Engine<Self>, ParameterError>;
+    ) -> Result<BoxedMemory<Self>, ParameterError>;
 
     /// [`ComplexExponentialSum::new`]
     ///
@@ -53,7 +76,7 @@ pub trait Engines: Scalar {
     fn complex_exponential_sum(
         table: &ComplexExponentials,
         channels: usize,
-    ) -> Result<Engine<Self>, ParameterError>;
+    ) -> Result<BoxedMemory<Self>, ParameterError>;
 
     /// [`WideExponentialSum::of_kernels`] on so many threads
     ///
@@ -63,7 +86,7 @@ pub trait Engines: Scalar {
         tables: &[ExponentialTable<&[f64]>],
         channels: usize,
         threads: usize,
-    ) -> Result<Engine<Self>, ParameterError>;
+    ) -> Result<BoxedMemory<Self>, ParameterError>;
 
     /// The same with a state in single precision
     ///
@@ -73,7 +96,7 @@ pub trait Engines: Scalar {
         tables: &[ExponentialTable<&[f64]>],
         channels: usize,
         threads: usize,
-    ) -> Result<Engine<Self>, ParameterError>;
+    ) -> Result<BoxedMemory<Self>, ParameterError>;
 }
 
 /// A kernel by mutable reference.
@@ -96,7 +119,7 @@ macro_rules! engines {
                 kernel: &mut dyn Weights<Self>,
                 channels: usize,
                 capacity: usize,
-            ) -> Result<Engine<Self>, ParameterError> {
+            ) -> Result<BoxedMemory<Self>, ParameterError> {
                 Ok(Box::new(BlockFft::planned(Borrowed(kernel), channels, capacity)?))
             }
 
@@ -104,14 +127,14 @@ macro_rules! engines {
                 kernel: &mut dyn Weights<Self>,
                 channels: usize,
                 capacity: usize,
-            ) -> Result<Engine<Self>, ParameterError> {
+            ) -> Result<BoxedMemory<Self>, ParameterError> {
                 Ok(Box::new(RealTime::planned(Borrowed(kernel), channels, capacity, Pacing::Paced)?))
             }
 
             fn exponential_sum(
                 table: &ExponentialTable<&[f64]>,
                 channels: usize,
-            ) -> Result<Engine<Self>, ParameterError> {
+            ) -> Result<BoxedMemory<Self>, ParameterError> {
                 Ok(match table.stages {
                     1 => Box::new(ChunkedExponentialSum::<Self, 1>::new(table, channels)?),
                     2 => Box::new(ChunkedExponentialSum::<Self, 2>::new(table, channels)?),
@@ -127,7 +150,7 @@ macro_rules! engines {
             fn complex_exponential_sum(
                 table: &ComplexExponentials,
                 channels: usize,
-            ) -> Result<Engine<Self>, ParameterError> {
+            ) -> Result<BoxedMemory<Self>, ParameterError> {
                 Ok(Box::new(Vectorised::new(ComplexExponentialSum::<Self>::new(table, channels)?)))
             }
 
@@ -135,7 +158,7 @@ macro_rules! engines {
                 tables: &[ExponentialTable<&[f64]>],
                 channels: usize,
                 threads: usize,
-            ) -> Result<Engine<Self>, ParameterError> {
+            ) -> Result<BoxedMemory<Self>, ParameterError> {
                 let memory = WideExponentialSum::<Self>::of_kernels(tables, channels)?;
                 Ok(Box::new(memory.on_threads(threads)))
             }
@@ -144,7 +167,7 @@ macro_rules! engines {
                 tables: &[ExponentialTable<&[f64]>],
                 channels: usize,
                 threads: usize,
-            ) -> Result<Engine<Self>, ParameterError> {
+            ) -> Result<BoxedMemory<Self>, ParameterError> {
                 let memory = WideExponentialSum::<Self, f32>::of_kernels(tables, channels)?;
                 Ok(Box::new(memory.on_threads(threads)))
             }

@@ -1,40 +1,32 @@
-//! Memories for hosts: fast Fourier transforms, and exponential sums, in vector code.
+//! From a kernel K(s) to its fastest exact memory.
+//!
+//! | module | content |
+//! |---|---|
+//! | [`transfer`] | K(s) as a value: forms, formulas, series, creep and relaxation, multistep rules |
+//! | [`quadrature`] | the weights of convolution quadrature for K, and starting weights |
+//! | [`exponentials`] | the same weights as sums of exponentials, for steps of one or any length |
+//! | [`memory`] | the one engine that serves a request: the only place that chooses |
+//! | [`dense`], [`Aligned`] | matrices and storage for these tables |
+//! | [`baseline`] | plain sums and textbook methods, for comparison |
 #![forbid(unsafe_code)]
 
+mod aligned;
 pub mod baseline;
-mod block_fft;
-mod chunked_exponential_sum;
-mod complex_exponential_sum;
-mod cover;
+pub mod dense;
 mod engines;
-mod lanes;
-mod level;
-#[cfg(test)]
-mod memory_tests;
-mod near;
-mod plans;
-mod real_time;
-mod replay;
-mod row;
-mod scalar;
-mod table_kernel;
-mod transform;
-mod vector_variable_steps;
-mod vectorised;
-mod weights;
-mod wide_exponential_sum;
+pub mod exponentials;
+mod growing_ring;
+pub mod memory;
+pub mod quadrature;
+pub mod transfer;
 
-pub use block_fft::BlockFft;
-pub use chunked_exponential_sum::ChunkedExponentialSum;
-pub use complex_exponential_sum::{ComplexExponentialSum, ComplexExponentials};
-pub use engines::{Engine, Engines};
-pub use plans::real_transforms;
-pub use real_time::{Pacing, RealTime};
-pub use scalar::Scalar;
-pub use vector_variable_steps::VectorVariableSteps;
-pub use vectorised::Vectorised;
-pub use weights::{WeightTable, Weights};
-pub use wide_exponential_sum::{WIDE_KERNELS, WideExponentialSum};
+pub use aligned::Aligned;
+pub use engines::{
+    BlockFft, BoxedMemory, ChunkedExponentialSum, ComplexExponentialSum, ComplexExponentials, Engines,
+    Pacing, RealTime, Scalar, VectorVariableSteps, Vectorised, WIDE_KERNELS, WeightTable, Weights,
+    WideExponentialSum, real_transforms,
+};
+pub use growing_ring::GrowingRing;
 
 /// Name of what the last bits of these memories depend on besides their input: the processor's family, and
 /// whether its vector units have fused multiply–adds.

@@ -1,8 +1,8 @@
 //! The resonance of a mass on a polymer whose Prony series is known: frequency response, poles, damping
 //! ratios.
 
-use fvi_host::lab::response::{ResponseOptions, respond};
-use fvi_host::scenario::Scenario;
+use fvi_lab::lab::response::{ResponseOptions, respond};
+use fvi_scenario::scenario::Scenario;
 use std::sync::atomic::AtomicBool;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

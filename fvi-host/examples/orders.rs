@@ -1,8 +1,8 @@
 //! Many runs in code: how much of its energy an oscillator keeps for ten damping orders.
 
-use fvi_host::lab::run::Run;
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::Precision;
+use fvi_lab::lab::run::Run;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 

@@ -1,9 +1,9 @@
 //! A potential that is no expression: a mass on a string that only pulls, with its derivatives in code.
 
-use fvi_host::lab::run::Run;
-use fvi_host::language::expression::Moment;
-use fvi_host::scenario::{OwnTerms, Scenario, SharedTerms};
-use fvi_host::simulation::Precision;
+use fvi_lab::lab::run::Run;
+use fvi_scenario::language::expression::Moment;
+use fvi_scenario::scenario::{OwnTerms, Scenario, SharedTerms};
+use fvi_simulation::simulation::Precision;
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 

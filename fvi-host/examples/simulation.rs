@@ -3,9 +3,9 @@
 //!
 //! A mass on a fractional Zener solid is let go; the run ends when it first passes its place of rest.
 
-use fvi_host::lab::run::Run;
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::Precision;
+use fvi_lab::lab::run::Run;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 

@@ -21,12 +21,12 @@ mod terminal;
 pub mod tune;
 pub mod weights;
 
-use crate::lab::checkpoint::CheckpointError;
-use crate::language::InputError;
-use crate::language::visible::visible;
-use crate::results::files::FileError;
-use crate::results::output_directory::OutputDirectory;
 use clap::{Parser, Subcommand};
+use fvi_lab::lab::checkpoint::CheckpointError;
+use fvi_lab::results::files::FileError;
+use fvi_lab::results::output_directory::OutputDirectory;
+use fvi_scenario::language::InputError;
+use fvi_scenario::language::visible::visible;
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use std::io::{ErrorKind, IsTerminal};
 use std::path::{Path, PathBuf};

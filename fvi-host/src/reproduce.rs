@@ -16,6 +16,7 @@ mod methods;
 mod motion;
 mod node_form;
 mod page;
+mod podlubny_matrix;
 mod problems;
 mod roots_of_time;
 mod runge_kutta_orders;
@@ -28,9 +29,9 @@ pub use findings::{Comparison, Findings, Picture};
 pub use page::{PAGE, write};
 pub use table::{Cell, Column, Format, Table};
 
-use crate::lab::converge::ConvergeError;
-use crate::language::InputError;
 use fvi_core::ParameterError;
+use fvi_lab::lab::converge::ConvergeError;
+use fvi_scenario::language::InputError;
 use std::sync::atomic::AtomicBool;
 
 /// Where an exhibit is printed.

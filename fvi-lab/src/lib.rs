@@ -10,7 +10,3 @@
 
 pub mod lab;
 pub mod results;
-
-use fvi_memory::memory;
-use fvi_scenario::{language, numerics, scenario};
-use fvi_simulation::{model, simulation};

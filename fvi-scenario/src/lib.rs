@@ -1,12 +1,10 @@
-//! Scenarios of fractional mechanics, and the numerical tables for their kernels.
+//! Scenarios of fractional mechanics: what a system is, read with the place of every error.
 //!
 //! | layer | contents |
 //! |---|---|
 //! | [`language`] | documents, expressions, errors that point at a place in a file |
-//! | [`numerics`] | tables of exponentials, weights of Runge–Kutta quadrature, starting weights |
 //! | [`scenario`] | scenarios as plain data |
 #![forbid(unsafe_code)]
 
 pub mod language;
-pub mod numerics;
 pub mod scenario;

@@ -51,23 +51,25 @@ pub use plant_formula::PlantFormula;
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
 pub use relaxation_matrix::RelaxationMatrix;
 pub use sampled_input::SampledInput;
-pub use scheme::{Convolution, ConvolutionFamily, DampedAt, Quadrature, Scheme};
+pub use scheme::{Convolution, DampedAt, Quadrature, Scheme};
 pub use scheme_descriptor::SchemeDescriptor;
 pub use sensitivity::{Named, Parameter, Quantity, Sensitivity};
 pub use sparse_matrix::{KnownMatrices, SparseMatrix};
 pub use system::{Attached, Damping, Derivative, ForceQuadrature, System};
 pub use time::{
-    Engine, History, LARGEST_TOLERANCE, MOST_STEPS, OnEnergyGrowth, OutputOptions, Overflow,
-    ReportedMomentum, SMALLEST_SINGLE_TOLERANCE, States, TimeGrid,
+    LARGEST_TOLERANCE, MOST_STEPS, OnEnergyGrowth, OutputOptions, ReportedMomentum,
+    SMALLEST_SINGLE_TOLERANCE, TimeGrid,
 };
 
 use crate::language::document::{Document, Table};
 use crate::language::expression::Moment;
 use crate::language::{InputError, Problem};
-use crate::numerics::dense;
+use fvi_fft::dense;
+use fvi_fft::memory::History;
 use nalgebra::DVector;
 use serde::Serialize;
 use std::path::Path;
+use time::read_history;
 
 /// Largest number of coordinates of a large system for which all are columns of the trajectory by default.
 const MOST_COLUMNS: usize = 64;
@@ -259,7 +261,7 @@ impl Scenario {
         let history = match root.optional("history") {
             Some(value) => {
                 let samples = time.steps.saturating_add(1).saturating_add(initial.past_steps());
-                History::read(&value.table()?, samples)?
+                read_history(&value.table()?, samples)?
             }
             None => History::default(),
         };

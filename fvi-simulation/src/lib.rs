@@ -2,12 +2,11 @@
 //!
 //! | layer | contents |
 //! |---|---|
+//! | [`mod@column`] | reductions over a column of numbers |
 //! | [`model`] | systems compiled to programs and matrices, schemes of any shape |
 //! | [`simulation`] | the simulation of a scenario; its stability and its energy |
 #![forbid(unsafe_code)]
 
+pub mod column;
 pub mod model;
 pub mod simulation;
-
-use fvi_memory::memory;
-use fvi_scenario::{language, numerics, scenario};

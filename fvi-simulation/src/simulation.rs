@@ -31,15 +31,10 @@ pub mod step_batch;
 mod step_control;
 mod tangent;
 
-use crate::language::error::Cause;
-use crate::language::expression::Elementary;
-use crate::language::{InputError, Problem};
-use crate::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
 use crate::model::{
     AnyScheme, AnySpace, ChannelDamping, EnergyRoom, Matrix, Model, States, Switched, channels_of,
     follow_alike, term_on_memory, vector,
 };
-use crate::scenario::{self, ConvolutionFamily, DampedAt, Engine, Past, ReportedMomentum, Scenario};
 pub use choice::{Solver, SolverChoice};
 use choice::{dense_warning, sparse_space};
 use control::Drive;
@@ -48,6 +43,13 @@ use fvi_core::{
     MemoryError, Mismatch, Outcome, Real, Sample, Sampling, Scheme, StateError, StateReader, StateWriter,
     Stateful, StepError,
 };
+use fvi_fft::memory::Engine;
+use fvi_fft::memory::{EngineError, HostMemory, MOST_SHARING, Memories, MemoryRequest, Tables};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_scenario::language::error::Cause;
+use fvi_scenario::language::expression::Elementary;
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{self, DampedAt, Past, ReportedMomentum, Scenario};
 use gyroscopic::Gyroscopic;
 use massless::Placed;
 use momentum_offset::MomentumOffset;
@@ -699,7 +701,8 @@ fn memory_request<'a>(
     term: &'a scenario::Damping,
 ) -> MemoryRequest<'a> {
     MemoryRequest {
-        convolution: &scenario.convolution,
+        family: scenario.convolution.family,
+        starting: &scenario.convolution.starting,
         transfer: &term.transfer,
         step_size: scenario.time.step,
         end: scenario.time.grid.as_ref().map(|grid| grid.end()),

@@ -2,7 +2,7 @@
 //! of the plain way.
 
 use fvi_core::{BdfOrder, ConvolutionWeights};
-use fvi_memory::memory::Tables;
+use fvi_fft::memory::Tables;
 use fvi_scenario::language::expression::Moment;
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Feature, OwnTerms, ROWS, Row, Scenario, SharedTerms};

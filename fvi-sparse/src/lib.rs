@@ -25,6 +25,7 @@ mod graph;
 mod kernels;
 mod pattern;
 mod product;
+mod semidefinite;
 mod separator;
 mod solve;
 
@@ -32,3 +33,4 @@ pub use analysis::Analysis;
 pub use complex::{ComplexSolver, Unsolved};
 pub use factor::{Factor, FactorError};
 pub use pattern::Pattern;
+pub use semidefinite::check_positive_semidefinite;

@@ -1,12 +1,12 @@
 //! The kernels of a race.
 
 use fvi_core::{BdfOrder, ParameterError};
-use fvi_memory::memory::LEAST_ON_INCREMENTS;
+use fvi_fft::memory::LEAST_ON_INCREMENTS;
+use fvi_fft::quadrature::multistep_weights::multistep_weights;
+use fvi_fft::transfer::TransferFunction;
+use fvi_fft::transfer::laplace::on_a_line;
 use fvi_scenario::language::InputError;
 use fvi_scenario::language::document::{Table, Value};
-use fvi_scenario::numerics::laplace::on_a_line;
-use fvi_scenario::numerics::multistep_weights::multistep_weights;
-use fvi_scenario::numerics::transfer::TransferFunction;
 use fvi_scenario::scenario::{kernel_of_table, weights_of};
 
 /// A kernel with the quadrature that gives its weights.

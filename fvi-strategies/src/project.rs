@@ -1,11 +1,12 @@
 //! The project's own memories in the race.
 
 use fvi_core::{Direct, Memory, MemoryError, Overflow, ParameterError, Stateful, Tiled};
+use fvi_fft::GrowingRing;
+use fvi_fft::memory::{Engine, History};
+use fvi_fft::memory::{EngineError, Memories, MemoryRequest, SumTable, Tables};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::transfer::TransferFunction;
 use fvi_fft::{BlockFft, Engines, RealTime, WeightTable};
-use fvi_memory::memory::{EngineError, Memories, MemoryRequest, SumTable, Tables};
-use fvi_scenario::numerics::growing_ring::GrowingRing;
-use fvi_scenario::numerics::transfer::TransferFunction;
-use fvi_scenario::scenario::{Convolution, ConvolutionFamily, Engine, History};
 
 use crate::kernel::Source;
 use crate::precision::Precision;
@@ -101,7 +102,7 @@ fn tiled<T: Engines>(weights: &[f64], length: usize) -> Result<Box<dyn Memory<T>
 
 /// A memory for steps of any length on steps of one.
 struct EqualSteps {
-    memory: fvi_fft::Engine<f64>,
+    memory: fvi_fft::BoxedMemory<f64>,
     step: f64,
 }
 
@@ -160,7 +161,7 @@ fn any_step(task: &Task) -> Result<Made, Declined> {
 /// What a request for an engine refers to.
 struct RequestParts<'a> {
     transfer: &'a TransferFunction,
-    convolution: Convolution,
+    family: ConvolutionFamily,
     history: History,
 }
 
@@ -175,19 +176,19 @@ impl<'a> RequestParts<'a> {
             let reason = "exponentials are made from K(s), which a table of weights does not tell";
             return Err(Declined::sits_out(reason));
         };
-        let convolution = Convolution { family, ..Convolution::default() };
         // A table for the length of the race, as those of the literature; the table of a run reaches at least
         // twice as far, so that it can be continued.
         let horizon = (engine != Engine::AnyStep).then_some(task.length);
         let engine = Some(engine);
         let history = History { engine, tolerance, horizon, threads: Some(1), ..History::default() };
-        Ok(Self { transfer, convolution, history })
+        Ok(Self { transfer, family, history })
     }
 
     fn request(&self, task: &Task) -> MemoryRequest<'_> {
         MemoryRequest {
             end: None,
-            convolution: &self.convolution,
+            family: self.family,
+            starting: &[],
             transfer: self.transfer,
             step_size: task.kernel.step,
             coordinates: task.channels,
@@ -200,7 +201,10 @@ impl<'a> RequestParts<'a> {
 }
 
 /// The engine that a run has; where there is none for the kernel the strategy does not take part.
-fn engine<T: Memories>(request: &MemoryRequest<'_>, tables: &Tables) -> Result<fvi_fft::Engine<T>, Declined> {
+fn engine<T: Memories>(
+    request: &MemoryRequest<'_>,
+    tables: &Tables,
+) -> Result<fvi_fft::BoxedMemory<T>, Declined> {
     let made = T::memory(request, tables);
     Ok(made.map_err(|error: EngineError| Declined::SitsOut(error.to_string()))?.into_engine())
 }

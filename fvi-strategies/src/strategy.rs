@@ -6,8 +6,8 @@ use std::sync::atomic::AtomicBool;
 
 use fvi_core::{BdfOrder, Memory, ParameterError};
 use fvi_fft::baseline::OfflineFft;
+use fvi_fft::exponentials::exponential_table::SMALLEST_TOLERANCE;
 use fvi_rivals::Operations;
-use fvi_scenario::numerics::exponential_table::SMALLEST_TOLERANCE;
 
 use crate::kernel::Kernel;
 use crate::precision::Precision;

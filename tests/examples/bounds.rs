@@ -1,6 +1,6 @@
 //! Prints the bounds of the engines as rows of a table.
 
-use fvi_host::scenario::Engine;
+use fvi_fft::memory::Engine;
 use fvi_tests::conformance::Bound;
 
 fn main() {

@@ -4,10 +4,11 @@ use fvi_core::{
     BdfOrder, ConvolutionWeights, Memory, MemoryError, Real, RungeKutta, StateReader, StateWriter,
 };
 use fvi_fft::baseline::{Signal, memory_term};
-use fvi_host::memory::{Memories, MemoryRequest};
-use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
-use fvi_host::numerics::transfer::TransferFunction;
-use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History};
+use fvi_fft::memory::{Engine, History};
+use fvi_fft::memory::{Memories, MemoryRequest};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
+use fvi_fft::transfer::TransferFunction;
 
 /// A kernel to convolve with.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,7 +98,8 @@ pub fn host_memory<T: Memories>(
     };
     let request = MemoryRequest {
         end: None,
-        convolution: &Convolution { family, ..Convolution::default() },
+        family,
+        starting: &[],
         transfer: &TransferFunction::power(exponent).expect("an exponent of the suite"),
         step_size: 1.0,
         coordinates: channels / kernel.stages(),

@@ -1,7 +1,7 @@
 //! Damping at the stages of a Runge–Kutta convolution quadrature, on direct memories.
 
 use fvi_core::{Coefficients, DampingTerm, Derivative, Direct, Fixed, Kernel, Overflow, RungeKutta};
-use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
+use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
 use heapless::Deque;
 
 type StageRing = Deque<f64, 4100>;

@@ -4,7 +4,7 @@ use std::alloc::System;
 
 use fvi_core::Memory;
 use fvi_fft::{Pacing, RealTime};
-use fvi_host::lab::two_point::{Closures, ExtremalProblem, Grid, Method, Sigma};
+use fvi_lab::lab::two_point::{Closures, ExtremalProblem, Grid, Method, Sigma};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
 #[global_allocator]

@@ -1,9 +1,9 @@
 //! Collocation with Radau IIA: its order on smooth motions, the energy it loses, and that nothing makes it
 //! unstable.
 
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::Precision;
-use fvi_host::simulation::motion::Motion;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
+use fvi_simulation::simulation::motion::Motion;
 use serde_json::{Value, json};
 
 fn largest_error(scenario: &Value) -> f64 {

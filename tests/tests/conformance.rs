@@ -4,13 +4,13 @@ use fvi_core::{
     BdfOrder, Direct, ExponentialTable, Memory, MemoryError, Overflow, Real, StateError, StateReader,
     StateWriter, Stateful, Tiled, check_channels,
 };
+use fvi_fft::Aligned;
+use fvi_fft::GrowingRing;
 use fvi_fft::baseline::{Hls, Naive, OfflineFft, Signal, memory_term};
+use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
+use fvi_fft::memory::Engine;
+use fvi_fft::memory::Memories;
 use fvi_fft::{BlockFft, Engines, Pacing, RealTime, WeightTable, WideExponentialSum};
-use fvi_host::memory::Memories;
-use fvi_host::numerics::aligned::Aligned;
-use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
-use fvi_host::numerics::growing_ring::GrowingRing;
-use fvi_host::scenario::Engine;
 use fvi_tests::conformance::{
     Bound, Constructor, TestKernel, agrees_with_the_plain_sum, goes_on_where_it_was_saved, host_memory,
     keeps_the_contract, largest_error,

@@ -1,8 +1,8 @@
 //! Every key that a scenario may have is explained in its reference, `examples/scenarios/README.md`, and
 //! those that Python takes as arguments are all in one table.
 
-use fvi_host::language::Problem;
-use fvi_host::scenario::{KEYS, Scenario};
+use fvi_scenario::language::Problem;
+use fvi_scenario::scenario::{KEYS, Scenario};
 use std::collections::BTreeSet;
 
 /// A complete scenario but for the table that is asked.

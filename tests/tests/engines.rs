@@ -5,14 +5,16 @@
 
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, RungeKutta};
 use fvi_fft::baseline::{Signal, memory_term};
-use fvi_host::language::{Document, InputError};
-use fvi_host::memory::{LEAST_ON_INCREMENTS, Memories, MemoryRequest};
-use fvi_host::numerics::multistep_rule::MultistepRule;
-use fvi_host::numerics::multistep_weights::multistep_weights;
-use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
-use fvi_host::numerics::transfer::TransferFunction;
-use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario};
-use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_fft::memory::{Engine, History};
+use fvi_fft::memory::{LEAST_ON_INCREMENTS, Memories, MemoryRequest};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::quadrature::multistep_weights::multistep_weights;
+use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
+use fvi_fft::transfer::TransferFunction;
+use fvi_fft::transfer::multistep_rule::MultistepRule;
+use fvi_scenario::language::{Document, InputError};
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::{GridState, Precision, Simulation};
 use fvi_tests::conformance::Bound;
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
@@ -139,11 +141,8 @@ impl Case {
     fn memory<T: Memories>(&self, engine: Engine) -> impl Memory<T> + use<T> {
         let request = MemoryRequest {
             end: None,
-            convolution: &Convolution {
-                family: self.family,
-                starting: self.starting.clone(),
-                ..Convolution::default()
-            },
+            family: self.family,
+            starting: &self.starting,
             transfer: &TransferFunction::power(self.exponent).unwrap(),
             step_size: self.step_size,
             coordinates: self.coordinates,

@@ -2,10 +2,10 @@
 
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, MemoryError};
 use fvi_fft::baseline::larger;
-use fvi_fft::{ChunkedExponentialSum, Engines, Vectorised};
-use fvi_host::numerics::exponential_table::{
+use fvi_fft::exponentials::exponential_table::{
     ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
 };
+use fvi_fft::{ChunkedExponentialSum, Engines, Vectorised};
 use fvi_tests::reference;
 
 /// Exponents of the quadrature: everywhere in (−1, 2), and near whole numbers.

@@ -5,9 +5,9 @@ use fvi_core::{
     AntiWindup, BdfOrder, ConvolutionWeights, DerivativeFilter, ExponentialPid, ExponentialSum,
     FractionalPid, PidGains, PidInputs, PidLaw, PidSettings, Real, RungeKutta, VariableStepMemory,
 };
-use fvi_host::numerics::aligned::Aligned;
-use fvi_host::numerics::exponential_table::ExponentialKernel;
-use fvi_host::numerics::rate_table::rate_table;
+use fvi_fft::Aligned;
+use fvi_fft::exponentials::exponential_table::ExponentialKernel;
+use fvi_fft::exponentials::rate_table::rate_table;
 
 const SAMPLE: f64 = 1e-3;
 

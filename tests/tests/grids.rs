@@ -1,9 +1,9 @@
 //! Runs on grids whose steps differ: equal steps on every engine, the order between grid points, and energy
 //! that nothing puts in.
 
-use fvi_host::lab::run::Run;
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::{GridState, Precision};
+use fvi_lab::lab::run::Run;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::{GridState, Precision};
 use serde_json::{Value, json};
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;

@@ -6,13 +6,15 @@ use std::path::Path;
 use fvi_core::{ActsOn, BdfOrder, Memory};
 use fvi_fft::baseline::larger;
 use fvi_fft::baseline::{Signal, memory_term};
-use fvi_host::language::Document;
-use fvi_host::memory::{EngineError, Memories, MemoryRequest};
-use fvi_host::numerics::multistep_weights::multistep_weights;
-use fvi_host::numerics::transfer::TransferFunction;
-use fvi_host::scenario::{Convolution, ConvolutionFamily, Engine, History, Scenario, kernel_of_symbol};
-use fvi_host::simulation::motion::Motion;
-use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_fft::memory::{Engine, History};
+use fvi_fft::memory::{EngineError, Memories, MemoryRequest};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::quadrature::multistep_weights::multistep_weights;
+use fvi_fft::transfer::TransferFunction;
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::{Scenario, kernel_of_symbol};
+use fvi_simulation::simulation::motion::Motion;
+use fvi_simulation::simulation::{GridState, Precision, Simulation};
 use fvi_tests::convergence::observed_order;
 use nalgebra::Complex;
 use proptest::prelude::*;
@@ -69,13 +71,13 @@ fn agrees_with_the_double_sum<T: Memories>(
     const CHANNELS: usize = 2;
     let samples: Vec<T> = Signal::Stationary.samples(CHANNELS, length);
     let exact: Vec<f64> = samples.iter().map(|x| x.to_f64()).collect();
-    let convolution = Convolution { family, ..Convolution::default() };
     let rule = family.multistep().unwrap().unwrap();
     for engine in ENGINES {
         let history = History { engine: Some(engine), ..History::default() };
         let request = MemoryRequest {
             end: None,
-            convolution: &convolution,
+            family,
+            starting: &[],
             transfer,
             step_size,
             coordinates: CHANNELS,
@@ -431,14 +433,10 @@ fn starting_weights_of_kernels_give_back_the_order_that_a_singular_start_takes()
             let step = 2.0 / steps as f64;
             let history = History { engine: Some(Engine::Direct), ..History::default() };
             let error = |starting: &[f64]| {
-                let convolution = Convolution {
-                    family: ConvolutionFamily::Bdf { order: order.get() },
-                    starting: starting.to_vec(),
-                    ..Convolution::default()
-                };
                 let request = MemoryRequest {
                     end: None,
-                    convolution: &convolution,
+                    family: ConvolutionFamily::Bdf { order: order.get() },
+                    starting,
                     transfer: &transfer,
                     step_size: step,
                     coordinates: 1,
@@ -696,7 +694,7 @@ fn kernels_are_refused_where_they_have_no_memory() {
              time = 1.0 }}\n[initial]\nposition = [1.0]\n{rest}"
         );
         let document = Document::new("kernels.toml", Path::new("."), &text);
-        let refused = |error: fvi_host::language::InputError| error.to_string();
+        let refused = |error: fvi_scenario::language::InputError| error.to_string();
         match Scenario::from_document(document) {
             Ok(scenario) => Simulation::new(&scenario, Precision::F64).map(|_| ()).map_err(refused),
             Err(error) => Err(refused(error)),
@@ -804,7 +802,9 @@ fn energies_of_memories_are_refused_where_nothing_balances() {
         let text = text.replace("memory_energy = true", "memory_energy = true\nmomentum = \"one-sided\"");
         let document = Document::new("energy.toml", Path::new("."), &text);
         match Scenario::from_document(document) {
-            Ok(scenario) => fvi_host::simulation::motion::Motion::start(&scenario, Precision::F64).err(),
+            Ok(scenario) => {
+                fvi_simulation::simulation::motion::Motion::start(&scenario, Precision::F64).err()
+            }
             Err(error) => Some(error),
         }
         .map(|error| error.to_string())

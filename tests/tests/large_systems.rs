@@ -2,9 +2,10 @@
 //! same.
 
 use fvi_fft::baseline::larger;
-use fvi_host::language::Document;
-use fvi_host::scenario::{Engine, Scenario, States, SymmetricMatrix};
-use fvi_host::simulation::{GridState, Precision, Simulation, Solver, SolverChoice};
+use fvi_fft::memory::{Engine, States};
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::{Scenario, SymmetricMatrix};
+use fvi_simulation::simulation::{GridState, Precision, Simulation, Solver, SolverChoice};
 use nalgebra::DMatrix;
 use serde_json::json;
 use std::f64::consts::PI;

@@ -4,11 +4,12 @@ use fvi_core::{
     BdfOrder, ConvolutionWeights, DampingTerm, Derivative::Caputo, ExponentialSum, Galerkin, Integrator,
     Kernel, Mass, Memory, NoForce, System,
 };
+use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
+use fvi_fft::memory::Engine;
 use fvi_fft::{BlockFft, Pacing, RealTime};
-use fvi_host::language::Document;
-use fvi_host::numerics::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
-use fvi_host::scenario::{Engine, Scenario};
-use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::{GridState, Precision, Simulation};
 use fvi_tests::motion::{Pendulum, diagonal};
 use nalgebra::vector;
 use std::path::Path;

@@ -9,9 +9,10 @@ use fvi_core::{
     Direct, Fixed, Galerkin, Kernel, Mass, NoForce, NodeGalerkin, Overflow, Potential, Quadratic, Quadrature,
     System, left_operator, right_operator,
 };
-use fvi_host::language::Document;
-use fvi_host::scenario::{Engine, Scenario};
-use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_fft::memory::Engine;
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::{GridState, Precision, Simulation};
 use fvi_tests::motion::{Pendulum, diagonal, integrate, weights};
 use fvi_tests::stages::StageMemory;
 use nalgebra::{SMatrix, SVector, matrix, vector};

@@ -5,9 +5,10 @@ use fvi_core::{
     System, monic_increment_table_f32,
 };
 use fvi_fft::baseline::larger;
-use fvi_host::language::Document;
-use fvi_host::scenario::{Engine, Scenario};
-use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_fft::memory::Engine;
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::{GridState, Precision, Simulation};
 use fvi_tests::reference;
 use nalgebra::vector;
 use std::path::Path;

@@ -8,14 +8,14 @@ use fvi_core::{
     Approach, Derivative::Caputo, Derivative::RiemannLiouville, Instant, Mass, NodeGalerkin, Quadratic,
     RungeKutta, System, TimeForce,
 };
-use fvi_host::language::Document;
-use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
-use fvi_host::numerics::transfer::TransferFunction;
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::stability::{
+use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
+use fvi_fft::transfer::TransferFunction;
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::stability::{
     DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability,
 };
-use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_simulation::simulation::{GridState, Precision, Simulation};
 use fvi_tests::convergence::observed_order;
 use fvi_tests::manufactured::manufactured_errors;
 use fvi_tests::motion::{Motion, diagonal, integrate};

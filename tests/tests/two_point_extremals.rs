@@ -2,11 +2,11 @@
 //! the grid grows.
 
 use fvi_core::{BdfOrder, ConvolutionWeights};
-use fvi_host::lab::two_point::{
+use fvi_lab::lab::two_point::{
     Closures, EmbeddedProblem, ExpressionLagrangian, ExtremalProblem, Functional, Grid, Lagrangian, Method,
     NewtonOptions, OperatorEquation, Product, Sigma, Solution, Term,
 };
-use fvi_host::language::expression::{Expression, Symbols};
+use fvi_scenario::language::expression::{Expression, Symbols};
 use fvi_tests::reference;
 use proptest::prelude::*;
 

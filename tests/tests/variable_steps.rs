@@ -4,11 +4,11 @@
 use fvi_core::{
     Memory, MemoryError, Real, RungeKutta, StateReader, StateWriter, Stateful, VariableStepMemory,
 };
+use fvi_fft::Aligned;
+use fvi_fft::exponentials::rate_table::{rate_table, rate_table_of};
+use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
+use fvi_fft::transfer::TransferFunction;
 use fvi_fft::{Scalar, VectorVariableSteps};
-use fvi_host::numerics::aligned::Aligned;
-use fvi_host::numerics::rate_table::{rate_table, rate_table_of};
-use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
-use fvi_host::numerics::transfer::TransferFunction;
 
 const TOLERANCE: f64 = 1e-12;
 

@@ -1,8 +1,8 @@
 //! Convolution-quadrature weights against independent values and against the identities of the papers.
 
 use fvi_core::{BdfOrder, ConvolutionWeights, left_operator, right_operator};
-use fvi_host::numerics::multistep_weights::multistep_weights;
-use fvi_host::numerics::transfer::TransferFunction;
+use fvi_fft::quadrature::multistep_weights::multistep_weights;
+use fvi_fft::transfer::TransferFunction;
 use fvi_tests::motion::weights;
 use fvi_tests::reference;
 

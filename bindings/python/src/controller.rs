@@ -2,9 +2,9 @@
 
 use crate::errors::{Failure, Outcome, guarded};
 use fvi_core::{Actuator, PidError, PidGains, PidInputs, StateReader, StateWriter, Stateful};
-use fvi_host::language::InputError;
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::control::{SumPid, pid};
+use fvi_scenario::language::InputError;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::control::{SumPid, pid};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::sync::{Mutex, MutexGuard, PoisonError};

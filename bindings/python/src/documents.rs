@@ -1,7 +1,7 @@
 //! Scenarios and problems given in Python: the path of a file, or a dictionary with its keys.
 
 use crate::errors::Failure;
-use fvi_host::language::{Document, InputError};
+use fvi_scenario::language::{Document, InputError};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};

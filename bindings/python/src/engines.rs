@@ -7,9 +7,10 @@ use crate::weights::convolution;
 use fvi_core::{
     ActsOn, FractionalOperator, Memory as _, OperatorError, SavedChannels, Start, StateReader, StateWriter, Stateful,
 };
-use fvi_host::memory::HostMemory;
-use fvi_host::numerics::exponential_table::SMALLEST_TOLERANCE;
-use fvi_host::scenario::{Engine, History, LARGEST_TOLERANCE, SMALLEST_SINGLE_TOLERANCE, States};
+use fvi_fft::memory::HostMemory;
+use fvi_fft::exponentials::exponential_table::SMALLEST_TOLERANCE;
+use fvi_fft::memory::{Engine, History, States};
+use fvi_scenario::scenario::{LARGEST_TOLERANCE, SMALLEST_SINGLE_TOLERANCE};
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};

@@ -26,7 +26,7 @@ pub(crate) enum Failure {
 
 impl Failure {
     /// The failure for an error in a scenario or problem, with its place if the document is a file.
-    pub(crate) fn of_document(error: &fvi_host::language::InputError, in_file: bool) -> Self {
+    pub(crate) fn of_document(error: &fvi_scenario::language::InputError, in_file: bool) -> Self {
         let (key, value) = (error.key().to_owned(), error.value().to_owned());
         let mut message = if in_file {
             error.to_string()

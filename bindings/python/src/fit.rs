@@ -3,7 +3,7 @@
 use crate::documents::Source;
 use crate::errors::{Failure, guarded};
 use crate::watch::Watch;
-use fvi_host::lab::fit::{Fit, FitError, Fitted, FittedModel, fit as find};
+use fvi_lab::lab::fit::{Fit, FitError, Fitted, FittedModel, fit as find};
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -27,7 +27,7 @@ pub(crate) fn fit<'py>(
     scenario: Option<Source>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<FitInPython<'py>> {
-    let refused = |error: fvi_host::language::InputError| match (&plan, &scenario) {
+    let refused = |error: fvi_scenario::language::InputError| match (&plan, &scenario) {
         (Source::File(_), _) => plan.failure(&error),
         (_, Some(scenario)) if scenario.is_file() && error.file() != "fit" => scenario.failure(&error),
         _ => Failure::of_document(&error, false),

@@ -4,7 +4,7 @@ use crate::documents::Source;
 use crate::errors::{Failure, guarded};
 use crate::run::read;
 use fvi_core::{Instant, Mechanics as _, NodalRule};
-use fvi_host::model::Model;
+use fvi_simulation::model::Model;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use std::sync::{Mutex, PoisonError};

@@ -3,11 +3,12 @@
 use crate::documents::Tree;
 use crate::errors::{Failure, Outcome, guarded};
 use fvi_core::{Stateful, Memory, MemoryError, StateError, StateReader};
-use fvi_host::language::Document;
-use fvi_host::memory::{EngineError, HostMemory, MemoryRequest};
-use fvi_host::numerics::transfer::TransferFunction;
-use fvi_host::language::memory_limit::check_capacity;
-use fvi_host::scenario::{Convolution, Engine, History, kernel_of_document};
+use fvi_scenario::language::Document;
+use fvi_fft::memory::{EngineError, HostMemory, MemoryRequest};
+use fvi_fft::transfer::TransferFunction;
+use fvi_scenario::language::memory_limit::check_capacity;
+use fvi_fft::memory::{Engine, History};
+use fvi_scenario::scenario::{Convolution, kernel_of_document};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::Path;
@@ -83,7 +84,8 @@ pub(crate) fn memory(
     let engine = history.engine;
     let build = |channels: usize| -> Outcome<HostMemory<f64>> {
         let request = MemoryRequest {
-            convolution,
+            family: convolution.family,
+            starting: &convolution.starting,
             transfer,
             step_size: step,
             end: None,

@@ -4,17 +4,18 @@ use crate::documents::Source;
 use crate::errors::{Failure, Outcome, guarded};
 use crate::terms::{Callables, ErrorSlot, PythonTerms, watched};
 use crate::watch::Watch;
-use fvi_host::lab::checkpoint::IntervalError;
-use fvi_host::lab::run::{
+use fvi_lab::lab::checkpoint::IntervalError;
+use fvi_lab::lab::run::{
     Run, RunEnd, RunError, RunOptions, RunSummary, Standing as HostStanding, run as run_into_files,
 };
-use fvi_host::language::Problem;
-use fvi_host::memory::Tables;
-use fvi_host::language::memory_limit::check_capacity;
-use fvi_host::results::trajectory::Format;
-use fvi_host::scenario::{Engine, Feature, KnownMatrices, Scenario, SharedTerms};
-use fvi_host::simulation::columns::Columns;
-use fvi_host::simulation::{GridState, Precision, sample_fractions};
+use fvi_scenario::language::Problem;
+use fvi_fft::memory::Tables;
+use fvi_scenario::language::memory_limit::check_capacity;
+use fvi_lab::results::trajectory::Format;
+use fvi_fft::memory::{Engine};
+use fvi_scenario::scenario::{Feature, KnownMatrices, Scenario, SharedTerms};
+use fvi_simulation::simulation::columns::Columns;
+use fvi_simulation::simulation::{GridState, Precision, sample_fractions};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

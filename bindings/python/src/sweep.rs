@@ -5,14 +5,14 @@ use crate::errors::{Failure, Outcome, guarded};
 use crate::run::precision as precision_of;
 use crate::terms::{Callables, ErrorSlot, PythonTerms};
 use crate::watch::Watch;
-use fvi_host::lab::sweep::{
+use fvi_lab::lab::sweep::{
     Column, Ledger as HostLedger, MadeRun, Parts, Shard, ShardError, Sweep as HostSweep, SweepError,
     SweepOptions, SweepSummary, gather, rows, sweep as make_all,
 };
-use fvi_host::language::InputError;
-use fvi_host::memory::Tables;
-use fvi_host::scenario::SharedTerms;
-use fvi_host::simulation::Precision;
+use fvi_scenario::language::InputError;
+use fvi_fft::memory::Tables;
+use fvi_scenario::scenario::SharedTerms;
+use fvi_simulation::simulation::Precision;
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -314,5 +314,5 @@ impl Ledger {
 /// Facts of the machine on which the last bits of runs depend.
 #[pyfunction]
 pub(crate) fn vector_units() -> &'static str {
-    fvi_host::memory::vector_units()
+    fvi_fft::vector_units()
 }

@@ -1,8 +1,8 @@
 //! Potentials and forces that are Python functions.
 
 use crate::errors::{Failure, Outcome};
-use fvi_host::language::expression::Moment;
-use fvi_host::scenario::{OwnTerms, SharedFunction};
+use fvi_scenario::language::expression::Moment;
+use fvi_scenario::scenario::{OwnTerms, SharedFunction};
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;

@@ -3,11 +3,12 @@
 use crate::errors::{Failure, Outcome, guarded};
 use crate::memory::{keys, transfer};
 use fvi_core::{ParameterError, RungeKutta};
-use fvi_host::numerics::multistep_rule::MultistepRule;
-use fvi_host::numerics::multistep_weights::multistep_weights;
-use fvi_host::numerics::runge_kutta_weights::RungeKuttaWeights;
-use fvi_host::language::memory_limit::check_capacity;
-use fvi_host::scenario::{Convolution, ConvolutionFamily, DampedAt};
+use fvi_fft::transfer::multistep_rule::MultistepRule;
+use fvi_fft::quadrature::multistep_weights::multistep_weights;
+use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
+use fvi_scenario::language::memory_limit::check_capacity;
+use fvi_fft::quadrature::{ConvolutionFamily};
+use fvi_scenario::scenario::{Convolution, DampedAt};
 use numpy::{IntoPyArray, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

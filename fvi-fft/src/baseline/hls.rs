@@ -3,8 +3,8 @@
 use fvi_core::{Memory, MemoryError, ParameterError, Stateful, check_channels};
 use rustfft::num_complex::Complex;
 
-use crate::plans::Plans;
-use crate::weights::{Weights, check_shape, take_planes};
+use crate::engines::plans::Plans;
+use crate::engines::weights::{Weights, check_shape, take_planes};
 
 /// Binary splitting with three complex transforms per block and nothing cached between blocks: O(log² k) a
 /// step.

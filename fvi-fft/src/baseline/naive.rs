@@ -2,7 +2,7 @@
 
 use fvi_core::{Memory, MemoryError, ParameterError, Stateful, check_channels};
 
-use crate::weights::{Weights, check_shape, take_planes};
+use crate::engines::weights::{Weights, check_shape, take_planes};
 
 /// r_k = Σ_{n=1}^{k} W_n x_{k−n}, summed in this order with one accumulator a channel: O(k) a step.
 #[derive(Clone, Debug)]

@@ -6,8 +6,8 @@ use fvi_core::ParameterError;
 use realfft::{ComplexToReal, RealToComplex};
 use rustfft::num_complex::Complex;
 
-use crate::plans::real_transforms;
-use crate::weights::{Weights, check_shape, take_planes};
+use crate::engines::plans::real_transforms;
+use crate::engines::weights::{Weights, check_shape, take_planes};
 
 /// One forward real transform of the known signal, product with the cached kernel spectrum, one inverse.
 ///

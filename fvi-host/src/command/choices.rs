@@ -1,10 +1,10 @@
 //! Enumerations of the library as values of command-line options.
 
-use crate::results::trajectory::Format;
-use crate::scenario::Engine;
-use crate::simulation::Precision;
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
+use fvi_fft::memory::Engine;
+use fvi_lab::results::trajectory::Format;
+use fvi_simulation::simulation::Precision;
 
 /// An enumeration of another crate, as a value of a command-line option.
 #[derive(Clone, Copy, Debug, Default)]

@@ -1,8 +1,8 @@
 //! `fvi compare-engines`: memory engines side by side, the shortest form of `fvi strategies`.
 
 use super::{CommandError, terminal};
-use crate::results::output_directory::OutputDirectory;
 use fvi_core::BdfOrder;
+use fvi_lab::results::output_directory::OutputDirectory;
 use fvi_strategies::engines::{
     Comparison, ComparisonError, strategies, text_table, write_pictures, write_table,
 };

@@ -5,12 +5,12 @@ use super::listing::{
     ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, identifier,
     parameter_error,
 };
-use crate::language::Problem;
-use crate::numerics::controller_source::{ControllerSourceError, ControllerTables, source_with_tables};
-use crate::numerics::exponential_table::ExponentialKernel;
-use crate::scenario::{Controller, Scenario};
-use crate::simulation::control::{Unusable, tables};
 use fvi_core::{AntiWindup, DerivativeFilter, DerivativeOf, PidGains, Real};
+use fvi_fft::exponentials::controller_source::{ControllerSourceError, ControllerTables, source_with_tables};
+use fvi_fft::exponentials::exponential_table::ExponentialKernel;
+use fvi_scenario::language::Problem;
+use fvi_scenario::scenario::{Controller, Scenario};
+use fvi_simulation::simulation::control::{Unusable, tables};
 use std::fmt::{LowerExp, Write as _};
 use std::path::PathBuf;
 

@@ -3,11 +3,12 @@
 use super::choices::Choice;
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal, warn};
-use crate::lab::converge::{ConvergeError, Grids, converge};
-use crate::language::visible::visible_line;
-use crate::results::files::{write_picture, write_text};
-use crate::results::output_directory::OutputDirectory;
-use crate::scenario::{Engine, Scenario};
+use fvi_fft::memory::Engine;
+use fvi_lab::lab::converge::{ConvergeError, Grids, converge};
+use fvi_lab::results::files::{write_picture, write_text};
+use fvi_lab::results::output_directory::OutputDirectory;
+use fvi_scenario::language::visible::visible_line;
+use fvi_scenario::scenario::Scenario;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 

@@ -6,8 +6,8 @@ use super::listing::{
     ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, identifier,
     parameter_error,
 };
-use crate::numerics::exponential_table::{ENDLESS, ExponentialKernel, ExponentialKernelError};
 use fvi_core::BdfOrder;
+use fvi_fft::exponentials::exponential_table::{ENDLESS, ExponentialKernel, ExponentialKernelError};
 use std::path::PathBuf;
 
 /// Arguments of `fvi exponentials`.

@@ -1,9 +1,11 @@
 //! `fvi extremal`: solve a two-point fractional Euler–Lagrange problem.
 
 use super::{CommandError, default_directory, terminal, warn};
-use crate::lab::two_point::{ExtremalSummary, GridError, OutputError, ProblemFile, Status, solve_and_write};
-use crate::language::visible::visible_line;
-use crate::results::output_directory::OutputDirectory;
+use fvi_lab::lab::two_point::{
+    ExtremalSummary, GridError, OutputError, ProblemFile, Status, solve_and_write,
+};
+use fvi_lab::results::output_directory::OutputDirectory;
+use fvi_scenario::language::visible::visible_line;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};

@@ -2,9 +2,9 @@
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal};
-use crate::lab::fit::{Fit, FitError, fit};
-use crate::language::visible::visible;
-use crate::results::output_directory::OutputDirectory;
+use fvi_lab::lab::fit::{Fit, FitError, fit};
+use fvi_lab::results::output_directory::OutputDirectory;
+use fvi_scenario::language::visible::visible;
 use std::path::PathBuf;
 
 /// Arguments of `fvi fit`.

@@ -2,8 +2,8 @@
 
 use super::CommandError;
 use super::listing::parameter_error;
-use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{kernel_of_file, kernel_of_symbol};
+use fvi_fft::transfer::TransferFunction;
+use fvi_scenario::scenario::{kernel_of_file, kernel_of_symbol};
 use std::path::PathBuf;
 
 /// Options that select a kernel.

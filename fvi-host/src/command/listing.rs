@@ -2,10 +2,10 @@
 
 use super::CommandError;
 use super::terminal::output;
-use crate::numerics::exponential_table::{ENDLESS, ExponentialKernel};
-use crate::numerics::rust_constants::{is_identifier, rows, table_constant, table_fits};
-use crate::results::files::write_out;
 use fvi_core::{ParameterError, RateTable, Real};
+use fvi_fft::exponentials::exponential_table::{ENDLESS, ExponentialKernel};
+use fvi_fft::exponentials::rust_constants::{is_identifier, rows, table_constant, table_fits};
+use fvi_lab::results::files::write_out;
 use std::fmt::LowerExp;
 use std::io::{self, Write};
 use std::path::Path;

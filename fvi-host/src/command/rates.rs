@@ -3,11 +3,11 @@
 use super::CommandError;
 use super::kernel_choice::KernelChoice;
 use super::listing::{ListingPrecision, emit, identifier, parameter_error, rates_csv, rates_rust};
-use crate::numerics::StagedMethod;
-use crate::numerics::rate_table::{RateTableError, rate_table_of};
-use crate::numerics::transfer::TransferFunction;
 use fvi_core::{ParameterError, RateTable, Real, RungeKutta};
-use fvi_scenario::with_staged_method;
+use fvi_fft::exponentials::rate_table::{RateTableError, rate_table_of};
+use fvi_fft::quadrature::StagedMethod;
+use fvi_fft::transfer::TransferFunction;
+use fvi_fft::with_staged_method;
 use std::fmt::LowerExp;
 use std::path::PathBuf;
 

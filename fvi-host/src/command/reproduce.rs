@@ -3,8 +3,8 @@
 use super::progress::Progress;
 use super::{CommandError, stop, terminal};
 use crate::reproduce::{Exhibit, Findings, PAGE, ReproduceError, exhibits, write};
-use crate::results::output_directory::OutputDirectory;
 use clap::builder::PossibleValuesParser;
+use fvi_lab::results::output_directory::OutputDirectory;
 use std::path::PathBuf;
 
 /// Arguments of `fvi reproduce`.

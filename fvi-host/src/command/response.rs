@@ -2,10 +2,10 @@
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal, warn};
-use crate::lab::response::{POINTS, ResponseError, ResponseOptions, respond};
-use crate::language::visible::visible_line;
-use crate::results::output_directory::OutputDirectory;
-use crate::scenario::Scenario;
+use fvi_lab::lab::response::{POINTS, ResponseError, ResponseOptions, respond};
+use fvi_lab::results::output_directory::OutputDirectory;
+use fvi_scenario::language::visible::visible_line;
+use fvi_scenario::scenario::Scenario;
 use std::path::PathBuf;
 
 /// Arguments of `fvi response`.

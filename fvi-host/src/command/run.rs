@@ -3,12 +3,13 @@
 use super::choices::Choice;
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal, warn};
-use crate::lab::checkpoint::CheckpointEvery;
-use crate::lab::run::{RunEnd, RunError, RunOptions, RunSummary, run};
-use crate::language::visible::{visible, visible_line};
-use crate::results::trajectory::Format;
-use crate::scenario::{Engine, Scenario};
-use crate::simulation::Precision;
+use fvi_fft::memory::Engine;
+use fvi_lab::lab::checkpoint::CheckpointEvery;
+use fvi_lab::lab::run::{RunEnd, RunError, RunOptions, RunSummary, run};
+use fvi_lab::results::trajectory::Format;
+use fvi_scenario::language::visible::{visible, visible_line};
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `fvi run`.

@@ -2,7 +2,7 @@
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal};
-use crate::language::visible::visible;
+use fvi_scenario::language::visible::visible;
 use fvi_strategies::{Lab, LabError};
 use std::path::PathBuf;
 

@@ -3,9 +3,9 @@
 use super::choices::Choice;
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal};
-use crate::lab::sweep::{Shard, Sweep, SweepError, SweepOptions, SweepSummary, gather, sweep};
-use crate::language::visible::{visible, visible_line};
-use crate::simulation::Precision;
+use fvi_lab::lab::sweep::{Shard, Sweep, SweepError, SweepOptions, SweepSummary, gather, sweep};
+use fvi_scenario::language::visible::{visible, visible_line};
+use fvi_simulation::simulation::Precision;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::time::Instant;

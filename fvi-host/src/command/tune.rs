@@ -1,9 +1,9 @@
 //! `fvi tune`: gains and orders of a controller for a plant.
 
 use super::{CommandError, default_directory, stop, terminal, warn};
-use crate::lab::tune::{TuneError, Tuning, TuningProblem, tune};
-use crate::language::visible::visible_line;
-use crate::results::output_directory::OutputDirectory;
+use fvi_lab::lab::tune::{TuneError, Tuning, TuningProblem, tune};
+use fvi_lab::results::output_directory::OutputDirectory;
+use fvi_scenario::language::visible::visible_line;
 use std::path::PathBuf;
 
 /// Arguments of `fvi tune`.

@@ -3,14 +3,14 @@
 use super::CommandError;
 use super::kernel_choice::KernelChoice;
 use super::listing::{ListingFormat, emit, identifier, parameter_error, write_matrix_weights, write_weights};
-use crate::language::memory_limit::check_capacity;
-use crate::numerics::StagedMethod;
-use crate::numerics::multistep_rule::MultistepRule;
-use crate::numerics::multistep_weights::multistep_weights;
-use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
-use crate::numerics::transfer::TransferFunction;
 use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError, RungeKutta};
-use fvi_scenario::with_staged_method;
+use fvi_fft::quadrature::StagedMethod;
+use fvi_fft::quadrature::multistep_weights::multistep_weights;
+use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
+use fvi_fft::transfer::TransferFunction;
+use fvi_fft::transfer::multistep_rule::MultistepRule;
+use fvi_fft::with_staged_method;
+use fvi_scenario::language::memory_limit::check_capacity;
 use std::path::PathBuf;
 
 /// Arguments of `fvi weights`.

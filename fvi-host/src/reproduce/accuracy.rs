@@ -7,8 +7,8 @@ use super::methods::{MAIN_NODES, Method, NODES, RUNGE_KUTTA};
 use super::node_form::errors;
 use super::table::{Cell, Column, Format, Table};
 use super::{Exhibit, Findings, ReproduceError};
-use crate::results::picture::{Axis, Chart};
-use crate::scenario::ReportedMomentum;
+use fvi_lab::results::picture::{Axis, Chart};
+use fvi_scenario::scenario::ReportedMomentum;
 use std::sync::atomic::AtomicBool;
 
 /// Name of the page.

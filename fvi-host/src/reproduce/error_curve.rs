@@ -2,9 +2,9 @@
 
 use super::ReproduceError;
 use super::table::{Cell, Column, Format, Table};
-use crate::lab::converge::{Grids, Quantity, converge, order_between, slope};
-use crate::results::picture::{Axis, Chart, Series, Style, power};
-use crate::scenario::Scenario;
+use fvi_lab::lab::converge::{Grids, Quantity, converge, order_between, slope};
+use fvi_lab::results::picture::{Axis, Chart, Series, Style, power};
+use fvi_scenario::scenario::Scenario;
 use std::sync::atomic::AtomicBool;
 
 /// Errors of one method over step sizes, the longest step first.

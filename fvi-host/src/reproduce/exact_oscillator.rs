@@ -2,8 +2,8 @@
 //! 0.1 to 1.9.
 
 use super::ReproduceError;
-use crate::language::Document;
-use crate::scenario::Scenario;
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::Scenario;
 use std::path::Path;
 
 /// Damping orders with known values.

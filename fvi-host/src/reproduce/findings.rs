@@ -1,7 +1,7 @@
 //! Results of an exhibit.
 
 use super::table::Table;
-use crate::results::picture::Chart;
+use fvi_lab::results::picture::Chart;
 
 /// Results of an exhibit: pictures, tables, and printed values beside measured ones.
 #[derive(Clone, Debug, Default)]

@@ -9,8 +9,8 @@ mod tables;
 use super::error_curve::ErrorCurve;
 use super::problems::{on_any_step, with_bdf, with_scheme};
 use super::{Exhibit, ReproduceError};
-use crate::lab::converge::{Grids, Quantity};
-use crate::scenario::{Scenario, Scheme};
+use fvi_lab::lab::converge::{Grids, Quantity};
+use fvi_scenario::scenario::{Scenario, Scheme};
 use std::sync::atomic::AtomicBool;
 
 pub(super) const EXHIBITS: [Exhibit; 9] = [

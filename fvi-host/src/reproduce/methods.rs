@@ -1,10 +1,9 @@
 //! The schemes that exhibits beyond the papers compare.
 
 use super::problems::{GALERKIN, MIDPOINT};
-use crate::results::picture::{Marker, Series, Style};
-use crate::scenario::{
-    Convolution, ConvolutionFamily, DampedAt, Quadrature, ReportedMomentum, Scenario, Scheme,
-};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_lab::results::picture::{Marker, Series, Style};
+use fvi_scenario::scenario::{Convolution, DampedAt, Quadrature, ReportedMomentum, Scenario, Scheme};
 
 /// How a method is drawn: a colour for the kind, a marker for the order or the number of stages.
 #[derive(Clone, Copy, Debug, PartialEq)]

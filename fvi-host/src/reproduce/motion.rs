@@ -2,11 +2,11 @@
 
 use super::ReproduceError;
 use super::table::{Cell, Table};
-use crate::lab::converge::{Outcome, Quantity, run_on};
-use crate::results::measure::ReferenceErrors;
-use crate::results::picture::{Axis, Chart, Series, Style};
-use crate::scenario::{ReferenceRow, Scenario};
-use crate::simulation::GridState;
+use fvi_lab::lab::converge::{Outcome, Quantity, run_on};
+use fvi_lab::results::measure::ReferenceErrors;
+use fvi_lab::results::picture::{Axis, Chart, Series, Style};
+use fvi_scenario::scenario::{ReferenceRow, Scenario};
+use fvi_simulation::simulation::GridState;
 use std::sync::atomic::AtomicBool;
 
 /// A trajectory with its name.

@@ -7,8 +7,8 @@ use super::motion::Motion;
 use super::problems::{cube_plate, hjo_oscillator, on_any_step, on_grid, root_plate};
 use super::table::{Cell, Column, Format, Table};
 use super::{Exhibit, Findings, ReproduceError};
-use crate::lab::converge::{Grids, Quantity, converge};
-use crate::scenario::{ReportedMomentum, Scenario};
+use fvi_lab::lab::converge::{Grids, Quantity, converge};
+use fvi_scenario::scenario::{ReportedMomentum, Scenario};
 use std::sync::atomic::AtomicBool;
 
 pub(super) const EXHIBITS: [Exhibit; 2] = [

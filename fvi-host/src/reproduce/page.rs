@@ -2,8 +2,8 @@
 
 use super::table::markdown_table;
 use super::{Comparison, Exhibit, Findings, accuracy, materials};
-use crate::results::files::{FileError, write_picture, write_text};
-use crate::results::output_directory::OutputDirectory;
+use fvi_lab::results::files::{FileError, write_picture, write_text};
+use fvi_lab::results::output_directory::OutputDirectory;
 
 /// Name of the page in the output directory that holds all exhibits but those with a page of their own.
 pub const PAGE: &str = "reproduction.md";

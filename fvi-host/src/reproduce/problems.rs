@@ -1,9 +1,9 @@
 //! The papers' problems, from the scenario files of the repository, and how exhibits vary them.
 
-use crate::language::{Document, InputError};
-use crate::scenario::{
-    Convolution, ConvolutionFamily, DampedAt, Engine, Quadrature, ReportedMomentum, Scenario, Scheme,
-};
+use fvi_fft::memory::Engine;
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_scenario::language::{Document, InputError};
+use fvi_scenario::scenario::{Convolution, DampedAt, Quadrature, ReportedMomentum, Scenario, Scheme};
 use std::path::Path;
 
 /// The text of a file of the repository's `scenarios`. The package contains its own copy, since a package

@@ -5,7 +5,8 @@ use super::motion::Motion;
 use super::problems::{on_grid, power_plate};
 use super::table::{Cell, Column, Format, Table};
 use super::{Exhibit, Findings, ReproduceError};
-use crate::scenario::{Convolution, ConvolutionFamily, ForceQuadrature, Scenario, Scheme};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_scenario::scenario::{Convolution, ForceQuadrature, Scenario, Scheme};
 use std::sync::atomic::AtomicBool;
 
 pub(super) const EXHIBITS: [Exhibit; 1] = [Exhibit::beyond(

@@ -4,10 +4,10 @@ use super::error_curve::{ErrorCurve, error_table};
 use super::methods::{Method, RUNGE_KUTTA};
 use super::table::{Cell, Column, Format, Table};
 use super::{Exhibit, Findings, ReproduceError};
-use crate::lab::converge::{Grids, Quantity, converge};
-use crate::language::{Document, InputError};
-use crate::results::picture::{Axis, Chart, Series, Style};
-use crate::scenario::Scenario;
+use fvi_lab::lab::converge::{Grids, Quantity, converge};
+use fvi_lab::results::picture::{Axis, Chart, Series, Style};
+use fvi_scenario::language::{Document, InputError};
+use fvi_scenario::scenario::Scenario;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 

@@ -3,9 +3,9 @@
 
 use super::table::{Cell, Column, Format, Table};
 use super::{Exhibit, Findings, ReproduceError};
-use crate::lab::tune::{Law, Margins, TuneError, TuningProblem, find, margins_of};
-use crate::language::Document;
 use fvi_core::{DerivativeFilter, PidGains};
+use fvi_lab::lab::tune::{Law, Margins, TuneError, TuningProblem, find, margins_of};
+use fvi_scenario::language::Document;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 

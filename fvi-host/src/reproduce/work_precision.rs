@@ -7,9 +7,9 @@ use super::motion::Motion;
 use super::problems::{cube_plate, on_default_engine, on_grid, pendulum, pulse_plate};
 use super::table::{Cell, Column, Format, Table};
 use super::{Exhibit, Findings, ReproduceError};
-use crate::lab::converge::{Grids, converge};
-use crate::results::picture::{Axis, Chart, Series};
-use crate::scenario::{Reference, ReferenceRow, ReferenceSource, Scenario};
+use fvi_lab::lab::converge::{Grids, converge};
+use fvi_lab::results::picture::{Axis, Chart, Series};
+use fvi_scenario::scenario::{Reference, ReferenceRow, ReferenceSource, Scenario};
 use std::sync::atomic::AtomicBool;
 
 pub(super) const EXHIBITS: [Exhibit; 3] = [
@@ -255,7 +255,7 @@ fn with_fine_reference(
             f64::max(largest, (fine.position[0] - other.position[0]).abs())
         });
     let known = |numbers: &[f64]| numbers.iter().map(|&number| Some(number)).collect();
-    let row = |state: &crate::simulation::GridState| ReferenceRow {
+    let row = |state: &fvi_simulation::simulation::GridState| ReferenceRow {
         time: state.time,
         position: known(&state.position),
         momentum: known(&state.momentum),

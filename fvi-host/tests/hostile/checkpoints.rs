@@ -6,9 +6,9 @@
 
 use super::mutation::Generator;
 use super::{Outcome, number};
-use fvi_host::lab::checkpoint::{CheckpointEvery, is_readable};
-use fvi_host::lab::run::{RunEnd, RunOptions, run};
-use fvi_host::scenario::Scenario;
+use fvi_lab::lab::checkpoint::{CheckpointEvery, is_readable};
+use fvi_lab::lab::run::{RunEnd, RunOptions, run};
+use fvi_scenario::scenario::Scenario;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::fs;

@@ -2,12 +2,12 @@
 
 use super::corpus::{files, lines};
 use super::{Domain, Outcome};
-use fvi_host::lab::sweep::Sweep;
-use fvi_host::lab::two_point::ProblemFile;
-use fvi_host::language::expression::{Expression, Moment, Symbols};
-use fvi_host::language::{Document, InputError};
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::{GridState, Precision, Simulation};
+use fvi_lab::lab::sweep::Sweep;
+use fvi_lab::lab::two_point::ProblemFile;
+use fvi_scenario::language::expression::{Expression, Moment, Symbols};
+use fvi_scenario::language::{Document, InputError};
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::{GridState, Precision, Simulation};
 use nalgebra::SVector;
 use std::path::Path;
 

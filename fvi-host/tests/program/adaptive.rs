@@ -3,9 +3,9 @@
 
 use crate::workplace::{Run, Workplace, text};
 use fvi_fft::baseline::larger;
-use fvi_host::lab::checkpoint::CheckpointEvery;
-use fvi_host::lab::run::{RunEnd, RunOptions, run};
-use fvi_host::scenario::Scenario;
+use fvi_lab::lab::checkpoint::CheckpointEvery;
+use fvi_lab::lab::run::{RunEnd, RunOptions, run};
+use fvi_scenario::scenario::Scenario;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -30,10 +30,10 @@ fn adaptive(end: f64, tolerance: f64) -> Value {
 }
 
 /// Runs a scenario; the summary and the rows (t, q, p).
-fn rows(scenario: &Value) -> (fvi_host::lab::run::RunSummary, Vec<[f64; 3]>) {
+fn rows(scenario: &Value) -> (fvi_lab::lab::run::RunSummary, Vec<[f64; 3]>) {
     let scenario = Scenario::from_value(scenario).unwrap();
     let mut rows = Vec::new();
-    let run = fvi_host::lab::run::Run::start(&scenario, fvi_host::simulation::Precision::F64).unwrap();
+    let run = fvi_lab::lab::run::Run::start(&scenario, fvi_simulation::simulation::Precision::F64).unwrap();
     let summary = run.to_the_end(&AtomicBool::new(false), |_, state| {
         rows.push([state.time, state.position[0], state.momentum[0]]);
         Ok::<_, std::convert::Infallible>(())
@@ -50,7 +50,7 @@ fn errors(rows: &[[f64; 3]], exact: impl Fn(f64) -> (f64, f64)) -> f64 {
     })
 }
 
-fn assert_few_rejections(summary: &fvi_host::lab::run::RunSummary) {
+fn assert_few_rejections(summary: &fvi_lab::lab::run::RunSummary) {
     let attempts = summary.attempts.unwrap();
     assert!(100 * attempts.rejected <= 15 * attempts.made, "{attempts:?}");
     assert_eq!(summary.steps, 2 * (attempts.made - attempts.rejected));
@@ -221,7 +221,7 @@ fn stiff_systems_take_long_steps() {
 fn run_until(
     scenario: &Scenario,
     directory: &Path,
-    precision: fvi_host::simulation::Precision,
+    precision: fvi_simulation::simulation::Precision,
     last: Option<usize>,
 ) {
     let stop = AtomicBool::new(false);
@@ -245,9 +245,10 @@ fn a_run_that_is_interrupted_goes_on_with_the_same_bits() {
     driven["system"]["potential"] = json!("0.5*q0^2 + 0.2*abs(q0 - 0.9)");
     driven["output"] = json!({ "times": [0.001, 0.5, 1.0, 2.5, 3.9] });
     driven["event"] = json!([{ "when": "sin(40*q0)" }, { "when": "p0", "direction": "rising" }]);
-    for (precision, tolerance) in
-        [(fvi_host::simulation::Precision::F64, 1e-6), (fvi_host::simulation::Precision::F32, 1e-4)]
-    {
+    for (precision, tolerance) in [
+        (fvi_simulation::simulation::Precision::F64, 1e-6),
+        (fvi_simulation::simulation::Precision::F32, 1e-4),
+    ] {
         driven["time"]["tolerance"] = json!(tolerance);
         let scenario = Scenario::from_value(&driven).unwrap();
         let place = tempfile::tempdir().unwrap();

@@ -1,10 +1,12 @@
 //! Runs that are interrupted and gone on with leave the files of runs that were not.
 
-use fvi_host::lab::checkpoint::{CheckpointEvery, is_readable};
-use fvi_host::lab::run::{RunEnd, RunError, RunOptions, run};
-use fvi_host::results::trajectory::Format;
-use fvi_host::scenario::{ConvolutionFamily, Engine, Scenario};
-use fvi_host::simulation::Precision;
+use fvi_fft::memory::Engine;
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_lab::lab::checkpoint::{CheckpointEvery, is_readable};
+use fvi_lab::lab::run::{RunEnd, RunError, RunOptions, run};
+use fvi_lab::results::trajectory::Format;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
 use proptest::prelude::*;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;

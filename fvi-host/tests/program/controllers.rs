@@ -4,9 +4,9 @@
 use crate::tune::Complex;
 use crate::workplace::{Workplace, text};
 use fvi_fft::baseline::larger;
-use fvi_host::lab::run::{RunEnd, RunOptions, run};
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::Precision;
+use fvi_lab::lab::run::{RunEnd, RunOptions, run};
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};

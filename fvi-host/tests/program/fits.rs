@@ -2,8 +2,8 @@
 //! not say is not made up.
 
 use crate::workplace::{Workplace, text};
-use fvi_host::lab::fit::{Fit, FittedModel, fit};
-use fvi_host::language::Document;
+use fvi_lab::lab::fit::{Fit, FittedModel, fit};
+use fvi_scenario::language::Document;
 use serde_json::Value;
 use std::f64::consts::PI;
 use std::fmt::Write;

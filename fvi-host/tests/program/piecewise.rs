@@ -2,9 +2,9 @@
 //! against solutions that go from one to the next in closed form.
 
 use fvi_fft::baseline::larger;
-use fvi_host::lab::run::{Run, RunEnd, RunSummary};
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::Precision;
+use fvi_lab::lab::run::{Run, RunEnd, RunSummary};
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
 use serde_json::{Value, json};
 use std::sync::atomic::AtomicBool;
 

@@ -2,9 +2,9 @@
 
 use crate::workplace::{Run, Workplace, text};
 use fvi_fft::baseline::larger;
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::Precision;
-use fvi_host::simulation::motion::Motion;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
+use fvi_simulation::simulation::motion::Motion;
 use std::path::{Path, PathBuf};
 
 fn folder() -> PathBuf {

@@ -2,9 +2,9 @@
 
 use super::workplace::{Workplace, text};
 use fvi_fft::baseline::larger;
-use fvi_host::lab::run::{Run, RunEnd};
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::Precision;
+use fvi_lab::lab::run::{Run, RunEnd};
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
 use std::fs;
 use std::sync::atomic::AtomicBool;
 

@@ -1,10 +1,10 @@
 //! `[sensitivity]`: derivatives of the discrete motion against differences of runs and dual numbers.
 
 use crate::workplace::{Workplace, text};
-use fvi_host::lab::run::{Run, RunEnd};
-use fvi_host::language::Document;
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::Precision;
+use fvi_lab::lab::run::{Run, RunEnd};
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
 use std::convert::Infallible;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;

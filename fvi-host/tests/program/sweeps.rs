@@ -1,8 +1,8 @@
 //! What a user of `fvi sweep` relies on.
 
 use crate::workplace::{Workplace, text};
-use fvi_host::lab::sweep::{Column, Ledger, Sweep, SweepOptions, rows, sweep};
-use fvi_host::memory::Tables;
+use fvi_fft::memory::Tables;
+use fvi_lab::lab::sweep::{Column, Ledger, Sweep, SweepOptions, rows, sweep};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -237,7 +237,7 @@ fn runs_made_where_no_file_is_seen_come_back_to_the_same_bytes() {
 
     fs::remove_file(place.path("drive.csv")).unwrap();
     let sent = Sweep::of_parts(&parts).unwrap();
-    let precision = fvi_host::simulation::Precision::F64;
+    let precision = fvi_simulation::simulation::Precision::F64;
     assert_eq!(sent.fingerprint(precision), plan.fingerprint(precision));
     let ledger = Ledger::open(&plan, SweepOptions::new(place.path("there"))).unwrap();
     assert_eq!(ledger.missing().unwrap(), (0..18).collect::<Vec<_>>());

@@ -1,14 +1,14 @@
 //! Error and order of a scenario over a sequence of step sizes.
 
-use crate::language::memory_limit::{OutOfMemory, check_capacity};
-use crate::language::{InputError, Problem};
 use crate::results::measure::{ErrorMeasure, ReferenceErrors};
 #[cfg(feature = "pictures")]
 use crate::results::picture::{Axis, Chart, Series, Style, power};
-use crate::scenario::{Feature, MOST_STEPS, Reference, ReferenceRow, Scenario};
-use crate::simulation::motion::{Failure, Motion};
-use crate::simulation::{GridState, Precision};
 use fvi_core::ParameterError;
+use fvi_scenario::language::memory_limit::{OutOfMemory, check_capacity};
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{Feature, MOST_STEPS, Reference, ReferenceRow, Scenario};
+use fvi_simulation::simulation::motion::{Failure, Motion};
+use fvi_simulation::simulation::{GridState, Precision};
 use serde::Serialize;
 use std::ops::RangeInclusive;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -10,10 +10,10 @@ use crate::results::run_traces::RunTraces;
 use crate::results::snapshots;
 use crate::results::snapshots::Snapshots;
 use crate::results::trajectory::{Format, Shape, TrajectoryMark, TrajectoryWriter};
-use crate::scenario::Scenario;
-use crate::simulation::GridState;
-use crate::simulation::columns::Columns;
-use crate::simulation::step_batch::StepBatch;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::GridState;
+use fvi_simulation::simulation::columns::Columns;
+use fvi_simulation::simulation::step_batch::StepBatch;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -29,7 +29,7 @@ pub(crate) struct StateView<'a> {
     pub(crate) position: &'a [f64],
     pub(crate) momentum: &'a [f64],
     pub(crate) energy: f64,
-    /// Values of the run's [`Columns`](crate::simulation::columns::Columns).
+    /// Values of the run's [`Columns`](fvi_simulation::simulation::columns::Columns).
     pub(crate) columns: &'a [f64],
     pub(crate) sensitivities: &'a [f64],
 }

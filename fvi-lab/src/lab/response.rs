@@ -3,14 +3,14 @@
 #[cfg(feature = "pictures")]
 mod pictures;
 
-use crate::language::InputError;
-use crate::language::memory_limit::{OutOfMemory, check_capacity};
-use crate::numerics::laplace::{creep, relaxation, whole};
 use crate::results::files::{FileError, remove, write_json, write_text};
 use crate::results::output_directory::OutputDirectory;
-use crate::scenario::Scenario;
-use crate::simulation::response::{Linearised, SystemPole};
 use fvi_core::ParameterError;
+use fvi_fft::transfer::laplace::{creep, relaxation, whole};
+use fvi_scenario::language::InputError;
+use fvi_scenario::language::memory_limit::{OutOfMemory, check_capacity};
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::response::{Linearised, SystemPole};
 use serde::Serialize;
 use std::f64::consts::PI;
 use std::fmt::Write as _;

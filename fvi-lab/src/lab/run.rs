@@ -2,21 +2,22 @@
 
 use crate::lab::checkpoint::{self, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer};
 use crate::lab::output_sink::{BatchView, OutputMark, OutputSink, StateView};
-use crate::language::InputError;
-use crate::memory::Tables;
-use crate::numerics::starting::starting_condition;
 use crate::results::files::{FileError, remove, write_json};
 use crate::results::measure::{Largest, ReferenceErrors};
 use crate::results::output_directory::OutputDirectory;
 use crate::results::trajectory::Format;
-use crate::scenario::{Engine, Feature, Scenario};
-use crate::simulation::adaptive::Counts;
-use crate::simulation::events::{Happened, Seen, Watch};
-use crate::simulation::motion::{Failure, Motion};
-use crate::simulation::step_batch::StepBatch;
-use crate::simulation::{GridState, Precision, Solver};
 use fvi_core::StateError;
 use fvi_fft::baseline::larger;
+use fvi_fft::memory::Engine;
+use fvi_fft::memory::Tables;
+use fvi_fft::quadrature::starting::starting_condition;
+use fvi_scenario::language::InputError;
+use fvi_scenario::scenario::{Feature, Scenario};
+use fvi_simulation::simulation::adaptive::Counts;
+use fvi_simulation::simulation::events::{Happened, Seen, Watch};
+use fvi_simulation::simulation::motion::{Failure, Motion};
+use fvi_simulation::simulation::step_batch::StepBatch;
+use fvi_simulation::simulation::{GridState, Precision, Solver};
 use serde::Serialize;
 use std::convert::Infallible;
 use std::path::PathBuf;
@@ -271,7 +272,7 @@ impl Standing {
     }
 
     /// Number of samples for which engines and tables were chosen:
-    /// [`History::planned`](crate::scenario::History) of a run that continues.
+    /// [`History::planned`](fvi_fft::memory::History) of a run that continues.
     pub fn planned(&self) -> usize {
         self.planned
     }

@@ -24,13 +24,13 @@ pub use records::{Shard, ShardError};
 pub use table::Column;
 
 use crate::lab::run::{Run, RunEnd};
-use crate::language::InputError;
-use crate::memory::Tables;
 use crate::results::files::FileError;
 use crate::results::output_directory::OutputDirectory;
 use crate::results::trajectory::TrajectoryWriter;
-use crate::simulation::Precision;
-use crate::simulation::columns::Columns;
+use fvi_fft::memory::Tables;
+use fvi_scenario::language::InputError;
+use fvi_simulation::simulation::Precision;
+use fvi_simulation::simulation::columns::Columns;
 use measured::Measured;
 use records::{Record, Records, Status};
 use serde::Serialize;

@@ -33,8 +33,8 @@ pub use problem::{
 pub use relay::RelayResult;
 pub use search::Bound;
 
-use crate::numerics::laplace::on_a_line;
-use crate::simulation::closed_loop::{
+use fvi_fft::transfer::laplace::on_a_line;
+use fvi_simulation::simulation::closed_loop::{
     Contour, OpenLoop, growing_motions, growing_motions_open, growing_sampled_motions,
 };
 use margins::{follow, margins};

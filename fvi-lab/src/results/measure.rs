@@ -1,10 +1,10 @@
 //! Measures of a run: largest values, and errors against the reference.
 
-use crate::numerics::column::largest;
-use crate::scenario::ReferenceRow;
-use crate::simulation::GridState;
-use crate::simulation::step_batch::StepBatch;
 use fvi_fft::baseline::larger;
+use fvi_scenario::scenario::ReferenceRow;
+use fvi_simulation::column::largest;
+use fvi_simulation::simulation::GridState;
+use fvi_simulation::simulation::step_batch::StepBatch;
 use serde::{Deserialize, Serialize};
 
 /// The largest error so far and the last one.

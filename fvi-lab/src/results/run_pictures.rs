@@ -4,8 +4,8 @@ use crate::results::files::{FileError, remove, write_picture};
 use crate::results::picture::{Axis, Chart, Series, Style};
 use crate::results::run_traces::RunTraces;
 use crate::results::trace::Envelope;
-use crate::scenario::{ReferenceRow, ReferenceSource, Scenario};
-use crate::simulation::columns::{Columns, Source};
+use fvi_scenario::scenario::{ReferenceRow, ReferenceSource, Scenario};
+use fvi_simulation::simulation::columns::{Columns, Source};
 use std::path::Path;
 
 /// Number of segments of the polygon that a reference is drawn with.

@@ -10,7 +10,7 @@ pub(crate) struct RunTraces {
     pub(super) energy: Envelope,
     /// (q₀, p₀), for a single coordinate.
     pub(super) phase: Option<PathTrace>,
-    /// Curves of the run's [`Columns`](crate::simulation::columns::Columns).
+    /// Curves of the run's [`Columns`](fvi_simulation::simulation::columns::Columns).
     pub(super) columns: Vec<Envelope>,
 }
 

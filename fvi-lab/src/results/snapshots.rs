@@ -100,7 +100,7 @@ mod tests {
         let mut array = |name: &str| {
             let mut bytes = Vec::new();
             io::Read::read_to_end(&mut archive.by_name(name).unwrap(), &mut bytes).unwrap();
-            crate::language::npy::read(&bytes).unwrap()
+            fvi_scenario::language::npy::read(&bytes).unwrap()
         };
         assert_eq!(array("t.npy").numbers, [0.0, 1.0]);
         let q = array("q.npy");

@@ -2,7 +2,7 @@
 //! checkpoints.
 
 use super::levels::{Level, Levels, has_level, moved};
-use crate::numerics::column::{extremes, first_place, is_finite};
+use fvi_simulation::column::{extremes, first_place, is_finite};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 

@@ -2,8 +2,8 @@
 
 use crate::results::growing_file::{GrowingFile, Mark};
 use crate::results::npz_rows::{self, NpzRows};
-use crate::simulation::GridState;
-use crate::simulation::columns::{Columns, Quantity};
+use fvi_simulation::simulation::GridState;
+use fvi_simulation::simulation::columns::{Columns, Quantity};
 use serde::{Deserialize, Serialize};
 use std::fs::File;
 use std::io::{self, Read, Write};

@@ -5,14 +5,14 @@ use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Function, Kind, LARGEST_MULTIPLIED, Node, Operator, Symbols};
 use crate::language::number_table::NumberTable;
-use crate::numerics::algebra::{Algebra, Series};
-use crate::numerics::dual::Dual;
-use crate::numerics::fractions::{Fractions, Quotient};
-use crate::numerics::relaxation::Relaxation;
-use crate::numerics::transfer::{Formula, TransferFunction};
-use crate::numerics::transfer_derivative::TransferDerivative;
-use crate::numerics::weight_table::WeightTable;
 use fvi_core::{DoubleDouble, ParameterError};
+use fvi_fft::transfer::algebra::{Algebra, Series};
+use fvi_fft::transfer::derivative::TransferDerivative;
+use fvi_fft::transfer::dual::Dual;
+use fvi_fft::transfer::fractions::{Fractions, Quotient};
+use fvi_fft::transfer::given_weights::GivenWeights;
+use fvi_fft::transfer::relaxation::Relaxation;
+use fvi_fft::transfer::{Formula, TransferFunction};
 use nalgebra::Complex;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -285,7 +285,7 @@ fn read_weights(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction
     } else {
         value.document().resolve(value.text()?).display().to_string()
     };
-    let mut made = WeightTable::new(&file, weights_of(value)?).map_err(refused)?;
+    let mut made = GivenWeights::new(&file, weights_of(value)?).map_err(refused)?;
     if let Some(step) = table.optional("step") {
         made = made.at_step(step.positive()?).map_err(refused)?;
     }

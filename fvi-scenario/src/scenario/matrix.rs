@@ -3,7 +3,7 @@
 use super::sparse_matrix::{Matrices, SparseMatrix, wrong_size};
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
-use crate::numerics::dense::symmetric_eigenvalues;
+use fvi_fft::dense::symmetric_eigenvalues;
 use nalgebra::DMatrix;
 use serde::{Serialize, Serializer};
 

@@ -4,9 +4,9 @@
 use super::kernel::relaxation_of;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
-use crate::numerics::active::Active;
-use crate::numerics::dense::symmetric_eigenvalues;
-use crate::numerics::transfer::TransferFunction;
+use fvi_fft::dense::symmetric_eigenvalues;
+use fvi_fft::transfer::Active;
+use fvi_fft::transfer::TransferFunction;
 use nalgebra::{Complex, DMatrix};
 use serde::Serialize;
 use std::f64::consts::PI;

@@ -1,6 +1,7 @@
 //! Descriptor of a scheme, by which the rest of the program depends on its properties and not on its name.
 
-use super::scheme::{ConvolutionFamily, Scheme};
+use super::scheme::Scheme;
+use fvi_fft::quadrature::ConvolutionFamily;
 
 /// Properties of a scheme with its convolution quadrature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

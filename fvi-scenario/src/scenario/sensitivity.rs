@@ -10,7 +10,7 @@ use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::Expression;
 use crate::language::expression::Symbols;
-use crate::numerics::transfer_derivative::TransferDerivative;
+use fvi_fft::transfer::derivative::TransferDerivative;
 use serde::{Serialize, Serializer};
 
 /// The parameters, in the order of the file.

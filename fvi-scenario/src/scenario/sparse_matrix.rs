@@ -3,7 +3,7 @@
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
 use crate::language::matrix_file::FileMatrix;
-use crate::numerics::semidefinite::check_positive_semidefinite;
+use fvi_sparse::check_positive_semidefinite;
 use fvi_sparse::{Analysis, FactorError, Pattern};
 use serde::{Serialize, Serializer};
 use std::sync::{Arc, Mutex, PoisonError};

@@ -1,4 +1,6 @@
 use super::*;
+use fvi_fft::memory::{Engine, Overflow, States};
+use fvi_fft::quadrature::ConvolutionFamily;
 
 const GOOD: &str = r#"
 title = "Two masses"

@@ -6,11 +6,10 @@ use super::keys;
 use super::scheme_descriptor::SchemeDescriptor;
 use crate::language::document::{Document, Table};
 use crate::language::error::{InputError, Problem};
-use crate::numerics::exponential_table::SMALLEST_TOLERANCE;
+use fvi_fft::exponentials::exponential_table::SMALLEST_TOLERANCE;
+use fvi_fft::memory::{Engine, History, Overflow, States};
 use serde::{Serialize, Serializer};
 use std::collections::BTreeSet;
-use std::num::NonZero;
-use std::sync::OnceLock;
 
 /// Largest number of steps of a run: larger indices are not exact in double precision.
 pub const MOST_STEPS: usize = 1 << 53;
@@ -337,66 +336,6 @@ pub(super) fn same_time(time: f64, step: f64) -> f64 {
     f64::max(1e-9 * step, 4.0 * f64::EPSILON * time)
 }
 
-/// A memory engine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Engine {
-    /// The plain sum over a ring of samples.
-    Direct,
-    /// Block transforms, amortised.
-    BlockFft,
-    /// Block transforms, with the cost spread evenly over the steps.
-    RealTime,
-    /// A short head and decaying exponentials, in chunks and vector code.
-    ExponentialSum,
-    /// The same with fvi-core's memory, a sample at a time, with the bits of firmware.
-    ExponentialSumCore,
-    /// Exponentials in continuous time, for Runge–Kutta quadrature on steps of any length.
-    AnyStep,
-}
-
-impl Engine {
-    /// The engines with their names in files and in the program's options.
-    pub const NAMES: [(&'static str, Self); 6] = [
-        ("direct", Self::Direct),
-        ("block-fft", Self::BlockFft),
-        ("real-time", Self::RealTime),
-        ("exponential-sum", Self::ExponentialSum),
-        ("exponential-sum-core", Self::ExponentialSumCore),
-        ("any-step", Self::AnyStep),
-    ];
-
-    /// The name in files and in the program's options.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Direct => "direct",
-            Self::BlockFft => "block-fft",
-            Self::RealTime => "real-time",
-            Self::ExponentialSum => "exponential-sum",
-            Self::ExponentialSumCore => "exponential-sum-core",
-            Self::AnyStep => "any-step",
-        }
-    }
-}
-
-/// Policy of the direct engine for samples beyond its capacity.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Overflow {
-    /// Stops the run.
-    #[default]
-    Stop,
-    /// Forgets the oldest sample.
-    Forget,
-}
-
-impl Overflow {
-    /// Skipped in serialisation by default: the key belongs to the direct engine, and would select that.
-    fn is_default(&self) -> bool {
-        *self == Self::default()
-    }
-}
-
 /// Largest tolerance of the exponential sum, see `examples/scenarios/README.md`.
 pub const LARGEST_TOLERANCE: f64 = 1e-6;
 
@@ -404,136 +343,74 @@ pub const LARGEST_TOLERANCE: f64 = 1e-6;
 /// to half of it.
 pub const SMALLEST_SINGLE_TOLERANCE: f64 = 5e-7;
 
-/// Largest default number of threads of a run.
-const THREADS: usize = 8;
-
-/// Precision of the state of an exponential sum.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum States {
-    /// The precision of the run.
-    F64,
-    /// Single precision.
-    F32,
-}
-
-/// The memory engine and its settings.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct History {
-    /// The engine; absent: the fastest that is exact to rounding.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub engine: Option<Engine>,
-    /// Relative error of each weight of the exponential sum; absent: rounding.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub tolerance: Option<f64>,
-    /// Largest lag of the table of exponentials; absent: that of the run. Tables for firmware have a larger
-    /// one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub horizon: Option<usize>,
-    /// Capacity of the direct engine in samples; absent: unlimited.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub capacity: Option<usize>,
-    /// Policy for samples beyond the capacity.
-    #[serde(skip_serializing_if = "Overflow::is_default")]
-    pub overflow: Overflow,
-    /// Precision of the state of an exponential sum; absent: that of the run.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub states: Option<States>,
-    /// Threads for the work of a large system: memories of many channels, products and solutions; absent: as
-    /// many as the machine has, up to eight. The number does not change the bits of the result.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub threads: Option<usize>,
-    /// Number of samples for which engine and table are chosen, if a run is continued beyond its original
-    /// end; absent: that of the run.
-    #[serde(skip)]
-    pub planned: Option<usize>,
-}
-
-impl History {
-    /// Replaces the engine of the file, and drops settings that belong to that engine only.
-    pub fn choose(&mut self, engine: Engine) {
-        if self.engine != Some(engine) {
-            *self = Self { engine: Some(engine), threads: self.threads, ..Self::default() };
+/// Reads `[history]` for a number of samples.
+pub(super) fn read_history(table: &Table<'_>, samples: usize) -> Result<History, InputError> {
+    table.allow(&keys::HISTORY)?;
+    let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;
+    let (ring, exponentials) =
+        ([Engine::Direct].as_slice(), [Engine::ExponentialSum, Engine::ExponentialSumCore].as_slice());
+    let chunks = [Engine::ExponentialSum].as_slice();
+    for (key, owners) in [
+        ("capacity", ring),
+        ("overflow", ring),
+        ("tolerance", exponentials),
+        ("horizon", exponentials),
+        ("states", chunks),
+    ] {
+        let (Some(value), Some(&owner)) = (table.optional(key), owners.first()) else { continue };
+        if !owners.contains(engine.get_or_insert(owner)) {
+            return Err(value.key_error(Problem::Incompatible {
+                with: "this `history.engine`".to_owned(),
+                allowed: format!("`{key}` belongs to the engine \"{}\"", owner.name()),
+            }));
         }
     }
-
-    /// Threads that share the work of a large system.
-    pub fn threads(&self) -> usize {
-        // Requested once: the answer requires reading several files of the operating system, and every run of
-        // a sweep needs it.
-        static THERE: OnceLock<usize> = OnceLock::new();
-        let there = || std::thread::available_parallelism().map_or(1, NonZero::get).min(THREADS);
-        self.threads.unwrap_or_else(|| *THERE.get_or_init(there))
-    }
-
-    pub(super) fn read(table: &Table<'_>, samples: usize) -> Result<Self, InputError> {
-        table.allow(&keys::HISTORY)?;
-        let mut engine = table.optional("engine").map(|value| value.choice(&Engine::NAMES)).transpose()?;
-        let (ring, exponentials) =
-            ([Engine::Direct].as_slice(), [Engine::ExponentialSum, Engine::ExponentialSumCore].as_slice());
-        let chunks = [Engine::ExponentialSum].as_slice();
-        for (key, owners) in [
-            ("capacity", ring),
-            ("overflow", ring),
-            ("tolerance", exponentials),
-            ("horizon", exponentials),
-            ("states", chunks),
-        ] {
-            let (Some(value), Some(&owner)) = (table.optional(key), owners.first()) else { continue };
-            if !owners.contains(engine.get_or_insert(owner)) {
-                return Err(value.key_error(Problem::Incompatible {
-                    with: "this `history.engine`".to_owned(),
-                    allowed: format!("`{key}` belongs to the engine \"{}\"", owner.name()),
-                }));
+    let tolerance = match table.optional("tolerance") {
+        Some(value) => {
+            let tolerance = value.number()?;
+            if !(SMALLEST_TOLERANCE..=LARGEST_TOLERANCE).contains(&tolerance) {
+                let allowed = format!("{SMALLEST_TOLERANCE:e} ≤ tolerance ≤ {LARGEST_TOLERANCE:e}");
+                return Err(value.out_of_range(allowed));
             }
+            Some(tolerance)
         }
-        let tolerance = match table.optional("tolerance") {
-            Some(value) => {
-                let tolerance = value.number()?;
-                if !(SMALLEST_TOLERANCE..=LARGEST_TOLERANCE).contains(&tolerance) {
-                    let allowed = format!("{SMALLEST_TOLERANCE:e} ≤ tolerance ≤ {LARGEST_TOLERANCE:e}");
-                    return Err(value.out_of_range(allowed));
-                }
-                Some(tolerance)
+        None => None,
+    };
+    let states = match table.optional("states") {
+        Some(value) => {
+            let states = value.choice(&[("f64", States::F64), ("f32", States::F32)])?;
+            // Depends on a number: the table of combinations has features only.
+            if states == States::F32
+                && tolerance.is_none_or(|tolerance| tolerance < SMALLEST_SINGLE_TOLERANCE)
+            {
+                let with = match tolerance {
+                    Some(tolerance) => format!("`history.tolerance` = {tolerance:e}"),
+                    None => "a `history.tolerance` that is not given: exact to rounding".to_owned(),
+                };
+                let allowed = format!(
+                    "with a tolerance of {SMALLEST_SINGLE_TOLERANCE:e} or more, half of which rounding to single precision may take"
+                );
+                return Err(value.error(Problem::Incompatible { with, allowed }));
             }
-            None => None,
-        };
-        let states = match table.optional("states") {
-            Some(value) => {
-                let states = value.choice(&[("f64", States::F64), ("f32", States::F32)])?;
-                // Depends on a number: the table of combinations has features only.
-                if states == States::F32
-                    && tolerance.is_none_or(|tolerance| tolerance < SMALLEST_SINGLE_TOLERANCE)
-                {
-                    let with = match tolerance {
-                        Some(tolerance) => format!("`history.tolerance` = {tolerance:e}"),
-                        None => "a `history.tolerance` that is not given: exact to rounding".to_owned(),
-                    };
-                    let allowed = format!(
-                        "with a tolerance of {SMALLEST_SINGLE_TOLERANCE:e} or more, half of which rounding to single precision may take"
-                    );
-                    return Err(value.error(Problem::Incompatible { with, allowed }));
-                }
-                Some(states)
+            Some(states)
+        }
+        None => None,
+    };
+    let threads = table.optional("threads").map(|value| value.whole(1..=1024)).transpose()?;
+    let horizon = table.optional("horizon").map(|value| value.whole(samples..=usize::MAX)).transpose()?;
+    let capacity = table.optional("capacity").map(|value| value.whole(1..=usize::MAX)).transpose()?;
+    let overflow = match table.optional("overflow") {
+        Some(value) => {
+            let overflow = value.choice(&[("stop", Overflow::Stop), ("forget", Overflow::Forget)])?;
+            if overflow == Overflow::Forget && capacity.is_none() {
+                let problem = Problem::MissingKey { key: "capacity".to_owned() };
+                return Err(value.error(problem));
             }
-            None => None,
-        };
-        let threads = table.optional("threads").map(|value| value.whole(1..=1024)).transpose()?;
-        let horizon = table.optional("horizon").map(|value| value.whole(samples..=usize::MAX)).transpose()?;
-        let capacity = table.optional("capacity").map(|value| value.whole(1..=usize::MAX)).transpose()?;
-        let overflow = match table.optional("overflow") {
-            Some(value) => {
-                let overflow = value.choice(&[("stop", Overflow::Stop), ("forget", Overflow::Forget)])?;
-                if overflow == Overflow::Forget && capacity.is_none() {
-                    let problem = Problem::MissingKey { key: "capacity".to_owned() };
-                    return Err(value.error(problem));
-                }
-                overflow
-            }
-            None => Overflow::Stop,
-        };
-        Ok(Self { engine, tolerance, horizon, capacity, overflow, states, threads, planned: None })
-    }
+            overflow
+        }
+        None => Overflow::Stop,
+    };
+    Ok(History { engine, tolerance, horizon, capacity, overflow, states, threads, planned: None })
 }
 
 /// Momentum that is reported if the fractional force acts at the main nodes, as a kick at the end of every

@@ -2,10 +2,11 @@
 //! expected.
 
 use super::Scenario;
-use super::scheme::{ConvolutionFamily, DampedAt};
+use super::scheme::DampedAt;
 use super::system::{Damping, Derivative};
 use crate::language::expression::{Function, Kind, Node};
-use crate::numerics::starting::{TRUSTED_CONDITION, starting_condition};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::quadrature::starting::{TRUSTED_CONDITION, starting_condition};
 
 impl Scenario {
     /// Warnings about the scenario, a sentence or two each, with the key in front.

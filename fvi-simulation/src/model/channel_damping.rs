@@ -2,11 +2,11 @@
 
 use super::matrices::Matrix;
 use super::space::AnySpace;
-use crate::scenario::Attached;
 use fvi_core::{
     Block, DampedMotion, Damping, DampingError, Derivative, Kernel, Memory, MemoryError, Mismatch, Real,
     Sample, StateError, StateReader, StateWriter, Stateful, add_multiple,
 };
+use fvi_scenario::scenario::Attached;
 use std::ops::Range;
 
 /// Damping terms Σ_m ρ_m D^{β_m} q whose memory has K channels s = G q.

@@ -1,9 +1,9 @@
 //! Elements: one compiled potential of a few coordinates, applied at many places.
 
-use crate::language::expression::Elementary;
 use crate::model::switches::{Side, SidedPoint};
 use crate::model::tape::CompiledPotential;
-use crate::scenario::Element;
+use fvi_scenario::language::expression::Elementary;
+use fvi_scenario::scenario::Element;
 use fvi_sparse::Pattern;
 
 /// A potential and the places where it is applied.

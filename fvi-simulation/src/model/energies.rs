@@ -1,7 +1,7 @@
 //! The energies of many states of a motion.
 
 use super::tape::{CompiledPotential, LANES, LaneRegisters};
-use crate::language::expression::Elementary;
+use fvi_scenario::language::expression::Elementary;
 
 /// Positions and momenta of many states, in columns: one column for each coordinate, with the distance
 /// `stride` between columns.

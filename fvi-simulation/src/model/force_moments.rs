@@ -1,9 +1,9 @@
 //! Exact moments of forces that are rough in time.
 
 use super::moment::moment;
-use crate::language::expression::{Expression, Moment};
 use crate::model::tape::{CompiledForce, RoughArguments, Singularity, TimeTerms};
 use fvi_core::{Instant, NodalRule, Real};
+use fvi_scenario::language::expression::{Expression, Moment};
 
 /// Moments of the part of a force that depends on time alone, for steps where a quadrature is not accurate
 /// enough.
@@ -702,8 +702,8 @@ fn shape(points: &[f64], nu: usize, tau: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::language::expression::Symbols;
     use fvi_core::{DiscreteLagrangian, Galerkin, Quadrature, RungeKutta};
+    use fvi_scenario::language::expression::Symbols;
 
     fn rule<'a>(lagrangian: &DiscreteLagrangian<'a, f64>, start: f64, length: f64) -> NodalRule<'a, f64> {
         let DiscreteLagrangian { weights, nodes, control_points: points, shapes, tests, .. } = *lagrangian;

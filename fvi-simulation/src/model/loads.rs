@@ -1,8 +1,8 @@
 //! Compiled loads of a scenario: Σ_l f_l a_l(t).
 
-use crate::language::expression::{Elementary, Expression, Moment};
 use crate::model::tape::CompiledForce;
-use crate::scenario::{Amplitude, Load, Record};
+use fvi_scenario::language::expression::{Elementary, Expression, Moment};
+use fvi_scenario::scenario::{Amplitude, Load, Record};
 
 /// Patterns and amplitudes of loads.
 #[derive(Clone, Debug)]

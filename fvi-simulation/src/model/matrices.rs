@@ -5,11 +5,11 @@ use super::band::{self, BandFactors};
 use super::chain::{Chain, ChainFactors};
 use super::few::{few, few_mut};
 use super::shared::Shared;
-use crate::numerics::semidefinite::check_positive_semidefinite;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular};
 use fvi_core::{add_multiple, combine_four, combine_two, is_positive_definite_in_place};
 use fvi_core::{keep_factors, substitute, substitute_kept};
 use fvi_sparse::Pattern;
+use fvi_sparse::check_positive_semidefinite;
 use std::sync::Arc;
 
 /// An N×N matrix: diagonal, full or sparse.

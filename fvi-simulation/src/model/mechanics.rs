@@ -11,12 +11,12 @@ use super::shared::Shared;
 use super::space::AnySpace;
 use super::switches::{Side, SidedPoint, Switched};
 use super::unbounded_forces::UnboundedForces;
-use crate::language::expression::Elementary;
 use crate::model::tape::{CompiledForce, CompiledPotential, OwnRegisters, force_variables};
-use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{Derivative, SampledInput, Scenario, SymmetricMatrix, System};
 use fvi_core::{Block, Instant, MatrixError, Mechanics, NodalRule, Real};
 use fvi_core::{combine_two, factor, invert_factored};
+use fvi_fft::transfer::TransferFunction;
+use fvi_scenario::language::expression::Elementary;
+use fvi_scenario::scenario::{Derivative, SampledInput, Scenario, SymmetricMatrix, System};
 use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
 

@@ -3,9 +3,9 @@
 use super::force_moments::{ForceMoments, StepLengths};
 use super::scheme::AnyScheme;
 use super::signal_moments::SignalMoments;
-use crate::language::expression::{Expression, Moment};
-use crate::scenario::{Amplitude, Record, Scenario, TimeGrid};
 use fvi_core::NodalRule;
+use fvi_scenario::language::expression::{Expression, Moment};
+use fvi_scenario::scenario::{Amplitude, Record, Scenario, TimeGrid};
 
 /// Largest number of checks of ranges and steps.
 const MOST_LOOKS: usize = 20_000;

@@ -1,7 +1,7 @@
 //! Conversion of instants of steps to moments of expressions.
 
-use crate::language::expression::Moment;
 use fvi_core::{Approach, Instant, Real};
+use fvi_scenario::language::expression::Moment;
 
 /// The moment at which expressions are evaluated for an instant.
 pub fn moment<T: Real>(instant: Instant<T>) -> Moment<T> {

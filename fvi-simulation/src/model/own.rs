@@ -1,7 +1,7 @@
 //! Terms in code, converted to the precision of a run.
 
-use crate::language::expression::{Elementary, Moment};
-use crate::scenario::SharedTerms;
+use fvi_scenario::language::expression::{Elementary, Moment};
+use fvi_scenario::scenario::SharedTerms;
 use fvi_sparse::Pattern;
 
 /// Potential and forces supplied in code, with buffers for their arguments and results.
@@ -151,10 +151,10 @@ fn add<T: Elementary>(own: &[f64], sum: &mut [T]) {
 
 #[cfg(test)]
 mod tests {
-    use crate::language::expression::Moment;
-    use crate::scenario::{OwnTerms, Scenario, SharedTerms};
     use crate::simulation::motion::Motion;
     use crate::simulation::{Precision, Solver};
+    use fvi_scenario::language::expression::Moment;
+    use fvi_scenario::scenario::{OwnTerms, Scenario, SharedTerms};
 
     /// A driven pendulum, U = −9 cos q, F = sin 3t.
     struct Pendulum;

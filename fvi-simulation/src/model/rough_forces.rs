@@ -4,8 +4,8 @@ use super::force_moments::{ForceMoments, StepLengths};
 use super::scenario_loads::{loads, takes_moments};
 use super::signal_moments::SignalMoments;
 use super::unbounded_forces::UnboundedForces;
-use crate::scenario::{Amplitude, Load, Record, SampledInput, Scenario};
 use fvi_core::{NodalRule, Real};
+use fvi_scenario::scenario::{Amplitude, Load, Record, SampledInput, Scenario};
 use std::ops::Range;
 use std::slice::from_ref;
 

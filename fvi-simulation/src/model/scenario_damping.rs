@@ -4,9 +4,9 @@ use super::channel_damping::{ChannelDamping, Coefficient, Directions};
 use super::matrices::Matrix;
 use super::mechanics::matrix;
 use super::space::AnySpace;
-use crate::language::expression::Elementary;
-use crate::scenario::{self, SymmetricMatrix};
 use fvi_core::{Block, DampingError, Derivative, Kernel, Memory};
+use fvi_scenario::language::expression::Elementary;
+use fvi_scenario::scenario::{self, SymmetricMatrix};
 
 /// Type of the derivative of a term.
 fn derivative(term: &scenario::Damping) -> Derivative {

@@ -1,6 +1,6 @@
 //! The loads of a scenario, and whether its scheme supports exact moments of forces of time.
 
-use crate::scenario::{ForceQuadrature, Load, Scenario};
+use fvi_scenario::scenario::{ForceQuadrature, Load, Scenario};
 use std::ops::Range;
 
 /// Whether the scheme of a scenario supports exact moments of forces of time.

@@ -5,14 +5,14 @@ use super::massless::{Carried, Found, MasslessRows, Settling};
 use super::matrices::Matrix;
 use super::small::{Lent, Small};
 use super::space::{AnyEquations, AnyFactors, AnySpace};
-use crate::numerics::StagedMethod;
-use crate::scenario::{DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
 use fvi_core::{
     Block, CachedFactor, CollocationTables, Damping, DiscreteLagrangian, ExplicitEuler, Galerkin,
     ImplicitEuler, Mechanics, ParameterError, Real, RungeKutta, Sampling, Scheme, Space, State, Step,
     StepError, Tables, Workspace, add_multiple, gauss_rule, lobatto_rule,
 };
-use fvi_scenario::with_staged_method;
+use fvi_fft::quadrature::StagedMethod;
+use fvi_fft::with_staged_method;
+use fvi_scenario::scenario::{DampedAt, Quadrature, Scenario, Scheme as ScenarioScheme};
 
 /// Any of fvi-core's schemes, with its tables on the heap.
 #[derive(Clone, Debug)]

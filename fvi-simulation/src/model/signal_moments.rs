@@ -1,9 +1,9 @@
 //! Exact moments of piecewise signals: samples that are held, and records that are linear between rows.
 
 use super::force_moments::{Against, gauss_places, node_moment, sides_of_step};
-use crate::language::expression::Moment;
-use crate::scenario::{Record, SampledInput};
 use fvi_core::{NodalRule, Real};
+use fvi_scenario::language::expression::Moment;
+use fvi_scenario::scenario::{Record, SampledInput};
 
 /// A function of time that is a polynomial between its breaks.
 pub(super) trait Signal {

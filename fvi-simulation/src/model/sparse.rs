@@ -1,8 +1,8 @@
 //! Sparse equations of many coordinates, and their factors.
 
 use super::matrices::Matrix;
-use crate::scenario::KnownMatrices;
 use fvi_core::{DiscreteLagrangian, Equations, Real, Singular};
+use fvi_scenario::scenario::KnownMatrices;
 use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! Jumps and kinks in the position as switches: a system is smooth as long as no switch changes.
 
 use super::tape::CompiledSides;
-use crate::language::expression::Elementary;
+use fvi_scenario::language::expression::Elementary;
 use serde::{Deserialize, Serialize};
 
 /// Side on which a system is evaluated at a jump or kink with the argument g.

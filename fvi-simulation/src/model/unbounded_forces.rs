@@ -4,8 +4,8 @@
 use super::scenario_loads::{loads, takes_moments};
 use super::scheme::AnyScheme;
 use super::tape::{Singularity, Unbounded, terms};
-use crate::language::expression::{Expression, Node, Operator};
-use crate::scenario::{Amplitude, Load, Scenario, Scheme};
+use fvi_scenario::language::expression::{Expression, Node, Operator};
+use fvi_scenario::scenario::{Amplitude, Load, Scenario, Scheme};
 use std::ops::Range;
 
 /// Separated terms.

@@ -5,9 +5,9 @@ use super::crossings::{Crossings, Standing, Verdict};
 use super::error_budget::ErrorBudget;
 use super::step_control::StepControl;
 use super::{GridState, Precision, Simulation};
-use crate::language::{InputError, Problem};
-use crate::scenario::{Adaptive, Scenario};
 use fvi_core::{StateError, StepError};
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{Adaptive, Scenario};
 use serde::{Deserialize, Serialize};
 
 /// The first attempt without other information, as a fraction of the end, times √tolerance.

@@ -2,7 +2,7 @@
 //! terms narrower than the step, samples, and times required by the scenario.
 
 use crate::model::tape::{RoughArguments, TimeTerms};
-use crate::scenario::{Amplitude, Scenario};
+use fvi_scenario::scenario::{Amplitude, Scenario};
 
 /// The breaks of a scenario.
 pub(super) struct Breaks {

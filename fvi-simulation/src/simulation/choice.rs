@@ -1,10 +1,10 @@
 //! Choice of the dense or the sparse space for a scenario.
 
-use crate::language::memory_limit::available_memory;
-use crate::language::{InputError, Problem};
 use crate::model::{AnyScheme, AnySpace, Elimination, Matrix, Model, StagePair, matrix};
-use crate::scenario::{Scenario, Scheme, SharedTerms};
 use fvi_core::Mechanics;
+use fvi_scenario::language::memory_limit::available_memory;
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{Scenario, Scheme, SharedTerms};
 use serde::Serialize;
 
 /// Solver of the equations of a step.

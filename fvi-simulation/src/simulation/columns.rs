@@ -1,7 +1,7 @@
 //! The registry of output columns: numbers of a run at each grid point in addition to t, q, p, energy and
 //! derivatives.
 
-use crate::scenario::Scenario;
+use fvi_scenario::scenario::Scenario;
 use std::ops::Range;
 
 /// Source of the numbers of some columns.

@@ -1,19 +1,19 @@
 //! Controllers in a run: they sample states at grid points and supply the forces over steps.
 
-use crate::language::InputError;
-use crate::language::Problem;
-use crate::language::expression::{Elementary, Moment};
-use crate::numerics::aligned::Aligned;
-use crate::numerics::controller_source::ControllerTables;
-use crate::numerics::exponential_table::{
-    ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
-};
-use crate::scenario::{Controller, SampledInput, Scenario};
 use crate::simulation::{GridState, Precision};
 use fvi_core::{
     ExponentialSum, FractionalPid, Kernel, ParameterError, PidInputs, PidLaw, Real, StateError, StateReader,
     StateWriter, Stateful,
 };
+use fvi_fft::Aligned;
+use fvi_fft::exponentials::controller_source::ControllerTables;
+use fvi_fft::exponentials::exponential_table::{
+    ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
+};
+use fvi_scenario::language::InputError;
+use fvi_scenario::language::Problem;
+use fvi_scenario::language::expression::{Elementary, Moment};
+use fvi_scenario::scenario::{Controller, SampledInput, Scenario};
 use std::collections::VecDeque;
 
 /// The input force of a step: the force held from its beginning, and changes inside it.

@@ -1,16 +1,16 @@
 //! Detection of energy that grows without work done on the system.
 
-use crate::language::expression::Moment;
+use crate::column::{highest, lowest};
 use crate::model::tape::CompiledForce;
 use crate::model::{Loads, RoughForces};
-use crate::numerics::column::{highest, lowest};
-use crate::numerics::dense;
-use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
 use crate::simulation::GridState;
 use crate::simulation::stability;
 use crate::simulation::step_batch::StepBatch;
 use fvi_core::NodalRule;
+use fvi_fft::dense;
+use fvi_fft::transfer::TransferFunction;
+use fvi_scenario::language::expression::Moment;
+use fvi_scenario::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
@@ -545,9 +545,9 @@ fn dot(left: &[f64], right: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::language::Document;
     use crate::simulation::motion::Motion;
     use crate::simulation::{Precision, Simulation};
+    use fvi_scenario::language::Document;
     use std::path::Path;
 
     /// Runs a scenario of one coordinate; returns the step at which the guard trips.

@@ -1,8 +1,8 @@
 //! Events: zero crossings of functions of the motion.
 
 use super::GridState;
-use crate::language::expression::{Expression, Moment};
-use crate::scenario::{Action, Direction, Event, Scenario, SharedFunction};
+use fvi_scenario::language::expression::{Expression, Moment};
+use fvi_scenario::scenario::{Action, Direction, Event, Scenario, SharedFunction};
 use serde::{Deserialize, Serialize};
 
 /// Number of parts of a step at whose ends signs are evaluated: two zeros within one part are not detected.

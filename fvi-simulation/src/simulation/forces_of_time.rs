@@ -1,11 +1,11 @@
 //! Checks of forces of time before the run: those without an integral are refused, and a warning is given for
 //! those that no node of the scheme resolves.
 
-use crate::language::expression::{Expression, Kind, Node};
-use crate::language::{InputError, Problem};
 use crate::model::tape::{Singularity, Unbounded, terms};
 use crate::model::{first_missed, takes_moments};
-use crate::scenario::{Amplitude, Scenario};
+use fvi_scenario::language::expression::{Expression, Kind, Node};
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{Amplitude, Scenario};
 
 /// Refuses forces of time that are not integrable, and unbounded forces if the scheme can use neither their
 /// integral nor their values.

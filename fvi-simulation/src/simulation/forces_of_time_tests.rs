@@ -2,7 +2,7 @@
 
 use super::motion::Motion;
 use super::{GridState, Precision};
-use crate::scenario::Scenario;
+use fvi_scenario::scenario::Scenario;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 

@@ -1,9 +1,9 @@
 //! Forces that depend on the velocity: orders, energies, checks.
 
-use crate::memory::Tables;
-use crate::scenario::Scenario;
 use crate::simulation::motion::Motion;
 use crate::simulation::{GridState, Precision, Simulation};
+use fvi_fft::memory::Tables;
+use fvi_scenario::scenario::Scenario;
 
 fn scenario(text: &str) -> Scenario {
     text.parse().unwrap_or_else(|error| panic!("{error}\n{text}"))
@@ -173,7 +173,7 @@ fn linear_drag_is_seen_by_the_check_of_the_step() {
         let mut scenario = with(21.0);
         scenario.time.allow_unstable = true;
         (scenario.time.step, scenario.time.steps) = (step, 4000);
-        scenario.time.energy_guard = Some(crate::scenario::OnEnergyGrowth::Ignore);
+        scenario.time.energy_guard = Some(fvi_scenario::scenario::OnEnergyGrowth::Ignore);
         let energy = end(&scenario, Precision::F64).energy;
         assert_eq!(energy > 1e3, grows, "{step}: {energy:e}");
     }

@@ -1,7 +1,7 @@
 //! Checks of kernels given by weights against the settings of a run.
 
-use crate::language::{InputError, Problem};
-use crate::scenario::Scenario;
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::Scenario;
 
 /// Refuses damping terms by weights if the run needs others: for another step, or more of them.
 pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {

@@ -1,9 +1,9 @@
 //! Gyroscopic forces −G v at the nodes of a step.
 
-use crate::language::{InputError, Problem};
-use crate::scenario::Scenario;
 use crate::simulation::stability;
 use fvi_core::{Block, Real, add_multiple};
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::Scenario;
 
 /// G v at the nodes of a step, v being the velocity of the polynomial there.
 ///

@@ -2,10 +2,11 @@
 //! the start.
 
 use super::bad_mass;
-use crate::language::{InputError, Problem};
 use crate::model::{Direction, Equilibrium, MasslessRows, Matrix, Model, matrix};
-use crate::scenario::{ConvolutionFamily, DampedAt, Derivative, Scenario, Scheme};
 use fvi_core::{Instant, Mechanics};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{DampedAt, Derivative, Scenario, Scheme};
 use fvi_sparse::{Analysis, FactorError, Pattern};
 use nalgebra::{Complex, DMatrix};
 use std::borrow::Cow;

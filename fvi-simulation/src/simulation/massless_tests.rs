@@ -1,9 +1,9 @@
 //! Coordinates without mass: orders against exact solutions, condensed systems, starts, refusals.
 
-use crate::scenario::Scenario;
 use crate::simulation::motion::Motion;
 use crate::simulation::response::Linearised;
 use crate::simulation::{GridState, Precision, Simulation, Solver, SolverChoice};
+use fvi_scenario::scenario::Scenario;
 use std::fmt::Write as _;
 
 fn scenario(text: &str) -> Scenario {
@@ -419,7 +419,7 @@ fn frame(elements: usize, damped: bool, massless: bool, scheme: &str) -> (Scenar
         nalgebra::DMatrix::from_fn(rows.len(), columns.len(), |i, j| kept[(rows[i], columns[j])])
     };
     let condensed = block(&w, &w)
-        - block(&w, &phi) * crate::numerics::dense::inverse(block(&phi, &phi)).unwrap() * block(&phi, &w);
+        - block(&w, &phi) * fvi_fft::dense::inverse(block(&phi, &phi)).unwrap() * block(&phi, &w);
     let (stiffness, masses) = if massless {
         (stiffness, (0..size).map(|index| if index % 2 == 0 { l } else { 0.0 }).collect::<Vec<_>>())
     } else {

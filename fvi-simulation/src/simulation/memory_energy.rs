@@ -1,11 +1,12 @@
 //! Energy stored in the memories of materials, and energy dissipated by them.
 
-use crate::language::{InputError, Problem};
-use crate::numerics::multistep_rule::MultistepRule;
-use crate::numerics::multistep_weights::multistep_weights;
-use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{ConvolutionFamily, Derivative, Scenario, SymmetricMatrix, TimeGrid};
 use fvi_core::{Real, StateError, StateReader, StateWriter};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::quadrature::multistep_weights::multistep_weights;
+use fvi_fft::transfer::TransferFunction;
+use fvi_fft::transfer::multistep_rule::MultistepRule;
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{Derivative, Scenario, SymmetricMatrix, TimeGrid};
 use nalgebra::Complex;
 use std::f64::consts::PI;
 
@@ -299,7 +300,7 @@ fn elements(transfer: &TransferFunction, step: f64) -> Result<Vec<Element>, &'st
     }
     let Some(cut) = transfer.cut() else {
         // −residue/λ = g
-        let element = |pole: &crate::numerics::transfer::Pole| Element {
+        let element = |pole: &fvi_fft::transfer::Pole| Element {
             modulus: -pole.residue / pole.rate,
             rate: pole.rate * step,
         };
@@ -450,8 +451,8 @@ fn later(transfer: &TransferFunction, elements: &[Element], step: f64, steps: us
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::kernel_of_symbol;
     use fvi_core::BdfOrder;
+    use fvi_scenario::scenario::kernel_of_symbol;
 
     const STEP: f64 = 0.05;
 

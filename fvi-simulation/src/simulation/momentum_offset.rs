@@ -1,9 +1,10 @@
 //! Momentum offset of schemes with several nodes due to Riemann–Liouville damping from q₀ ≠ 0.
 
-use crate::numerics::starting_defects::reciprocal_gamma;
-use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{ConvolutionFamily, DampedAt, Derivative, ReportedMomentum, Scenario};
 use fvi_core::Real;
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::quadrature::starting_defects::reciprocal_gamma;
+use fvi_fft::transfer::TransferFunction;
+use fvi_scenario::scenario::{DampedAt, Derivative, ReportedMomentum, Scenario};
 
 /// Difference between the momentum of a discrete Lagrangian that is damped at several quadrature nodes and
 /// that of the motion.

@@ -1,8 +1,5 @@
 //! A run: the simulation with the scenario's inputs, its state, and its monitors.
 
-use crate::language::{InputError, Problem};
-use crate::memory::Tables;
-use crate::scenario::{Feature, SampledInput, Scenario};
 use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress};
 use crate::simulation::columns::{Columns, Source};
 use crate::simulation::control::{Control, Drive, acts_inside_steps, control};
@@ -14,6 +11,9 @@ use crate::simulation::step_batch::StepBatch;
 use crate::simulation::tangent::Tangent;
 use crate::simulation::{GridState, Precision, Simulation};
 use fvi_core::StateError;
+use fvi_fft::memory::Tables;
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{Feature, SampledInput, Scenario};
 
 /// Run of a scenario from grid point to grid point.
 ///
@@ -473,7 +473,7 @@ fn split_last(state: &[u8]) -> Result<(&[u8], &[u8]), StateError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::Scenario;
+    use fvi_scenario::scenario::Scenario;
     use serde_json::{Value, json};
 
     fn scenario(system: Value, more: Value) -> Scenario {

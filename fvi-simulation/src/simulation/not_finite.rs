@@ -1,11 +1,11 @@
 //! The start of a simulation, and checks that states and energies are finite.
 
-use crate::language::{InputError, Problem};
-use crate::memory::Tables;
-use crate::numerics::column::is_finite;
-use crate::scenario::Scenario;
+use crate::column::is_finite;
 use crate::simulation::step_batch::StepBatch;
 use crate::simulation::{GridState, Precision, Simulation, SolverChoice};
+use fvi_fft::memory::Tables;
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::Scenario;
 
 /// A simulation and its state at t = 0.
 ///

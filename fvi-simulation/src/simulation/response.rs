@@ -5,13 +5,13 @@ mod poles;
 
 use super::stability::characteristic::log_determinant;
 use super::stability::{self, LinearDamping, LinearSystem};
-use crate::language::{InputError, Problem};
 use crate::model::{Matrix, Model, matrix};
-use crate::numerics::dense::solve_complex;
-use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{Feature, Scenario, Scheme};
 use discrete::{SchemeFactors, StepEquations};
 use fvi_core::{Instant, Mechanics};
+use fvi_fft::dense::solve_complex;
+use fvi_fft::transfer::TransferFunction;
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{Feature, Scenario, Scheme};
 use fvi_sparse::{ComplexSolver, Pattern};
 use nalgebra::{Complex, DMatrix};
 pub use poles::SystemPole;

@@ -10,11 +10,11 @@ mod polynomials;
 pub(super) mod symbol;
 pub(super) mod winding;
 
-use crate::numerics::dense;
-use crate::numerics::multistep_rule::MultistepRule;
-use crate::numerics::transfer::TransferFunction;
 use characteristic::Characteristic;
 use fvi_core::ParameterError;
+use fvi_fft::dense;
+use fvi_fft::transfer::TransferFunction;
+use fvi_fft::transfer::multistep_rule::MultistepRule;
 use nalgebra::{Cholesky, DMatrix};
 pub(crate) use of_scenario::{
     check_large_step, check_step, discretisation, force_nodes, is_unconditional, stages_of_family,

@@ -2,15 +2,7 @@
 
 mod explicit;
 
-use crate::language::error::Cause;
-use crate::language::{InputError, Problem};
-use crate::memory::{EngineError, HostMemory, MemoryRequest, Tables};
 use crate::model::{AnyEquations, AnyFactors, AnyScheme, AnySpace, Matrix, Model, RoughForces, matrix};
-use crate::numerics::dense::Factored;
-use crate::numerics::multistep_weights::derivative_weights;
-use crate::numerics::runge_kutta_derivative::runge_kutta_derivative;
-use crate::numerics::transfer_derivative::TransferDerivative;
-use crate::scenario::{self, Parameter, Past, Quantity, ReportedMomentum, Scenario, Sensitivity};
 use crate::simulation::choice::{SolverChoice, sparse_space};
 use crate::simulation::gyroscopic::Gyroscopic;
 use explicit::Direct;
@@ -18,7 +10,15 @@ use fvi_core::{
     Block, DampedMotion, Derivative, Equations, Instant, Kernel, Mechanics, Memory, MemoryError,
     ParameterError, Real, Sample, Sampling, Scheme, StateError, StateReader, StateWriter, Stateful,
 };
-use fvi_scenario::with_staged_method;
+use fvi_fft::dense::Factored;
+use fvi_fft::memory::{EngineError, HostMemory, MemoryRequest, Tables};
+use fvi_fft::quadrature::multistep_weights::derivative_weights;
+use fvi_fft::quadrature::runge_kutta_derivative::runge_kutta_derivative;
+use fvi_fft::transfer::derivative::TransferDerivative;
+use fvi_fft::with_staged_method;
+use fvi_scenario::language::error::Cause;
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{self, Parameter, Past, Quantity, ReportedMomentum, Scenario, Sensitivity};
 use nalgebra::DMatrix;
 
 /// A motion with its memory, for any number of coordinates.

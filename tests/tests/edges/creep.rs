@@ -1,11 +1,11 @@
 //! Coordinates without mass under a load from t = 0, or from later on, against inverse Laplace transforms:
 //! creep of every kernel, alone, coupled, and beside masses.
 
-use fvi_host::lab::fit::{Fit, fit};
-use fvi_host::language::Document;
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::motion::Motion;
-use fvi_host::simulation::{GridState, Precision};
+use fvi_lab::lab::fit::{Fit, fit};
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::motion::Motion;
+use fvi_simulation::simulation::{GridState, Precision};
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::PI;
 use std::path::Path;

@@ -3,12 +3,12 @@
 
 use std::path::Path;
 
-use fvi_host::language::Document;
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::GridState;
-use fvi_host::simulation::motion::Motion;
-use fvi_host::simulation::response::Linearised;
-use fvi_host::simulation::{Precision, Simulation};
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::GridState;
+use fvi_simulation::simulation::motion::Motion;
+use fvi_simulation::simulation::response::Linearised;
+use fvi_simulation::simulation::{Precision, Simulation};
 use nalgebra::{Complex, DMatrix, DVector};
 
 use crate::kernels::of_ode;

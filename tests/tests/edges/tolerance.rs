@@ -1,9 +1,9 @@
 //! Adaptive steps keep to their tolerance, or say why not: every family and degree, kernels with orders near
 //! 0, 1 and 2, and coordinates without mass, which begin like a small power of t.
 
-use fvi_host::lab::run::{Run, RunEnd};
-use fvi_host::scenario::Scenario;
-use fvi_host::simulation::{GridState, Precision};
+use fvi_lab::lab::run::{Run, RunEnd};
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::{GridState, Precision};
 use serde_json::{Value, json};
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;

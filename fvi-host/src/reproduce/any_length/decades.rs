@@ -4,7 +4,7 @@ use super::super::motion::Motion;
 use super::super::table::{Cell, Column, Format, Table};
 use super::super::{Findings, ReproduceError};
 use super::problems::{COLLOCATION, Problem};
-use crate::results::picture::{Axis, Chart, Marker, Series, Style};
+use fvi_lab::results::picture::{Axis, Chart, Marker, Series, Style};
 use std::sync::atomic::AtomicBool;
 
 /// Ratios of successive steps, coarsest grid first.

@@ -1,11 +1,11 @@
 //! Problems with known motions, to be run on any grid.
 
 use super::super::ReproduceError;
-use crate::lab::converge::{Outcome, run_on};
-use crate::lab::run::{Run, RunEnd};
-use crate::language::Document;
-use crate::scenario::Scenario;
-use crate::simulation::Precision;
+use fvi_lab::lab::converge::{Outcome, run_on};
+use fvi_lab::lab::run::{Run, RunEnd};
+use fvi_scenario::language::Document;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 

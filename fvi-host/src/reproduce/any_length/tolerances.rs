@@ -4,7 +4,7 @@
 use super::super::table::{Cell, Column, Format, Table};
 use super::super::{Findings, ReproduceError};
 use super::problems::{COLLOCATION, Made, Problem, measured};
-use crate::results::picture::{Axis, Chart, Marker, Series, Style};
+use fvi_lab::results::picture::{Axis, Chart, Marker, Series, Style};
 use std::sync::atomic::AtomicBool;
 
 const TOLERANCES: [f64; 4] = [1e-4, 1e-6, 1e-8, 1e-10];

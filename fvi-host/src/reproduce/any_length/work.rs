@@ -4,8 +4,8 @@ use super::super::methods::Look;
 use super::super::work_precision::{Comparison, Measured, REPEATS, Run};
 use super::super::{Findings, ReproduceError};
 use super::problems::{COLLOCATION, COLLOCATION_2, GALERKIN, Problem};
-use crate::results::picture::Marker;
-use crate::scenario::OutputOptions;
+use fvi_lab::results::picture::Marker;
+use fvi_scenario::scenario::OutputOptions;
 use std::sync::atomic::AtomicBool;
 
 /// A scheme with steps of some lengths, as a function of the level of refinement.

@@ -6,9 +6,9 @@ use super::super::problems::{GALERKIN, MIDPOINT, hjo_oscillator, with_bdf, with_
 use super::super::table::Table;
 use super::super::{Findings, ReproduceError};
 use super::{OSCILLATOR_GRIDS, bdf_curves};
-use crate::lab::converge::Quantity;
-use crate::results::picture::{Axis, Chart, Series, Style};
-use crate::scenario::{Scenario, Scheme};
+use fvi_lab::lab::converge::Quantity;
+use fvi_lab::results::picture::{Axis, Chart, Series, Style};
+use fvi_scenario::scenario::{Scenario, Scheme};
 use std::sync::atomic::AtomicBool;
 
 const SETTING: &str = "q̈ + 0.2 q̇ + q = 0, q(0) = 0, q̇(0) = 1.2";

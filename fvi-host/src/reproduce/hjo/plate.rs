@@ -6,8 +6,8 @@ use super::super::problems::{
 };
 use super::super::{Findings, ReproduceError};
 use super::{PLATE_GRIDS, bdf_curve, bdf_curves};
-use crate::lab::converge::{Grids, Quantity};
-use crate::scenario::Scheme;
+use fvi_lab::lab::converge::{Grids, Quantity};
+use fvi_scenario::scenario::Scheme;
 use std::sync::atomic::AtomicBool;
 
 pub(super) fn figure_5(stop: &AtomicBool) -> Result<Findings, ReproduceError> {

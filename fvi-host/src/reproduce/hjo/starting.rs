@@ -8,8 +8,9 @@ use super::super::problems::{
 use super::super::table::{Column, Format, Table};
 use super::super::{Findings, ReproduceError};
 use super::PLATE_GRIDS;
-use crate::lab::converge::Quantity;
-use crate::scenario::{Convolution, ConvolutionFamily, DampedAt, Scenario, Scheme};
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_lab::lab::converge::Quantity;
+use fvi_scenario::scenario::{Convolution, DampedAt, Scenario, Scheme};
 use std::sync::atomic::AtomicBool;
 
 /// The solution t^ν with BDF 3, starting weights for the given exponents.

@@ -4,7 +4,7 @@ use super::super::problems::{GALERKIN, MIDPOINT, cube_plate, hjo_oscillator, roo
 use super::super::table::{Cell, Column, Format, Table};
 use super::super::{Findings, ReproduceError};
 use super::{OSCILLATOR_GRIDS, PLATE_GRIDS, bdf_curves};
-use crate::scenario::Scheme;
+use fvi_scenario::scenario::Scheme;
 use std::sync::atomic::AtomicBool;
 
 pub(super) fn table_1(stop: &AtomicBool) -> Result<Findings, ReproduceError> {

@@ -6,10 +6,10 @@ use super::super::problems::{jo_oscillator, on_grid, with_scheme};
 use super::super::table::{Column, Format, Table};
 use super::super::{Findings, ReproduceError};
 use super::lagrange_dalembert::{LinearOscillator, positions};
-use crate::lab::converge::{Grids, Quantity};
-use crate::numerics::transfer::TransferFunction;
-use crate::results::picture::{Axis, Chart, Series, Style};
-use crate::scenario::{Scenario, Scheme};
+use fvi_fft::transfer::TransferFunction;
+use fvi_lab::lab::converge::{Grids, Quantity};
+use fvi_lab::results::picture::{Axis, Chart, Series, Style};
+use fvi_scenario::scenario::{Scenario, Scheme};
 use std::sync::atomic::AtomicBool;
 
 /// The orders in the Lagrangian of figure 4. The paper does not list the orders that it used.

@@ -5,9 +5,9 @@ use super::super::motion::Motion;
 use super::super::problems::{accurate_pulse_plate, on_grid, pulse_plate, with_bdf};
 use super::super::table::Table;
 use super::super::{Findings, ReproduceError};
-use crate::numerics::podlubny_matrix::{LinearTerm, podlubny_matrix_method};
-use crate::results::picture::{Axis, Chart, Series, Style};
+use crate::reproduce::podlubny_matrix::{LinearTerm, podlubny_matrix_method};
 use fvi_core::ParameterError;
+use fvi_lab::results::picture::{Axis, Chart, Series, Style};
 use std::sync::atomic::AtomicBool;
 
 /// The last time.

@@ -1,7 +1,8 @@
 //! What a run and its checkpoint must have in common.
 
-use crate::scenario::{Damping, Engine, Scenario};
-use crate::simulation::Precision;
+use fvi_fft::memory::Engine;
+use fvi_scenario::scenario::{Damping, Scenario};
+use fvi_simulation::simulation::Precision;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;

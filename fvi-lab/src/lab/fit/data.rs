@@ -1,9 +1,9 @@
 //! Measured data: tables of numbers over time or frequency.
 
-use crate::language::document::{Table, Value};
-use crate::language::excerpt::excerpt;
-use crate::language::expression::nearest;
-use crate::language::{InputError, Problem};
+use fvi_scenario::language::document::{Table, Value};
+use fvi_scenario::language::excerpt::excerpt;
+use fvi_scenario::language::expression::nearest;
+use fvi_scenario::language::{InputError, Problem};
 
 /// A table of data, all under the same conditions.
 #[derive(Clone, Debug)]

@@ -1,6 +1,6 @@
 //! Values and slopes between the times of a grid.
 
-use crate::scenario::TimeGrid;
+use fvi_scenario::scenario::TimeGrid;
 
 /// Number of grid points of the polynomial that interpolates a motion.
 const POINTS: usize = 6;
@@ -100,7 +100,7 @@ fn polynomial(grid: &TimeGrid, first: usize, points: usize, time: f64, of: Of) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenario::Scenario;
+    use fvi_scenario::scenario::Scenario;
 
     fn grid(time: serde_json::Value) -> TimeGrid {
         let scenario = serde_json::json!({

@@ -1,7 +1,7 @@
 //! Nonlinear least squares within bounds: the method of Levenberg and Marquardt on the parameters that are
 //! not fixed at a bound, with the damping parameter updated as in \[Nielsen99\].
 
-use crate::numerics::dense::{SingularValues, triangle};
+use fvi_fft::dense::{SingularValues, triangle};
 use nalgebra::{DMatrix, DVector};
 
 /// Residuals at a point, and their derivatives where requested.

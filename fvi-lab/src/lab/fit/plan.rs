@@ -2,9 +2,9 @@
 
 use super::data::{Deviations, Extent, Record};
 use crate::lab::sweep::put;
-use crate::language::document::{Document, Table, Value};
-use crate::language::{InputError, Problem};
-use crate::scenario::{Feature, Scenario};
+use fvi_scenario::language::document::{Document, Table, Value};
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{Feature, Scenario};
 use std::path::Path;
 
 /// A fit with all its values checked.

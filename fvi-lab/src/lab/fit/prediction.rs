@@ -4,15 +4,15 @@ use super::data::{Answer, Domain, Observed, Record};
 use super::interpolation::{Of, Stencil};
 use super::plan::{Free, Model, put_number, said};
 use crate::lab::sweep::put;
-use crate::language::InputError;
-use crate::memory::Tables;
-use crate::model::{Matrix, Model as System};
-use crate::numerics::laplace::whole;
-use crate::scenario::{KnownMatrices, Quantity, Scenario};
-use crate::simulation::motion::Motion;
-use crate::simulation::response::Linearised;
-use crate::simulation::{GridState, Precision};
 use fvi_core::{Instant, Mechanics};
+use fvi_fft::memory::Tables;
+use fvi_fft::transfer::laplace::whole;
+use fvi_scenario::language::InputError;
+use fvi_scenario::scenario::{KnownMatrices, Quantity, Scenario};
+use fvi_simulation::model::{Matrix, Model as System};
+use fvi_simulation::simulation::motion::Motion;
+use fvi_simulation::simulation::response::Linearised;
+use fvi_simulation::simulation::{GridState, Precision};
 use nalgebra::{Complex, DMatrix, DVector};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -248,7 +248,7 @@ impl<'f> Predictions<'f> {
         let (base, document) = (&self.model.base, self.model.base.document());
         let mut values = self
             .values(Some(record), point)
-            .map_err(|reason| base.error_at("", crate::language::Problem::Unusable { reason }))?;
+            .map_err(|reason| base.error_at("", fvi_scenario::language::Problem::Unusable { reason }))?;
         values.remove("sensitivity");
         // Not needed here.
         values.remove("reference");
@@ -419,7 +419,7 @@ impl<'f> Predictions<'f> {
                 return Err(NoPrediction::Stopped);
             }
             if let Err(failure) = motion.advance_along(usize::MAX) {
-                let crate::simulation::motion::Failure { step, time, reason } = failure;
+                let fvi_simulation::simulation::motion::Failure { step, time, reason } = failure;
                 return Err(NoPrediction::Refused(format!("step {step}, from t = {time}: {reason}")));
             }
         }
@@ -485,7 +485,7 @@ impl<'f> Predictions<'f> {
                 Answer::Modulus { input, output } => {
                     let mut sum = Complex::new(stiffness[(output, input)], 0.0);
                     for term in &scenario.system.damping {
-                        let entry = crate::model::matrix::<f64>(&term.coefficient)
+                        let entry = fvi_simulation::model::matrix::<f64>(&term.coefficient)
                             .entries()
                             .into_iter()
                             .filter(|&(row, column, _)| (row, column) == (output, input))

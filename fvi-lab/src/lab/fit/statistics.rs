@@ -1,7 +1,7 @@
 //! Statistics of a fit from residuals and their derivatives: standard errors, correlations, and directions in
 //! parameter space that the data do not determine.
 
-use crate::numerics::dense::{SingularValues, triangle};
+use fvi_fft::dense::{SingularValues, triangle};
 use nalgebra::{DMatrix, DVector};
 
 /// Probability of each tail outside of an interval: 2.5 %.

@@ -2,7 +2,7 @@
 
 use super::{KernelCurves, Response, ResponseOptions};
 use crate::results::picture::{Axis, Chart, Series, Style};
-use crate::scenario::Scenario;
+use fvi_scenario::scenario::Scenario;
 use nalgebra::Complex;
 use std::f64::consts::PI;
 

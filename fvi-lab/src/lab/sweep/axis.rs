@@ -1,7 +1,7 @@
 //! The values of one key of the scenario.
 
-use crate::language::document::Value;
-use crate::language::{InputError, Problem};
+use fvi_scenario::language::document::Value;
+use fvi_scenario::language::{InputError, Problem};
 
 /// A key of the scenario, by its path, and the values that it takes.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,11 +3,11 @@
 
 use super::records::{Record, Records};
 use super::{Sweep, SweepError, SweepOptions, SweepSummary, conclude, failures};
-use crate::language::{Document, InputError};
-use crate::memory::Tables;
 use crate::results::files::{self, FileError};
 use crate::results::output_directory::OutputDirectory;
-use crate::simulation::Precision;
+use fvi_fft::memory::Tables;
+use fvi_scenario::language::{Document, InputError};
+use fvi_simulation::simulation::Precision;
 use std::fs;
 use std::io::Write;
 use std::path::Path;

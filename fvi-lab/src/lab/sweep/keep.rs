@@ -2,8 +2,8 @@
 
 use super::measured::Measured;
 use crate::lab::run::RunSummary;
-use crate::scenario::Scenario;
-use crate::simulation::Simulation;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Simulation;
 
 /// A group of columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,8 +1,8 @@
 //! Measurements of a run for a sweep that its summary does not contain.
 
-use crate::numerics::column::{highest, lowest};
-use crate::scenario::Scenario;
-use crate::simulation::step_batch::StepBatch;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::column::{highest, lowest};
+use fvi_simulation::simulation::step_batch::StepBatch;
 
 /// Measurements accumulated along one run.
 #[derive(Clone, Debug)]

@@ -1,12 +1,12 @@
 //! The plant, as a function of s.
 
 use super::margins::Loop;
-use crate::language::document::{Table, Value};
-use crate::language::expression::Moment;
-use crate::language::{Document, InputError, Problem};
-use crate::scenario::{Controller, PlantFormula, Scenario, read_parameters};
-use crate::simulation::closed_loop::OpenLoop;
-use crate::simulation::response::Linearised;
+use fvi_scenario::language::document::{Table, Value};
+use fvi_scenario::language::expression::Moment;
+use fvi_scenario::language::{Document, InputError, Problem};
+use fvi_scenario::scenario::{Controller, PlantFormula, Scenario, read_parameters};
+use fvi_simulation::simulation::closed_loop::OpenLoop;
+use fvi_simulation::simulation::response::Linearised;
 use nalgebra::Complex;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;

@@ -2,9 +2,9 @@
 
 use super::plant::Plant;
 use super::relay::needs_scenario;
-use crate::language::document::{Table, Value};
-use crate::language::{Document, InputError, Problem};
 use fvi_core::DerivativeFilter;
+use fvi_scenario::language::document::{Table, Value};
+use fvi_scenario::language::{Document, InputError, Problem};
 use serde::Serialize;
 use std::path::Path;
 

@@ -2,9 +2,9 @@
 
 use super::plant::ScenarioPlant;
 use crate::lab::run::{Run, RunEnd};
-use crate::language::Problem;
-use crate::scenario::Scenario;
-use crate::simulation::Precision;
+use fvi_scenario::language::Problem;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
 use nalgebra::Complex;
 use serde::Serialize;
 use std::convert::Infallible;

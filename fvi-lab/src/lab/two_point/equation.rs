@@ -7,8 +7,8 @@ use super::grid::{Grid, Sigma};
 use super::lagrangian::MAX_COORDINATES;
 use super::minres::inner;
 use super::newton::{Direction, Iterate, NewtonOptions, Residual, Stationarity, minimise_residual};
-use crate::language::expression::{Expression, Moment};
-use crate::model::tape::CompiledFunction;
+use fvi_scenario::language::expression::{Expression, Moment};
+use fvi_simulation::model::tape::CompiledFunction;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 

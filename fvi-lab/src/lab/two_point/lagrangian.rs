@@ -1,7 +1,7 @@
 //! Lagrangians of two-point problems, from expressions and from closures.
 
-use crate::language::expression::{Expression, Moment};
-use crate::model::tape::CompiledFunction;
+use fvi_scenario::language::expression::{Expression, Moment};
+use fvi_simulation::model::tape::CompiledFunction;
 
 /// Largest number of coordinates of a Lagrangian that is given as an expression.
 pub const MAX_COORDINATES: usize = 4;

@@ -5,11 +5,11 @@ use super::grid::Grid;
 #[cfg(feature = "pictures")]
 use super::pictures::charts;
 use super::problem_file::ProblemFile;
-use crate::language::memory_limit::{OutOfMemory, check_capacity};
 #[cfg(feature = "pictures")]
 use crate::results::files::write_picture;
 use crate::results::files::{FileError, remove, write, write_json};
 use crate::results::output_directory::OutputDirectory;
+use fvi_scenario::language::memory_limit::{OutOfMemory, check_capacity};
 use serde::Serialize;
 use std::io::Write;
 use std::path::Path;

@@ -5,7 +5,7 @@ use super::end_points::EndPoints;
 use super::grid::{Grid, Sigma};
 use super::lagrangian::Lagrangian;
 use super::newton::{Descent, Direction, Formulation, Residual, Stationarity};
-use crate::numerics::dense::symmetric_eigen;
+use fvi_fft::dense::symmetric_eigen;
 use nalgebra::{DMatrix, DVector};
 
 /// For a descent direction, eigenvalues are raised to at least this fraction of the largest one.

@@ -5,10 +5,10 @@ use super::extremal::{ExtremalProblem, Method, NotConverged, ProblemError, Solut
 use super::grid::{Grid, Sigma};
 use super::lagrangian::{ExpressionLagrangian, MAX_COORDINATES};
 use super::newton::NewtonOptions;
-use crate::language::document::{Table, Value};
-use crate::language::expression::{Expression, Moment, Symbols};
-use crate::language::number_table::NumberTable;
-use crate::language::{Document, InputError, Problem};
+use fvi_scenario::language::document::{Table, Value};
+use fvi_scenario::language::expression::{Expression, Moment, Symbols};
+use fvi_scenario::language::number_table::NumberTable;
+use fvi_scenario::language::{Document, InputError, Problem};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;

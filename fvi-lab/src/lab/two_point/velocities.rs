@@ -28,7 +28,7 @@ use super::lagrangian::Lagrangian;
 use super::minres::{self, Limits, inner};
 use super::newton::{Descent, Direction, Formulation, Residual, Stationarity};
 use super::toeplitz::{LowerToeplitz, Product};
-use crate::numerics::dense;
+use fvi_fft::dense;
 use nalgebra::{DMatrix, DVector};
 
 /// Reduction of the residual in one solution of the linear system; Newton's method corrects the remainder.

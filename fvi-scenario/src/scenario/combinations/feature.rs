@@ -1,9 +1,11 @@
 //! The features of a scenario, and the uses that one can be put to.
 
 use super::super::own_terms::SharedTerms;
-use super::super::scheme::{ConvolutionFamily, DampedAt, Quadrature, Scheme};
-use super::super::time::{Engine, ReportedMomentum};
+use super::super::scheme::{DampedAt, Quadrature, Scheme};
+use super::super::time::ReportedMomentum;
 use super::super::{Action, Damping, Derivative, GridRule, Scenario};
+use fvi_fft::memory::Engine;
+use fvi_fft::quadrature::ConvolutionFamily;
 
 /// Defines [`Feature`]: a name, the key, and a predicate that returns the index of what it found. In names
 /// and keys `{i}` stands for that index.

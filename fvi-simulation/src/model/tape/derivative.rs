@@ -6,7 +6,7 @@
 use super::graph::{Graph, Origin, Value};
 use super::operation::Operation;
 use super::sides::SideArguments;
-use crate::language::expression::{Function, Kind, Node, Operator};
+use fvi_scenario::language::expression::{Function, Kind, Node, Operator};
 
 /// Highest order of derivatives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

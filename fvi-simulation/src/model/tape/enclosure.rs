@@ -4,7 +4,7 @@
 //! Every operation rounds outwards, so that bounds hold for the function at all times of the range. Source:
 //! \[MKC09\] ch. 2 and 5.
 
-use crate::language::expression::{Elementary, Function, Kind, Node, Operator, power};
+use fvi_scenario::language::expression::{Elementary, Function, Kind, Node, Operator, power};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// A closed interval of numbers.
@@ -423,7 +423,7 @@ impl Enclosure {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::language::expression::{Expression, Moment, Symbols};
+    use fvi_scenario::language::expression::{Expression, Moment, Symbols};
 
     fn expression(text: &str) -> Expression {
         Expression::parse(text, &Symbols::new().with_time()).unwrap()

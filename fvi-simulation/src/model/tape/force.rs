@@ -5,7 +5,7 @@ use super::graph::Graph;
 use super::polynomial::split;
 use super::program::Program;
 use super::sides::{CompiledSides, SideArguments};
-use crate::language::expression::{Elementary, Expression, Moment, Node};
+use fvi_scenario::language::expression::{Elementary, Expression, Moment, Node};
 
 /// A force as the sum of a constant, a matrix times q, a function of t alone and a remainder.
 ///

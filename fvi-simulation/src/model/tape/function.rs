@@ -4,7 +4,7 @@ use super::derivative::{Entry, Order};
 use super::graph::Graph;
 use super::program::Program;
 use super::sides::{CompiledSides, SideArguments};
-use crate::language::expression::{Elementary, Expression, Kind, Moment, Node, Operator};
+use fvi_scenario::language::expression::{Elementary, Expression, Kind, Moment, Node, Operator};
 
 /// f(t, x) with programs for its value and its first two derivatives in x.
 ///

@@ -1,7 +1,7 @@
 //! The graph of a computation: every distinct value once.
 
 use super::operation::Operation;
-use crate::language::expression::LARGEST_MULTIPLIED;
+use fvi_scenario::language::expression::LARGEST_MULTIPLIED;
 use std::collections::HashMap;
 
 /// A value of the graph, by its index.

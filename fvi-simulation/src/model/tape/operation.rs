@@ -1,7 +1,7 @@
 //! The operations of a tape.
 
-use crate::language::expression::{Elementary, Function, power};
 use core::cmp::Ordering;
+use fvi_scenario::language::expression::{Elementary, Function, power};
 
 /// An operation on one, two or three numbers.
 ///

@@ -1,6 +1,6 @@
 //! The quadratic polynomial in an expression, split off exactly.
 
-use crate::language::expression::{Kind, Node, Operator};
+use fvi_scenario::language::expression::{Kind, Node, Operator};
 use std::collections::BTreeMap;
 
 /// constant + Σ linear_i q_i + Σ_{i ≥ j} quadratic_ij q_i q_j.

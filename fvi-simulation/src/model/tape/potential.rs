@@ -4,7 +4,7 @@ use super::function::{Differentiated, value};
 use super::polynomial::{Polynomial, split};
 use super::program::{LANES, LaneRegisters, OwnRegisters, Program};
 use super::sides::CompiledSides;
-use crate::language::expression::{Elementary, Expression, Moment, Node};
+use fvi_scenario::language::expression::{Elementary, Expression, Moment, Node};
 
 /// ½ qᵀ K q + bᵀ q + c.
 #[derive(Clone, Debug, Default, PartialEq)]

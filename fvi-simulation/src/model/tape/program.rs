@@ -13,8 +13,8 @@ pub(in crate::model) use lanes::{LANES, LaneRegisters};
 
 use super::graph::{Graph, Value};
 use super::operation::{Operation, scale};
-use crate::language::expression::{Elementary, Function, Moment};
 use core::ops::Range;
+use fvi_scenario::language::expression::{Elementary, Function, Moment};
 
 /// Operations in a window: their values take 8 KB in double precision.
 const WINDOW: usize = 1024;

@@ -5,7 +5,7 @@ use super::enclosure::Enclosure;
 use super::force::{Parts, parts};
 use super::graph::Graph;
 use super::program::Program;
-use crate::language::expression::{Expression, Function, Kind, Moment, Node, Operator};
+use fvi_scenario::language::expression::{Expression, Function, Kind, Moment, Node, Operator};
 
 /// The arguments at whose zeros a force of time is rough.
 #[derive(Clone, Debug)]

@@ -6,7 +6,7 @@
 
 use super::graph::{Graph, Origin, Value};
 use super::program::Program;
-use crate::language::expression::{Function, Kind, Moment, Node, Operator};
+use fvi_scenario::language::expression::{Function, Kind, Moment, Node, Operator};
 use std::collections::HashMap;
 
 /// The arguments of jumps and kinks found in an expression.

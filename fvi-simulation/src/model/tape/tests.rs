@@ -1,5 +1,5 @@
 use super::*;
-use crate::language::expression::{Elementary, Expression, Moment, Symbols};
+use fvi_scenario::language::expression::{Elementary, Expression, Moment, Symbols};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 

@@ -6,7 +6,7 @@ use super::force::{Parts, parts};
 use super::graph::Graph;
 use super::program::Program;
 use super::rough::linear;
-use crate::language::expression::{Expression, Kind, Moment, Node, Operator};
+use fvi_scenario::language::expression::{Expression, Kind, Moment, Node, Operator};
 
 /// The terms of forces that depend on time alone, treated separately, so that a small term is not hidden by a
 /// large one.

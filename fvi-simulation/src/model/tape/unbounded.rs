@@ -2,7 +2,7 @@
 
 use super::enclosure::Enclosure;
 use super::time_terms::Term;
-use crate::language::expression::Node;
+use fvi_scenario::language::expression::Node;
 
 /// A time near which a function grows like |t − c|^e.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -147,7 +147,7 @@ fn rounded(exponent: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::language::expression::{Expression, Symbols};
+    use fvi_scenario::language::expression::{Expression, Symbols};
 
     fn unbounded(text: &str) -> Unbounded {
         let expression = Expression::parse(text, &Symbols::new().with_time()).unwrap();

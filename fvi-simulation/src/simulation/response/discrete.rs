@@ -1,11 +1,12 @@
 //! The equations of a step for harmonic motions, for every scheme on equal steps.
 
-use crate::numerics::dense;
-use crate::numerics::transfer::TransferFunction;
-use crate::scenario::{ConvolutionFamily, Scenario, Scheme};
 use crate::simulation::stability::characteristic::{Characteristic, MatrixFactors};
 use crate::simulation::stability::{DampingForm, discretisation, stages_of_family, symbol};
 use fvi_core::BdfOrder;
+use fvi_fft::dense;
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::transfer::TransferFunction;
+use fvi_scenario::scenario::{Scenario, Scheme};
 use nalgebra::{Complex, DMatrix};
 
 /// The coefficients of M, K and the ρ_m in the equations of a harmonic motion, those of the force, and the

@@ -1,10 +1,10 @@
 //! Poles of a damped structure: zeros of its characteristic function, counted and computed.
 
-use crate::numerics::fractions::{Fractions, is_same};
-use crate::numerics::transfer::TransferFunction;
 use crate::simulation::stability::Part;
 use crate::simulation::stability::characteristic::log_determinant;
 use crate::simulation::stability::winding::{Fineness, turned};
+use fvi_fft::transfer::TransferFunction;
+use fvi_fft::transfer::fractions::{Fractions, is_same};
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::PI;
 
@@ -360,7 +360,7 @@ fn reach(part: &Part, acting: &[Acting<'_>], taken_out: &[(Complex<f64>, f64)]) 
     }
     let slowest = sizes().fold(highest, f64::min);
     let mut lowest = SLOWEST * slowest;
-    let eigenvalues = crate::numerics::dense::symmetric_eigenvalues(part.stiffness.clone());
+    let eigenvalues = fvi_fft::dense::symmetric_eigenvalues(part.stiffness.clone());
     let softest = eigenvalues.iter().fold(f64::INFINITY, |least, value| least.min(value.abs()));
     while softest > 1e-12 * part.stiffness.norm()
         && lowest * lowest + damping(lowest) > 0.25 * softest
@@ -510,7 +510,7 @@ mod tests {
     }
 
     fn symbol(text: &str) -> TransferFunction {
-        crate::scenario::kernel_of_symbol(text).unwrap()
+        fvi_scenario::scenario::kernel_of_symbol(text).unwrap()
     }
 
     #[test]

@@ -2,10 +2,10 @@
 
 use super::polynomials::Polynomials;
 use super::*;
-use crate::numerics::multistep_weights::multistep_weights;
-use crate::numerics::runge_kutta_weights::RungeKuttaWeights;
-use crate::numerics::transfer::TransferFunction;
 use fvi_core::{BdfOrder, Quadrature, RungeKutta};
+use fvi_fft::quadrature::multistep_weights::multistep_weights;
+use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
+use fvi_fft::transfer::TransferFunction;
 use nalgebra::{DVector, Dyn, LU, dmatrix};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngSeed, TestRunner};

@@ -2,10 +2,10 @@
 
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
 use crate::model::{Matrix, Model, matrix};
-use crate::numerics::dense::symmetric_eigen;
-use crate::numerics::transfer::TransferFunction;
-use crate::scenario::Scenario;
 use fvi_core::{Block, Instant, Mechanics};
+use fvi_fft::dense::symmetric_eigen;
+use fvi_fft::transfer::TransferFunction;
+use fvi_scenario::scenario::Scenario;
 use nalgebra::DMatrix;
 
 /// Number of steps of the Lanczos iteration; the largest eigenvalues of stiffness and damping are well

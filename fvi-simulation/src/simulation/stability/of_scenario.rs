@@ -2,13 +2,12 @@
 
 use super::large::{self, check_large};
 use super::{DampingForm, Discretisation, LinearDamping, LinearSystem, Verdict, check_stability};
-use crate::language::{InputError, Problem};
 use crate::model::Model;
-use crate::scenario::{
-    ConvolutionFamily, DampedAt, Quadrature, Scenario, Scheme, SharedTerms, SymmetricMatrix,
-};
 use fvi_core::RungeKutta;
-use fvi_scenario::with_staged_method;
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::with_staged_method;
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{DampedAt, Quadrature, Scenario, Scheme, SharedTerms, SymmetricMatrix};
 use nalgebra::{DMatrix, DVector};
 
 /// Refuses a step at which motions near the start grow, unless the scenario allows it. The Euler methods,

@@ -1,7 +1,7 @@
 //! Decomposition of a linear system into uncoupled parts.
 
 use super::LinearSystem;
-use crate::numerics::dense::{symmetric_eigen, symmetric_eigenvalues};
+use fvi_fft::dense::{symmetric_eigen, symmetric_eigenvalues};
 use nalgebra::DMatrix;
 
 /// Coupling between coordinates, relative to the largest entry of its matrix, below which it is neglected.
@@ -202,7 +202,7 @@ fn order(part: &Part) -> Vec<f64> {
 mod tests {
     use super::super::LinearDamping;
     use super::*;
-    use crate::numerics::transfer::TransferFunction;
+    use fvi_fft::transfer::TransferFunction;
     use nalgebra::dmatrix;
 
     fn system(mass: DMatrix<f64>, stiffness: DMatrix<f64>, rho: DMatrix<f64>) -> LinearSystem {

@@ -1,6 +1,6 @@
 //! Generating functions of convolution quadratures inside the unit circle, by their principal branches.
 
-use crate::numerics::multistep_rule::MultistepRule;
+use fvi_fft::transfer::multistep_rule::MultistepRule;
 use nalgebra::{Complex, DMatrix, Schur};
 
 /// γ(z)^β for |z| < 1.

@@ -2,8 +2,8 @@
 
 use crate::model::tape::{CompiledForce, CompiledPotential};
 use crate::model::{matrix, moment};
-use crate::scenario::{Derivative, Named, Quantity, Scenario};
 use fvi_core::{Block, Instant};
+use fvi_scenario::scenario::{Derivative, Named, Quantity, Scenario};
 use nalgebra::SVector;
 
 /// A part of ∂G/∂θ of one parameter.
@@ -28,7 +28,7 @@ pub(super) struct Expressions {
     /// Whether the force depends on the velocity.
     moves: bool,
     elements: Vec<(CompiledPotential<f64>, Vec<Vec<usize>>)>,
-    loads: Vec<(crate::language::expression::Expression, Vec<(u32, f64)>)>,
+    loads: Vec<(fvi_scenario::language::expression::Expression, Vec<(u32, f64)>)>,
     room: Room,
 }
 

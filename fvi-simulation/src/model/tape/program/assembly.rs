@@ -1,9 +1,9 @@
 //! Compilation of a graph to the plan of a program.
 
 use super::{Kind, Plan, Row, Run, SHORT, SMALL, STRIDE, Single, WINDOW, Window, Work};
-use crate::language::expression::Function;
 use crate::model::tape::graph::{Graph, Origin, Value};
 use crate::model::tape::operation::Operation;
+use fvi_scenario::language::expression::Function;
 use std::collections::HashMap;
 
 impl Plan {

@@ -3,8 +3,8 @@
 //! The interpreter dispatches an operation once for all points.
 
 use super::{Plan, Program, Run, Work};
-use crate::language::expression::{Elementary, Function};
 use crate::model::tape::operation::{Operation, scale};
+use fvi_scenario::language::expression::{Elementary, Function};
 
 /// Number of points evaluated together.
 pub(in crate::model) const LANES: usize = 16;

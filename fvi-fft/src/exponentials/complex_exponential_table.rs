@@ -1,0 +1,336 @@
+//! Tables of exponentials in complex-conjugate pairs, for kernels that oscillate: rational approximation of
+//! their generating function.
+//!
+//! Of the weights behind a head of n₀ the generating function, in ζ = 1/z,
+//!
+//! ```text
+//! F(ζ) = Σ_{n ≥ n₀} w_n ζ^{−(n−n₀)−1} ≈ Σ_j c_j/(ζ − ρ_j) ,        w_n ≈ Σ_j c_j ρ_j^{n−n₀} ,
+//! ```
+//!
+//! is approximated on the circle |ζ| = e^{1/N}, N the horizon, by the AAA algorithm: a quotient of
+//! barycentric sums with support points where the error was largest and coefficients of least squares.
+//! Samples lie between neighbouring support points, so that they crowd where poles are near. Support points
+//! come with their conjugates, so that all equations are real. The poles are eigenvalues, those outside of
+//! the circle are left out, and the residues follow from least squares anew. What the table is worth is
+//! measured weight by weight.
+//!
+//! Sources: \[NST18\]; \[DNT24\] for samples between support points.
+
+use crate::ComplexExponentials;
+use crate::dense::{SingularValues, eigenvalues, triangle};
+use crate::exponentials::exponential_table::{ExponentialKernelError, check_range};
+use crate::quadrature::multistep_weights::multistep_weights;
+use crate::transfer::TransferFunction;
+use crate::transfer::multistep_rule::MultistepRule;
+use nalgebra::{Complex, DMatrix, DVector};
+use std::f64::consts::PI;
+
+/// Lengths n₀ of the head that are tried. A damping term compares the first two weights with its own.
+const HEADS: [usize; 6] = [2, 9, 17, 33, 65, 129];
+
+/// Most support points in the upper half-plane, about as many as there are pairs.
+const MOST: usize = 64;
+
+/// Samples between two support points, and fewest of all.
+const BETWEEN: usize = 3;
+const FEWEST: usize = 16;
+
+/// Part of the error allowed that is left to the approximation on the circle.
+const PART: f64 = 0.3;
+
+/// Rounding of the function, relative to itself and to the largest weight: what is left of it is not
+/// approximated.
+const ROUNDING: f64 = 32.0 * f64::EPSILON;
+
+/// Multiply–adds of a pair, where a weight of the head is one.
+const COST: usize = 6;
+
+/// Sums of a pair over all lags below this part of the error allowed are nothing.
+const NEGLIGIBLE: f64 = 0.1;
+
+/// Singular values below this part of the largest are none.
+const NOTHING: f64 = 1e-15;
+
+/// How far a table is from the weights, at lags up to its horizon.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Miss {
+    /// max |w_n − w̃_n|/max |w_n|
+    pub largest: f64,
+    /// Σ |w_n − w̃_n|/Σ |w_n|
+    pub sum: f64,
+}
+
+/// A table of exponentials in pairs for the weights of K(γ(z)/h), or of K(γ(z)/h)/(1 − z) on increments, and
+/// how far it is from them: each weight up to lag `horizon` is within `tolerance` max |w_n|, all of them
+/// together within `tolerance` Σ |w_n|.
+///
+/// It is for kernels without a cut: rational and other meromorphic K, delays. The weights of others fall off
+/// like powers, which takes many exponentials.
+///
+/// # Errors
+/// If a parameter is out of range, there are no such weights, or no table reaches the tolerance.
+pub fn complex_exponentials(
+    transfer: &TransferFunction,
+    rule: impl Into<MultistepRule>,
+    on_increments: bool,
+    step_size: f64,
+    horizon: usize,
+    tolerance: f64,
+) -> Result<(ComplexExponentials, Miss), ExponentialKernelError> {
+    check_range(horizon, tolerance)?;
+    let rule = rule.into();
+    let exact = multistep_weights(transfer, rule, step_size, on_increments, horizon + 1)?;
+    let largest = exact.iter().fold(0.0_f64, |largest, weight| largest.max(weight.abs()));
+    let radius = libm::exp(1.0 / horizon as f64);
+    let mut best: Option<(usize, ComplexExponentials, Miss)> = None;
+    let mut reached = f64::INFINITY;
+    for length in HEADS.into_iter().take_while(|&length| length <= horizon) {
+        if best.as_ref().is_some_and(|(least, ..)| *least <= length) {
+            break;
+        }
+        let head = &exact[..length];
+        let function = |angle: f64| {
+            let place = on_circle(radius, angle);
+            let z = place.inv();
+            let symbol = transfer.symbol(rule, step_size, z);
+            let symbol = if on_increments { symbol / (Complex::new(1.0, 0.0) - z) } else { symbol };
+            let near = head.iter().rev().fold(Complex::ZERO, |sum, weight| sum * z + weight);
+            (symbol - near) * place.powu(length as u32 - 1)
+        };
+        let allowed = PART * tolerance * largest;
+        let is_nothing = exact[length..].iter().all(|weight| weight.abs() <= allowed / horizon as f64);
+        let pairs =
+            if is_nothing { Some(Vec::new()) } else { approximated(&function, radius, allowed, largest) };
+        let Some(mut pairs) = pairs else { continue };
+        // Poles that rounding has left in the approximation.
+        pairs.retain(|&[re, im, c_re, c_im]| {
+            let lags = (1.0 / (1.0 - libm::hypot(re, im)).max(0.0)).min(horizon as f64);
+            libm::hypot(c_re, c_im) * lags > NEGLIGIBLE * allowed
+        });
+        let cost = length + COST * pairs.len();
+        let table = ComplexExponentials { head: head.to_vec(), pairs, horizon };
+        let miss = missed(&table, &exact);
+        let error = miss.largest.max(miss.sum);
+        if error <= tolerance && best.as_ref().is_none_or(|(least, ..)| cost < *least) {
+            best = Some((cost, table, miss));
+        } else if error.is_finite() {
+            reached = reached.min(error);
+        }
+    }
+    match best {
+        Some((_, table, miss)) => Ok((table, miss)),
+        None => Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }),
+    }
+}
+
+/// Every weight against the exact one.
+fn missed(table: &ComplexExponentials, exact: &[f64]) -> Miss {
+    let (mut most, mut largest, mut sum, mut whole) = (0.0_f64, 0.0_f64, 0.0, 0.0);
+    for (found, weight) in table.head.iter().copied().chain(table.tail()).zip(exact) {
+        let error = (found - weight).abs();
+        // A number that is none stays one.
+        most = if error > most || error.is_nan() { error } else { most };
+        largest = largest.max(weight.abs());
+        sum += error;
+        whole += weight.abs();
+    }
+    let relative = |error: f64, size: f64| if error == 0.0 { 0.0 } else { error / size };
+    Miss { largest: relative(most, largest), sum: relative(sum, whole) }
+}
+
+fn on_circle(radius: f64, angle: f64) -> Complex<f64> {
+    // The ends are real.
+    if angle == PI {
+        Complex::new(-radius, 0.0)
+    } else {
+        Complex::new(libm::cos(angle), libm::sin(angle)) * radius
+    }
+}
+
+/// A point of a circle in the upper half-plane, the value there, and its barycentric coefficient; unless it
+/// is real, it stands for its conjugate too.
+#[derive(Clone, Copy)]
+struct Point {
+    angle: f64,
+    place: Complex<f64>,
+    value: Complex<f64>,
+    coefficient: Complex<f64>,
+}
+
+impl Point {
+    fn new(radius: f64, angle: f64, function: &impl Fn(f64) -> Complex<f64>) -> Self {
+        let (place, value) = (on_circle(radius, angle), function(angle));
+        let value = if place.im == 0.0 { Complex::new(value.re, 0.0) } else { value };
+        Self { angle, place, value, coefficient: Complex::ZERO }
+    }
+
+    fn is_real(&self) -> bool {
+        self.place.im == 0.0
+    }
+
+    /// Σ g(point) over the point and its conjugate.
+    fn with_conjugate(&self, of: impl Fn(Self) -> Complex<f64>) -> Complex<f64> {
+        let conjugate = Self {
+            angle: -self.angle,
+            place: self.place.conj(),
+            value: self.value.conj(),
+            coefficient: self.coefficient.conj(),
+        };
+        if self.is_real() { of(*self) } else { of(*self) + of(conjugate) }
+    }
+}
+
+/// ρ and c of a sum of Σ c_j/(ζ − ρ_j) that is within `allowed` of a function on a circle, as far as rounding
+/// lets it; `None` where the function has no values.
+fn approximated(
+    function: &impl Fn(f64) -> Complex<f64>,
+    radius: f64,
+    allowed: f64,
+    largest: f64,
+) -> Option<Vec<[f64; 4]>> {
+    let point = |angle: f64| Point::new(radius, angle, function);
+    let mut support = vec![point(0.0), point(PI)];
+    loop {
+        let between = BETWEEN.max(FEWEST.saturating_sub(support.len()));
+        let samples: Vec<Point> = support
+            .windows(2)
+            .flat_map(|ends| {
+                let (from, length) = (ends[0].angle, ends[1].angle - ends[0].angle);
+                (1..=between).map(move |k| from + length * k as f64 / (between + 1) as f64)
+            })
+            .map(point)
+            .collect();
+        if !support.iter().chain(&samples).all(|point| point.value.is_finite()) {
+            return None;
+        }
+        choose_coefficients(&mut support, &samples);
+        let error = |sample: &Point| {
+            let sum = |of: fn(Point) -> Complex<f64>| -> Complex<f64> {
+                let term =
+                    |point: &Point| point.with_conjugate(|point| of(point) / (sample.place - point.place));
+                support.iter().map(term).sum()
+            };
+            let quotient = sum(|point| point.coefficient * point.value) / sum(|point| point.coefficient);
+            let error = (quotient - sample.value).norm();
+            let excess = error - allowed.max(ROUNDING * (sample.value.norm() + largest));
+            if excess.is_nan() { f64::INFINITY } else { excess }
+        };
+        let errors: Vec<f64> = samples.iter().map(error).collect();
+        let worst = (0..samples.len()).max_by(|&a, &b| errors[a].total_cmp(&errors[b]))?;
+        if errors[worst] <= 0.0 || support.len() >= MOST {
+            let poles = poles(&support, radius)?;
+            return residues(&poles, &[support, samples].concat());
+        }
+        let place = support.partition_point(|point| point.angle < samples[worst].angle);
+        support.insert(place, samples[worst]);
+    }
+}
+
+/// Coefficients w of norm 1 for which Σ_j w_j (f(ζ) − f_j)/(ζ − ζ_j) is least at the samples.
+fn choose_coefficients(support: &mut [Point], samples: &[Point]) {
+    let mut columns = Vec::new();
+    for point in &*support {
+        let quotient =
+            |sample: &Point, point: Point| (sample.value - point.value) / (sample.place - point.place);
+        for direction in [Complex::new(1.0, 0.0), Complex::new(0.0, 1.0)]
+            .into_iter()
+            .take(1 + usize::from(!point.is_real()))
+        {
+            let turned = Point { coefficient: direction, ..*point };
+            columns.extend(real_rows(
+                samples
+                    .iter()
+                    .map(|sample| turned.with_conjugate(|point| point.coefficient * quotient(sample, point))),
+            ));
+        }
+    }
+    let rows = 2 * samples.len();
+    let matrix = DMatrix::from_vec(rows, columns.len() / rows, columns);
+    let (triangle, _) = triangle(matrix, &DVector::zeros(rows));
+    let values = SingularValues::of(triangle);
+    let least: Vec<f64> = values.v_t.row(values.v_t.nrows() - 1).iter().copied().collect();
+    let mut least = least.into_iter();
+    let mut next = || least.next().unwrap_or(0.0);
+    for point in support {
+        let re = next();
+        point.coefficient = Complex::new(re, if point.is_real() { 0.0 } else { next() });
+    }
+}
+
+/// Real parts, then imaginary ones.
+fn real_rows(numbers: impl Iterator<Item = Complex<f64>> + Clone) -> impl Iterator<Item = f64> {
+    numbers.clone().map(|number| number.re).chain(numbers.map(|number| number.im))
+}
+
+/// Zeros of Σ_j w_j/(ζ − ζ_j) in a circle, those of the upper half-plane and the real ones: with D = diag ζ_j
+/// they are the eigenvalues of D − 1 wᵀD/wᵀ1 but for a zero. In the basis (1, 1)/√2, (i, −i)/√2 of a pair
+/// the matrix is real.
+fn poles(support: &[Point], radius: f64) -> Option<Vec<Complex<f64>>> {
+    let count: usize = support.iter().map(|point| 1 + usize::from(!point.is_real())).sum();
+    let (mut matrix, mut ones, mut row) =
+        (DMatrix::zeros(count, count), DVector::zeros(count), DVector::zeros(count));
+    let mut k = 0;
+    for point in support {
+        let (place, w) = (point.place, point.coefficient);
+        matrix[(k, k)] = place.re;
+        if point.is_real() {
+            (ones[k], row[k]) = (1.0, w.re);
+            k += 1;
+            continue;
+        }
+        let root = std::f64::consts::SQRT_2;
+        (matrix[(k + 1, k + 1)], matrix[(k, k + 1)], matrix[(k + 1, k)]) = (place.re, -place.im, place.im);
+        (ones[k], row[k], row[k + 1]) = (root, root * w.re, -root * w.im);
+        k += 2;
+    }
+    let behind = matrix.tr_mul(&row) / row.dot(&ones);
+    matrix -= ones * behind.transpose();
+    let mut zeros = eigenvalues(matrix)?;
+    let least = (0..zeros.len()).min_by(|&a, &b| zeros[a].norm().total_cmp(&zeros[b].norm()))?;
+    zeros.swap_remove(least);
+    zeros.retain(|zero| zero.im >= 0.0 && zero.norm() < radius);
+    // Slowest first, whatever the order of the eigenvalues.
+    zeros.sort_by(|a, b| b.norm().total_cmp(&a.norm()).then(a.re.total_cmp(&b.re)));
+    Some(zeros)
+}
+
+/// ρ and c of the sum Σ c_j/(ζ − ρ_j) with these poles and their conjugates that is next to the values.
+fn residues(poles: &[Complex<f64>], points: &[Point]) -> Option<Vec<[f64; 4]>> {
+    if poles.is_empty() {
+        return Some(Vec::new());
+    }
+    let mut columns = Vec::new();
+    for pole in poles {
+        let part = |sample: &Point| (sample.place - pole).inv();
+        let conjugate = |sample: &Point| (sample.place - pole.conj()).inv();
+        if pole.im == 0.0 {
+            columns.extend(real_rows(points.iter().map(part)));
+        } else {
+            columns.extend(real_rows(points.iter().map(|sample| part(sample) + conjugate(sample))));
+            let turned = |sample: &Point| Complex::new(0.0, 1.0) * (part(sample) - conjugate(sample));
+            columns.extend(real_rows(points.iter().map(turned)));
+        }
+    }
+    let rows = 2 * points.len();
+    let mut matrix = DMatrix::from_vec(rows, columns.len() / rows, columns);
+    if matrix.ncols() > rows {
+        return None;
+    }
+    let sizes: Vec<f64> = matrix.column_iter_mut().map(|mut column| column.normalize_mut()).collect();
+    let right: Vec<f64> = real_rows(points.iter().map(|sample| sample.value)).collect();
+    let (triangle, right) = triangle(matrix, &DVector::from_vec(right));
+    let SingularValues { u, values, v_t } = SingularValues::of(triangle);
+    let mut turned = u.tr_mul(&right);
+    for (number, value) in turned.iter_mut().zip(values.iter()) {
+        *number = if *value > NOTHING * values[0] { *number / value } else { 0.0 };
+    }
+    let solution = v_t.tr_mul(&turned);
+    let mut numbers = solution.iter().zip(sizes).map(|(number, size)| number / size);
+    let mut next = || numbers.next().unwrap_or(f64::NAN);
+    let pair = |pole: &Complex<f64>| {
+        let re = next();
+        if pole.im == 0.0 { [pole.re, 0.0, re, 0.0] } else { [pole.re, pole.im, 2.0 * re, 2.0 * next()] }
+    };
+    let pairs: Vec<[f64; 4]> = poles.iter().map(pair).collect();
+    pairs.as_flattened().iter().all(|number| number.is_finite()).then_some(pairs)
+}

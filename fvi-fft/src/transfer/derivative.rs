@@ -1,0 +1,241 @@
+//! Derivatives of transfer functions with respect to their parameters.
+
+use crate::transfer::algebra::{Algebra, Series};
+use crate::transfer::{Formula, TransferFunction, value_at_zero};
+use fvi_core::{DoubleDouble, ParameterError};
+use nalgebra::Complex;
+use std::sync::Arc;
+
+/// ∂K(s)/∂θ of a transfer function K by one of its parameters θ, a function of s like K: its weights are the
+/// derivatives of those of K.
+///
+/// With L = ln(τs), u = (τs)^β, v = (τs)^{β−α} and w = (τs)^α:
+///
+/// | form | θ | ∂K/∂θ |
+/// |---|---|---|
+/// | power | β | s^β ln s |
+/// | tempered | β, a | (s+a)^β ln(s+a) − a^β ln a; β ((s+a)^{β−1} − a^{β−1}) |
+/// | Maxwell | β, α, τ | u L/(1+v)²; u v L/(1+v)²; (β u/(1+v) − (β−α) u v/(1+v)²)/τ |
+/// | Prony | g, τ | τs/(1+τs); g s/(1+τs)² |
+/// | Havriliak–Negami | α, γ, τ | γ w L (1+w)^{−γ−1}; (1+w)^{−γ} ln(1+w); γ α w (1+w)^{−γ−1}/τ |
+/// | formula | a constant in it | ∂K/∂θ(s) − ∂K/∂θ(0), by the rules of differentiation |
+#[derive(Clone, Debug)]
+pub struct TransferDerivative {
+    of: Of,
+    growth: f64,
+    spring: f64,
+}
+
+#[derive(Clone, Debug)]
+enum Of {
+    /// A parameter of one of the forms.
+    Form {
+        form: &'static str,
+        /// The parameters in the order of the formula.
+        numbers: Vec<f64>,
+        parameter: &'static str,
+        /// Strength and time of the term, for a Prony series.
+        term: (f64, f64),
+    },
+    /// ∂K/∂θ itself.
+    Formula(Arc<dyn Formula>),
+}
+
+/// Allowance for a logarithm that multiplies the power of s.
+const LOGARITHM: f64 = 1e-6;
+
+impl TransferDerivative {
+    /// The derivative with respect to the parameter of this name, for a Prony series that of the term
+    /// `index`; `None` if there is no such parameter, and for formulas.
+    pub fn new(transfer: &TransferFunction, name: &str, index: usize) -> Option<Self> {
+        if transfer.text().is_some() {
+            return None;
+        }
+        let parameters = transfer.parameters();
+        let &(parameter, ref own) = parameters.iter().find(|(own, _)| *own == name)?;
+        own.get(index)?;
+        let number = |position: usize| parameters.get(position).and_then(|(_, numbers)| numbers.get(index));
+        let term = (number(0).copied().unwrap_or(f64::NAN), number(1).copied().unwrap_or(f64::NAN));
+        let numbers = parameters.iter().filter_map(|(_, numbers)| numbers.first().copied()).collect();
+        let of = Of::Form { form: transfer.form(), numbers, parameter, term };
+        Some(Self { of, growth: transfer.growth() + LOGARITHM, spring: 0.0 })
+    }
+
+    /// The derivative of a formula, itself given as a formula, whose value at s = 0 is split off.
+    ///
+    /// # Errors
+    /// If it is not finite for every positive s.
+    pub fn of_formula(
+        transfer: &TransferFunction,
+        derivative: Arc<dyn Formula>,
+    ) -> Result<Self, ParameterError> {
+        for exponent in -60..=60 {
+            let s = libm::exp10(f64::from(exponent));
+            if !derivative.value(Complex::new(s, 0.0)).is_finite() {
+                let allowed = "a constant by which the symbol has a derivative for every s > 0";
+                return Err(ParameterError { parameter: "s", value: s, allowed });
+            }
+        }
+        let spring = value_at_zero(&*derivative);
+        Ok(Self { of: Of::Formula(derivative), growth: transfer.growth() + LOGARITHM, spring })
+    }
+
+    /// β, if this is the derivative of s^β by β.
+    pub fn of_power(&self) -> Option<f64> {
+        match &self.of {
+            Of::Form { form: "power", numbers, parameter: "order", .. } => numbers.first().copied(),
+            _ => None,
+        }
+    }
+
+    /// ∂K(0)/∂θ, the derivative of the spring beside the memory, which is not included in
+    /// [`value`](Self::value) and [`series`](Self::series).
+    pub fn spring(&self) -> f64 {
+        self.spring
+    }
+
+    /// An exponent μ with which ∂K/∂θ = O(s^μ) for large s.
+    pub fn growth(&self) -> f64 {
+        self.growth
+    }
+
+    /// Whether the exponent with which K grows depends on θ: then ∂K/∂θ is larger than K by a logarithm.
+    pub fn changes_growth_of(&self, transfer: &TransferFunction) -> bool {
+        let ratio = |exponent: f64| {
+            let s = Complex::new(libm::exp10(exponent), 0.0);
+            (self.value(s) / transfer.value(s)).re
+        };
+        let (near, far) = (ratio(50.0), ratio(60.0));
+        (far - near).abs() > 1e-3 * far.abs()
+    }
+
+    /// ∂K/∂θ at a place off the negative real axis.
+    pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
+        match &self.of {
+            Of::Form { .. } => self.of(&s),
+            Of::Formula(formula) => formula.value(s) - self.spring,
+        }
+    }
+
+    /// ∂K/∂θ of a power series with a positive first coefficient.
+    pub fn series(&self, s: &Series) -> Series {
+        match &self.of {
+            Of::Form { .. } => self.of(s),
+            Of::Formula(formula) => formula.series(s).add(&s.constant(-self.spring)),
+        }
+    }
+
+    fn of<A: Algebra>(&self, s: &A) -> A {
+        // A formula's derivative has no power series here.
+        let Of::Form { form, numbers, parameter, term } = &self.of else { return s.constant(f64::NAN) };
+        let exact = DoubleDouble::exact;
+        let one = s.constant(1.0);
+        let number = |position: usize| numbers.get(position).copied().unwrap_or(f64::NAN);
+        match (*form, *parameter) {
+            ("power", _) => s.power(exact(number(0))).multiply(&s.logarithm()),
+            ("tempered", parameter) => {
+                let (order, rate) = (number(0), number(1));
+                let scaled = s.divide(&s.constant(rate));
+                if parameter == "rate" {
+                    let scale = s.constant(rate).power(exact(order - 1.0));
+                    return scaled.power_beside_one(order - 1.0).multiply(&scale).scale(order);
+                }
+                // a^β [((1 + x)^β − 1) ln a + (1 + x)^β ln(1 + x)] with x = s/a
+                let beyond = scaled.power_beside_one(order);
+                let grown = beyond.add(&one).multiply(&scaled.add(&one).logarithm());
+                let sum = beyond.scale(libm::log(rate)).add(&grown);
+                sum.multiply(&s.constant(rate).power(exact(order)))
+            }
+            ("maxwell", parameter) => {
+                let (order, inner, time) = (number(0), number(1), number(2));
+                let scaled = s.scale(time);
+                let between = exact(order).add(exact(-inner));
+                let (u, v) = (scaled.power(exact(order)), scaled.power(between));
+                let below = v.add(&one);
+                let share = u.divide(&below);
+                let squared = share.divide(&below);
+                match parameter {
+                    "order" => squared.multiply(&scaled.logarithm()),
+                    "inner" => squared.multiply(&v).multiply(&scaled.logarithm()),
+                    _ => {
+                        let second = squared.multiply(&v).scale(inner - order);
+                        share.scale(order).add(&second).scale(time.recip())
+                    }
+                }
+            }
+            ("prony", parameter) => {
+                let (strength, time) = *term;
+                let below = s.scale(time).add(&one);
+                match parameter {
+                    "strengths" => s.scale(time).divide(&below),
+                    _ => s.scale(strength).divide(&below).divide(&below),
+                }
+            }
+            ("havriliak-negami", parameter) => {
+                let (order, power, time) = (number(0), number(1), number(2));
+                let scaled = s.scale(time);
+                let w = scaled.power(exact(order));
+                let above = w.add(&one);
+                let falling = above.power(exact(-power));
+                match parameter {
+                    "power" => falling.multiply(&above.logarithm()),
+                    "order" => falling.divide(&above).multiply(&w).multiply(&scaled.logarithm()).scale(power),
+                    _ => falling.divide(&above).multiply(&w).scale(power * order / time),
+                }
+            }
+            _ => s.constant(f64::NAN),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fvi_core::ParameterError;
+
+    type Made = Result<TransferFunction, ParameterError>;
+
+    /// A parameter, its index and value, and the kernel as a function of it.
+    type Case = (&'static str, usize, f64, Box<dyn Fn(f64) -> Made>);
+
+    #[test]
+    fn derivatives_are_those_of_the_values() {
+        let cases: Vec<Case> = vec![
+            ("order", 0, 0.7, Box::new(TransferFunction::power)),
+            ("order", 0, 1.4, Box::new(|x| TransferFunction::tempered(x, 0.3))),
+            ("rate", 0, 0.3, Box::new(|x| TransferFunction::tempered(1.4, x))),
+            ("order", 0, 0.8, Box::new(|x| TransferFunction::maxwell(x, 0.2, 1.5))),
+            ("inner", 0, 0.2, Box::new(|x| TransferFunction::maxwell(0.8, x, 1.5))),
+            ("time", 0, 1.5, Box::new(|x| TransferFunction::maxwell(0.8, 0.2, x))),
+            ("strengths", 1, 0.7, Box::new(|x| TransferFunction::prony(&[1.0, x], &[1.0, 0.1]))),
+            ("times", 1, 0.1, Box::new(|x| TransferFunction::prony(&[1.0, 0.7], &[1.0, x]))),
+            ("order", 0, 0.6, Box::new(|x| TransferFunction::havriliak_negami(x, 0.5, 2.0))),
+            ("power", 0, 0.5, Box::new(|x| TransferFunction::havriliak_negami(0.6, x, 2.0))),
+            ("time", 0, 2.0, Box::new(|x| TransferFunction::havriliak_negami(0.6, 0.5, x))),
+        ];
+        for (name, index, at, make) in cases {
+            let derivative = TransferDerivative::new(&make(at).unwrap(), name, index).unwrap();
+            for s in [Complex::new(0.4, 0.0), Complex::new(0.01, 3.0), Complex::new(-2.0, 0.7)] {
+                let value = |x: f64| make(x).unwrap().value(s);
+                let h = 1e-3 * at;
+                // Difference of order four.
+                let difference = ((value(at + h) - value(at - h)) * 8.0
+                    - (value(at + 2.0 * h) - value(at - 2.0 * h)))
+                    / (12.0 * h);
+                let error = (derivative.value(s) - difference).norm();
+                assert!(
+                    error < 1e-9 * (1.0 + difference.norm()),
+                    "{name} of {}: {error:e}",
+                    make(at).unwrap()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_parameter_has_no_derivative() {
+        let maxwell = TransferFunction::maxwell(0.8, 0.2, 1.5).unwrap();
+        assert!(TransferDerivative::new(&maxwell, "rate", 0).is_none());
+        assert!(TransferDerivative::new(&maxwell, "order", 1).is_none());
+    }
+}
