@@ -1,7 +1,10 @@
 //! Decompositions of dense matrices of any size, compiled once: those of the library are generic and large,
 //! and would be compiled again in each crate that uses them.
 
-use nalgebra::{Complex, DMatrix, DVector, Dyn, LU, SymmetricEigen};
+use nalgebra::{Complex, DMatrix, DVector, Dyn, LU, Schur, SymmetricEigen};
+
+/// Of a decomposition that has no bound of its own.
+const MOST_ITERATIONS: usize = 100_000;
 
 /// Eigenvalues and eigenvectors of a symmetric matrix.
 pub fn symmetric_eigen(matrix: DMatrix<f64>) -> SymmetricEigen<f64, Dyn> {
@@ -15,12 +18,27 @@ pub fn symmetric_eigenvalues(matrix: DMatrix<f64>) -> DVector<f64> {
 
 /// Eigenvalues of a square matrix, conjugates together; `None` where they are not found.
 pub fn eigenvalues(matrix: DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
-    const MOST: usize = 100_000;
     if !matrix.iter().all(|entry| entry.is_finite()) {
         return None;
     }
-    let schur = matrix.try_schur(f64::EPSILON, MOST)?;
+    let schur = matrix.try_schur(f64::EPSILON, MOST_ITERATIONS)?;
     Some(schur.complex_eigenvalues().iter().copied().collect())
+}
+
+/// Q, T and σ of a complex square matrix A = σ Q T Q*, Q unitary, T upper triangular and σ the largest modulus of
+/// an entry of A (1 for A = 0); `None` where an entry of A is not finite, or T is not found.
+pub fn complex_schur(
+    mut matrix: DMatrix<Complex<f64>>,
+) -> Option<(DMatrix<Complex<f64>>, DMatrix<Complex<f64>>, f64)> {
+    let largest = matrix.camax();
+    if !matrix.iter().all(|entry| entry.is_finite()) || !largest.is_finite() {
+        return None;
+    }
+    // Squares of entries beyond 1e±154 leave the range, and the iteration does not end with what is not a number.
+    let size = if largest > 0.0 { largest } else { 1.0 };
+    matrix.apply(|entry| *entry = Complex::new(entry.re / size, entry.im / size));
+    let (unitary, triangular) = Schur::try_new(matrix, f64::EPSILON, MOST_ITERATIONS)?.unpack();
+    Some((unitary, triangular, size))
 }
 
 /// The inverse of a square matrix by elimination with exchange of rows; `None` where a pivot is zero.

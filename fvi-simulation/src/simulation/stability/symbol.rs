@@ -1,7 +1,8 @@
 //! Generating functions of convolution quadratures inside the unit circle, by their principal branches.
 
+use fvi_fft::dense::complex_schur;
 use fvi_fft::transfer::multistep_rule::MultistepRule;
-use nalgebra::{Complex, DMatrix, Schur};
+use nalgebra::{Complex, DMatrix};
 
 /// γ(z)^β for |z| < 1.
 ///
@@ -31,14 +32,16 @@ pub(crate) fn difference(inverse: &DMatrix<f64>, z: Complex<f64>) -> DMatrix<Com
 
 /// f of a matrix, by the recurrence for the triangular factor of its Schur decomposition. \[Higham08\]
 ///
-/// For eigenvalues that nearly coincide the derivative of f is used.
+/// For eigenvalues that nearly coincide the derivative of f is used. Not a number where the matrix or f at an
+/// eigenvalue is not finite.
 pub(crate) fn function_of(
     matrix: &DMatrix<Complex<f64>>,
     function: impl Fn(Complex<f64>) -> Complex<f64>,
 ) -> DMatrix<Complex<f64>> {
     let size = matrix.nrows();
-    let (unitary, triangular) = Schur::new(matrix.clone()).unpack();
-    let mut found = DMatrix::from_diagonal(&triangular.diagonal().map(&function));
+    let Some((unitary, triangular, scale)) = complex_schur(matrix.clone()) else { return unknown(size) };
+    let function = |s: Complex<f64>| function(s * scale);
+    let mut found = DMatrix::from_diagonal(&triangular.diagonal().map(function));
     for apart in 1..size {
         for row in 0..size - apart {
             let column = row + apart;
@@ -60,6 +63,10 @@ pub(crate) fn function_of(
         }
     }
     &unitary * found * unitary.adjoint()
+}
+
+fn unknown(size: usize) -> DMatrix<Complex<f64>> {
+    DMatrix::from_element(size, size, Complex::new(f64::NAN, f64::NAN))
 }
 
 fn scalar_power(base: Complex<f64>, exponent: f64) -> Complex<f64> {
@@ -85,7 +92,7 @@ fn matrix_power(matrix: &DMatrix<Complex<f64>>, exponent: f64) -> DMatrix<Comple
     if exponent > 1.0 {
         return matrix_power(matrix, exponent - 1.0) * matrix;
     }
-    let (unitary, triangular) = Schur::new(matrix.clone()).unpack();
+    let Some((unitary, triangular, scale)) = complex_schur(matrix.clone()) else { return unknown(size) };
     let identity = DMatrix::<Complex<f64>>::identity(size, size);
     let (mut root, mut roots) = (triangular.clone(), 0);
     while roots < 40 && (&root - &identity).norm() > 0.2 {
@@ -107,7 +114,7 @@ fn matrix_power(matrix: &DMatrix<Complex<f64>>, exponent: f64) -> DMatrix<Comple
     for i in 0..size {
         power[(i, i)] = scalar_power(triangular[(i, i)], exponent);
     }
-    &unitary * power * unitary.adjoint()
+    &unitary * power * unitary.adjoint() * Complex::new(libm::pow(scale, exponent), 0.0)
 }
 
 /// Principal square root of an upper triangular matrix.
@@ -129,6 +136,24 @@ fn triangular_root(matrix: &DMatrix<Complex<f64>>) -> DMatrix<Complex<f64>> {
 mod tests {
     use super::*;
     use nalgebra::dmatrix;
+
+    #[test]
+    fn a_function_of_any_matrix_is_found_or_not_a_number() {
+        let inverse = dmatrix![1.5, 0.5; -4.5, 2.5];
+        let delta = difference(&inverse, Complex::new(0.3, 0.9));
+        for size in [1e-300, 1e-160, 1e160, 1e300] {
+            let scaled = &delta * Complex::new(size, 0.0);
+            let found = function_of(&scaled, |s| scalar_power(s / size, 0.7));
+            let error = (found - matrix_power(&delta, 0.7)).norm();
+            assert!(error < 1e-12, "{size:e}: {error:e}");
+        }
+        let mut broken = delta;
+        for entry in [f64::NAN, f64::INFINITY] {
+            broken[(1, 0)] = Complex::new(entry, 0.0);
+            assert!(function_of(&broken, |s| s).iter().all(|found| found.is_nan()), "{entry}");
+            assert!(matrix_power(&broken, 0.3).iter().all(|found| found.is_nan()), "{entry}");
+        }
+    }
 
     #[test]
     fn functions_of_a_matrix_are_its_powers_where_they_are_powers() {
