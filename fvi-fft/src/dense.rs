@@ -25,8 +25,8 @@ pub fn eigenvalues(matrix: DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
     Some(schur.complex_eigenvalues().iter().copied().collect())
 }
 
-/// Q, T and σ of a complex square matrix A = σ Q T Q*, Q unitary, T upper triangular and σ the largest modulus of
-/// an entry of A (1 for A = 0); `None` where an entry of A is not finite, or T is not found.
+/// Q, T and σ of a complex square matrix A = σ Q T Q*, Q unitary, T upper triangular and σ the largest
+/// modulus of an entry of A (1 for A = 0); `None` where an entry of A is not finite, or T is not found.
 pub fn complex_schur(
     mut matrix: DMatrix<Complex<f64>>,
 ) -> Option<(DMatrix<Complex<f64>>, DMatrix<Complex<f64>>, f64)> {
@@ -34,7 +34,7 @@ pub fn complex_schur(
     if !matrix.iter().all(|entry| entry.is_finite()) || !largest.is_finite() {
         return None;
     }
-    // Squares of entries beyond 1e±154 leave the range, and the iteration does not end with what is not a number.
+    // Squares beyond 1e±308 leave the range, and the iteration does not end with what is not a number.
     let size = if largest > 0.0 { largest } else { 1.0 };
     matrix.apply(|entry| *entry = Complex::new(entry.re / size, entry.im / size));
     let (unitary, triangular) = Schur::try_new(matrix, f64::EPSILON, MOST_ITERATIONS)?.unpack();
