@@ -11,6 +11,7 @@
 //! and `nodes` and `hand-nodes`, damped at the quadrature node; systems are `pendulum`, `linear-N` and
 //! `nonlinear-N`.
 
+use fvi_fft::sums::larger;
 use std::hint::black_box;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -224,7 +225,7 @@ impl Room {
 
 /// (largest correction, bound of rounding) as the library's Newton iteration takes them.
 fn at_rest(correction: &[f64], increment: &[f64], q: &[f64]) -> bool {
-    let size = |numbers: &[f64]| numbers.iter().fold(0.0_f64, |largest, x| largest.max(x.abs()));
+    let size = |numbers: &[f64]| numbers.iter().fold(0.0_f64, |largest, x| larger(largest, x.abs()));
     size(correction) <= 2.0 * f64::EPSILON * (size(q) + size(increment))
 }
 

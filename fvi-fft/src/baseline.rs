@@ -4,16 +4,14 @@
 //! Baselines that are timed against the engines are in double precision only, so that they are compiled in
 //! this crate, with the same options.
 
-mod compensated_sum;
 mod hls;
-mod larger;
+mod memory_term;
 mod naive;
 mod offline_fft;
 mod signal;
 
-pub use compensated_sum::{CompensatedSum, MemoryTerm, memory_term};
 pub use hls::Hls;
-pub use larger::larger;
+pub use memory_term::{MemoryTerm, memory_term};
 pub use naive::Naive;
 pub use offline_fft::OfflineFft;
 pub use signal::Signal;

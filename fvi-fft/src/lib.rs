@@ -7,6 +7,7 @@
 //! | [`exponentials`] | the same weights as sums of exponentials, for steps of one or any length |
 //! | [`memory`] | the one engine that serves a request: the only place that chooses |
 //! | [`dense`], [`Aligned`] | matrices and storage for these tables |
+//! | [`sums`] | sums with compensation, and the largest of errors |
 //! | [`baseline`] | plain sums and textbook methods, for comparison |
 #![forbid(unsafe_code)]
 
@@ -18,6 +19,7 @@ pub mod exponentials;
 mod growing_ring;
 pub mod memory;
 pub mod quadrature;
+pub mod sums;
 pub mod transfer;
 
 pub use aligned::Aligned;

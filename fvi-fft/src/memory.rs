@@ -369,7 +369,8 @@ impl MemoryRequest<'_> {
         let rule = self.family.multistep()?.unwrap_or(MultistepRule::Trapezoidal);
         let first = transfer.table().map_or(2, |table| table.weights().len().min(2));
         let weights = multistep_weights(transfer, rule, step_size, false, first)?;
-        let first = [0, 1].map(|n| weights.get(n).copied().unwrap_or(0.0));
+        // A table of one weight is that of a memory without lags.
+        let first = if let [only] = weights[..] { [only, 0.0] } else { [weights[0], weights[1]] };
         fvi_core::Kernel::weights(transfer.growth(), first, step_size)
     }
 

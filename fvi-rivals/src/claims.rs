@@ -3,7 +3,8 @@
 use std::f64::consts::PI;
 
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, ParameterError};
-use fvi_fft::baseline::{MemoryTerm, Signal, larger, memory_term};
+use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
+use fvi_fft::sums::larger;
 use nalgebra::Complex;
 
 use crate::dyadic_exponentials::{Term, power_rules};
@@ -220,7 +221,7 @@ fn filters() -> Vec<Claim> {
         libm::log(sections.iter().map(factor).product::<Complex<f64>>().norm()) - order * x
     };
     let levels: Vec<f64> = (0..400).map(|index| level(spacing * f64::from(index) / 400.0)).collect();
-    let highest = levels.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let highest = levels.iter().copied().fold(f64::NEG_INFINITY, larger);
     let lowest = levels.iter().copied().fold(f64::INFINITY, f64::min);
     let ripple = libm::sin(PI * order) * libm::exp(PI * PI / spacing) / libm::sinh(2.0 * PI * PI / spacing);
 

@@ -1,6 +1,7 @@
 //! Matsuda's continued fraction.
 
 use fvi_core::{BdfOrder, DoubleDouble, ParameterError};
+use fvi_fft::sums::larger;
 
 use crate::filter_cascade::{FilterCascade, Section};
 use crate::oustaloup::{band, check_tolerance, whole_sections};
@@ -130,7 +131,7 @@ impl Rational {
     /// Largest relative error on the band.
     fn error(&self, order: f64, low: f64, high: f64) -> f64 {
         let place = |index: usize| low * libm::pow(high / low, index as f64 / 400.0);
-        (0..=400).map(place).map(|s| (self.value(s) / libm::pow(s, order) - 1.0).abs()).fold(0.0, f64::max)
+        (0..=400).map(place).map(|s| (self.value(s) / libm::pow(s, order) - 1.0).abs()).fold(0.0, larger)
     }
 
     fn sections(&self) -> impl Iterator<Item = Section> {

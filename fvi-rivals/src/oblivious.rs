@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use fvi_core::{Memory, MemoryError, ParameterError, Stateful};
-use fvi_fft::baseline::larger;
+use fvi_fft::sums::larger;
 use nalgebra::Complex;
 
 use crate::dyadic_exponentials::lags_to_compare;

@@ -5,7 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use fvi_core::Real;
-use fvi_fft::baseline::{MemoryTerm, Signal, larger, memory_term};
+use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
+use fvi_fft::sums::larger;
 use fvi_fft::{Engines, WeightTable};
 
 use crate::contestant::{Contestant, Making, Run, Samples, Timed};

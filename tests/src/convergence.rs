@@ -1,6 +1,6 @@
 //! Errors and observed orders of convergence.
 
-use fvi_fft::baseline::larger;
+use fvi_fft::sums::larger;
 
 /// Largest distance between two sequences.
 pub fn largest_error(found: &[f64], expected: &[f64]) -> f64 {

@@ -1,10 +1,10 @@
 //! The exponential-sum memory: every weight, and every term, against independent values.
 
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, MemoryError};
-use fvi_fft::baseline::larger;
 use fvi_fft::exponentials::exponential_table::{
     ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
 };
+use fvi_fft::sums::larger;
 use fvi_fft::{ChunkedExponentialSum, Engines, Vectorised};
 use fvi_tests::reference;
 

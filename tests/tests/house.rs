@@ -9,7 +9,8 @@ const HOST: [(&str, &[&[&str]]); 5] = [
     (
         "fvi-fft",
         &[
-            &["aligned", "dense", "engines", "growing_ring"],
+            &["aligned", "dense", "sums"],
+            &["engines", "growing_ring"],
             &["baseline"],
             &["transfer"],
             &["quadrature"],
@@ -30,20 +31,29 @@ fn workspace() -> PathBuf {
 
 /// Every source file below a folder, by its path without the ending, with its text up to its unit tests.
 fn sources(folder: &Path) -> BTreeMap<PathBuf, String> {
+    let files = all_sources(folder).into_iter();
+    let files = files.filter(|(path, _)| !path.to_string_lossy().ends_with("tests"));
+    let code = |text: String| {
+        let code = text.split("#[cfg(test)]\nmod").next().unwrap();
+        let code = code.lines().filter(|line| !line.trim_start().starts_with("//"));
+        code.collect::<Vec<_>>().join("\n")
+    };
+    files.map(|(path, text)| (path, code(text))).collect()
+}
+
+/// Every source file below a folder, by its path without the ending, with its text.
+fn all_sources(folder: &Path) -> BTreeMap<PathBuf, String> {
     let mut found = BTreeMap::new();
     let mut folders = vec![folder.to_owned()];
     while let Some(next) = folders.pop() {
         for entry in fs::read_dir(&next).unwrap() {
             let path = entry.unwrap().path();
-            let name = path.file_stem().unwrap().to_string_lossy().into_owned();
             if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|ending| ending == "rs") && !name.ends_with("tests") {
-                let text = fs::read_to_string(&path).unwrap();
-                let code = text.split("#[cfg(test)]\nmod").next().unwrap().to_owned();
-                let code = code.lines().filter(|line| !line.trim_start().starts_with("//"));
+                // Programs with lock files of their own keep what they build beside them.
+                folders.extend((path.file_name().unwrap() != "target").then_some(path));
+            } else if path.extension().is_some_and(|ending| ending == "rs") {
                 let key = path.strip_prefix(folder).unwrap().with_extension("");
-                found.insert(key, code.collect::<Vec<_>>().join("\n"));
+                found.insert(key, fs::read_to_string(&path).unwrap());
             }
         }
     }
@@ -275,4 +285,123 @@ fn every_crate_that_is_published_carries_its_licences_and_says_where_its_documen
         crates += 1;
     }
     assert!(crates >= 9, "{crates}");
+}
+
+/// What a number that is not there is replaced by.
+const FALLBACKS: [&str; 10] = [
+    "unwrap_or(0.0)",
+    "unwrap_or(T::zero())",
+    "unwrap_or(f64::NAN)",
+    "unwrap_or_default()",
+    "map_or(0.0,",
+    "map_or(T::zero(),",
+    "map_or(f64::NAN,",
+    "_ => f64::NAN",
+    "constant(f64::NAN)",
+    "f64::max)",
+];
+
+/// What the types or the construction exclude; a panic would be reachable without.
+const SHAPE: &str = "a place that the shapes checked at construction exclude";
+/// Coefficients of a polynomial, entries of a sparse matrix, weights of a finite memory.
+const BEYOND: &str = "what lies beyond the last entry is zero";
+const PADDING: &str = "lanes without a channel compute with zeros that nobody reads";
+const NONE: &str = "there is none of what is summed, compared or drawn";
+const REFUSED: &str = "not a number where the input was refused before, so that it would show";
+const NAMED: &str = "a length that is given with each step, not a number until then";
+const TEXT: &str = "letters";
+
+/// Where fallbacks stand, how many, and why each is the value and hides nothing.
+const TRUE_VALUES: [(&str, usize, &str); 56] = [
+    ("fvi-core/src/coefficients.rs", 1, SHAPE),
+    ("fvi-core/src/damped_motion.rs", 6, SHAPE),
+    ("fvi-core/src/direct.rs", 1, SHAPE),
+    ("fvi-core/src/discrete_lagrangian.rs", 1, SHAPE),
+    ("fvi-core/src/exponential_sum.rs", 8, SHAPE),
+    ("fvi-core/src/fractional_integral.rs", 1, SHAPE),
+    ("fvi-core/src/galerkin.rs", 4, BEYOND),
+    ("fvi-core/src/kernel.rs", 5, REFUSED),
+    ("fvi-core/src/linear.rs", 4, SHAPE),
+    ("fvi-core/src/operator.rs", 1, SHAPE),
+    ("fvi-core/src/pid.rs", 1, NAMED),
+    ("fvi-core/src/pid_law.rs", 2, NAMED),
+    ("fvi-core/src/resolvent.rs", 1, SHAPE),
+    ("fvi-core/src/saving.rs", 1, SHAPE),
+    ("fvi-core/src/space.rs", 6, SHAPE),
+    ("fvi-core/src/tiled.rs", 2, SHAPE),
+    ("fvi-core/src/variable_steps.rs", 2, SHAPE),
+    ("fvi-fft/src/engines/complex_exponential_sum.rs", 1, PADDING),
+    ("fvi-fft/src/engines/level.rs", 1, BEYOND),
+    ("fvi-fft/src/engines/near.rs", 2, BEYOND),
+    ("fvi-fft/src/engines/wide_exponential_sum.rs", 1, PADDING),
+    ("fvi-fft/src/exponentials/controller_source.rs", 1, TEXT),
+    ("fvi-fft/src/exponentials/exponential_table.rs", 4, NONE),
+    ("fvi-fft/src/exponentials/rate_rules.rs", 1, NONE),
+    ("fvi-fft/src/quadrature/multistep_weights.rs", 1, NONE),
+    ("fvi-fft/src/quadrature/principal_cut.rs", 2, NONE),
+    ("fvi-fft/src/quadrature/starting.rs", 2, SHAPE),
+    ("fvi-fft/src/transfer.rs", 1, NONE),
+    ("fvi-fft/src/transfer/fractions.rs", 1, BEYOND),
+    ("fvi-fft/src/transfer/relaxation.rs", 1, NONE),
+    ("fvi-sparse/src/kernels.rs", 1, PADDING),
+    ("fvi-sparse/src/product.rs", 2, PADDING),
+    ("fvi-sparse/src/solve.rs", 1, PADDING),
+    ("fvi-scenario/src/scenario/gyroscopic.rs", 1, BEYOND),
+    ("fvi-scenario/src/scenario/kernel.rs", 2, REFUSED),
+    ("fvi-scenario/src/scenario/load.rs", 1, NONE),
+    ("fvi-scenario/src/scenario/matrix.rs", 1, BEYOND),
+    ("fvi-scenario/src/scenario/relaxation_matrix.rs", 1, NONE),
+    ("fvi-scenario/src/scenario/sampled_input.rs", 1, NONE),
+    ("fvi-scenario/src/scenario/sparse_matrix.rs", 2, BEYOND),
+    ("fvi-simulation/src/model/band.rs", 1, PADDING),
+    ("fvi-simulation/src/model/force_moments.rs", 1, NAMED),
+    ("fvi-simulation/src/model/massless.rs", 2, NONE),
+    ("fvi-simulation/src/model/mechanics.rs", 3, NONE),
+    ("fvi-simulation/src/model/rough_forces.rs", 1, NONE),
+    ("fvi-simulation/src/model/tape/program/assembly.rs", 1, NONE),
+    ("fvi-simulation/src/model/tape/time_terms.rs", 1, NONE),
+    ("fvi-simulation/src/model/unbounded_forces.rs", 1, NONE),
+    ("fvi-simulation/src/simulation/adaptive.rs", 2, NONE),
+    ("fvi-simulation/src/simulation/breaks.rs", 1, NONE),
+    ("fvi-simulation/src/simulation/control.rs", 1, NONE),
+    ("fvi-simulation/src/simulation/crossings.rs", 1, NONE),
+    ("fvi-simulation/src/simulation/energy_guard.rs", 1, NONE),
+    ("fvi-simulation/src/simulation/memory_energy.rs", 1, NONE),
+    ("fvi-simulation/src/simulation/momentum_offset.rs", 1, REFUSED),
+    ("fvi-simulation/src/simulation/step_batch.rs", 3, NONE),
+];
+
+#[test]
+fn what_is_unknown_is_not_replaced_by_a_number() {
+    let mut known: BTreeMap<PathBuf, (usize, &str)> = TRUE_VALUES
+        .iter()
+        .map(|&(path, count, reason)| (Path::new(path).with_extension(""), (count, reason)))
+        .collect();
+    for crate_ in ["fvi-core", "fvi-fft", "fvi-sparse", "fvi-scenario", "fvi-simulation"] {
+        let source = Path::new(crate_).join("src");
+        for (path, text) in sources(&workspace().join(&source)) {
+            // Texts of scenarios may be empty.
+            let looked_for =
+                FALLBACKS.iter().filter(|fallback| crate_ != "fvi-scenario" || !fallback.contains("default"));
+            let found: usize = looked_for.map(|fallback| text.matches(fallback).count()).sum();
+            let path = source.join(path);
+            let (allowed, reason) = known.remove(&path).unwrap_or((0, "what is not known is an error"));
+            assert_eq!(found, allowed, "{}: {reason}", path.display());
+        }
+    }
+    assert!(known.is_empty(), "files that do not exist: {known:?}");
+}
+
+#[test]
+fn largest_errors_keep_what_is_no_number() {
+    // `f64::max` leaves NaN out, and a broken result would pass.
+    for folder in ["tests", "fvi-host/tests", "fvi-simulation/tests", "fvi-scenario/tests", "benches"] {
+        for (path, text) in all_sources(&workspace().join(folder)) {
+            let own = path.ends_with("house");
+            for (number, line) in text.lines().enumerate() {
+                let drops = ["f64::max", "f32::max"].iter().any(|max| line.contains(max));
+                assert!(own || !drops, "{folder}/{}.rs:{}: {line}", path.display(), number + 1);
+            }
+        }
+    }
 }

@@ -4,12 +4,12 @@
 use std::path::Path;
 
 use fvi_core::{ActsOn, BdfOrder, Memory};
-use fvi_fft::baseline::larger;
 use fvi_fft::baseline::{Signal, memory_term};
 use fvi_fft::memory::{Engine, History};
 use fvi_fft::memory::{EngineError, Memories, MemoryRequest};
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::quadrature::multistep_weights::multistep_weights;
+use fvi_fft::sums::larger;
 use fvi_fft::transfer::TransferFunction;
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::{Scenario, kernel_of_symbol};
@@ -455,7 +455,7 @@ fn starting_weights_of_kernels_give_back_the_order_that_a_singular_start_takes()
                     memory.push(&[sample]).unwrap();
                     if k > 2 {
                         let square = inverse_transform(time, |s| transfer.value(s) / (s * s * s));
-                        largest = largest.max((found - exact(time) - square).abs());
+                        largest = larger(largest, (found - exact(time) - square).abs());
                     }
                 }
                 largest
@@ -602,9 +602,10 @@ fn weights_of_a_file_move_a_system_as_the_kernel_that_they_are_of() {
                     };
                     let (found, known) = (told(&given), told(keys));
                     for (found, known) in found.iter().zip(&known) {
-                        let error = (found.position[0] - known.position[0])
-                            .abs()
-                            .max((found.momentum[0] - known.momentum[0]).abs());
+                        let error = larger(
+                            (found.position[0] - known.position[0]).abs(),
+                            (found.momentum[0] - known.momentum[0]).abs(),
+                        );
                         assert!(error < 2e-12, "{keys}, {scheme}, {engine}, t = {}: {error:e}", known.time);
                     }
                 }
@@ -783,7 +784,7 @@ fn what_is_stored_and_dissipated_makes_up_the_work_in_every_step() {
             let work = push * (states[k + 1].position[2] - states[k].position[2]);
             let error = (total(k + 1) - total(k) - work).abs();
             turned += (states[k + 1].energy - states[k].energy).abs();
-            most = most.max(error);
+            most = larger(most, error);
             let lost = states[k + 1].columns[1] - states[k].columns[1];
             assert!(lost >= 0.0 && states[k].columns[0] >= 0.0, "{convolution}, {k}: {lost:e}");
         }

@@ -1,8 +1,8 @@
 //! Large systems against what is known of them: motions along one mode, the dense way, other ways to say the
 //! same.
 
-use fvi_fft::baseline::larger;
 use fvi_fft::memory::{Engine, States};
+use fvi_fft::sums::larger;
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::{Scenario, SymmetricMatrix};
 use fvi_simulation::simulation::{GridState, Precision, Simulation, Solver, SolverChoice};
@@ -285,7 +285,7 @@ fn dampings_of_several_orders_on_the_same_coordinates_share_a_memory() {
     let simulation = Simulation::new(&scenario, Precision::F64).unwrap();
     assert!(simulation.shared().is_empty());
     let plain = last(&scenario);
-    let largest = plain.position.iter().fold(0.0, |largest: f64, q| largest.max(q.abs()));
+    let largest = plain.position.iter().fold(0.0, |largest: f64, q| larger(largest, q.abs()));
     let error = apart(&shared.position, &plain.position);
     assert!(error < 1e-11 * largest, "{error:e} of {largest:e}");
     // In single precision, to its tolerance.
@@ -350,7 +350,7 @@ fn small(
 
 fn assert_same(one: &[GridState], other: &[GridState]) {
     for (one, other) in one.iter().zip(other) {
-        let error = apart(&one.position, &other.position).max(apart(&one.momentum, &other.momentum));
+        let error = larger(apart(&one.position, &other.position), apart(&one.momentum, &other.momentum));
         assert!(error < 1e-11 && (one.energy - other.energy).abs() < 1e-11, "t = {}: {error:e}", one.time);
     }
 }
@@ -432,7 +432,7 @@ fn the_shaken_frame_moves_as_its_modes_do() {
         }
     }
     let largest =
-        found.iter().flat_map(|state| &state.position).fold(0.0, |largest: f64, q| largest.max(q.abs()));
+        found.iter().flat_map(|state| &state.position).fold(0.0, |largest: f64, q| larger(largest, q.abs()));
     // Storeys that move by centimetres.
     assert!((0.01..0.5).contains(&largest), "{largest}");
     for (state, known) in found.iter().zip(&known) {
@@ -581,7 +581,7 @@ fn errors_of_release(
     };
     let start = sum(&|_| 1.0);
     let known = sum(&|square| released(beta, scale * square, square, end));
-    let largest = start.iter().fold(0.0, |largest: f64, x| largest.max(x.abs()));
+    let largest = start.iter().fold(0.0, |largest: f64, x| larger(largest, x.abs()));
     [steps, 2 * steps].map(|steps| apart(&end_of_release(system, &start, end, steps), &known) / largest)
 }
 
@@ -705,7 +705,7 @@ fn nonlinear_elements_on_two_gauss_points_move_sparse_as_dense() {
         let dense = states(&scenario, SolverChoice::Dense);
         let sparse = states(&scenario, SolverChoice::Sparse);
         for (one, other) in sparse.iter().zip(&dense) {
-            let error = apart(&one.position, &other.position).max(apart(&one.momentum, &other.momentum));
+            let error = larger(apart(&one.position, &other.position), apart(&one.momentum, &other.momentum));
             assert!(error < 1e-10, "t = {}: {error:e}", one.time);
         }
         let mut single = Simulation::with_solver(&scenario, Precision::F32, SolverChoice::Sparse).unwrap();

@@ -4,8 +4,8 @@ use fvi_core::{
     BdfOrder, DampingTerm, Derivative::Caputo, Galerkin, Integrator, Kernel, Mass, NoForce, Quadratic,
     System, monic_increment_table_f32,
 };
-use fvi_fft::baseline::larger;
 use fvi_fft::memory::Engine;
+use fvi_fft::sums::larger;
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::{GridState, Precision, Simulation};

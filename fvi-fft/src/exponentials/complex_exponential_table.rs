@@ -249,11 +249,11 @@ fn choose_coefficients(support: &mut [Point], samples: &[Point]) {
     let (triangle, _) = triangle(matrix, &DVector::zeros(rows));
     let values = SingularValues::of(triangle);
     let least: Vec<f64> = values.v_t.row(values.v_t.nrows() - 1).iter().copied().collect();
-    let mut least = least.into_iter();
-    let mut next = || least.next().unwrap_or(0.0);
+    let mut place = 0;
     for point in support {
-        let re = next();
-        point.coefficient = Complex::new(re, if point.is_real() { 0.0 } else { next() });
+        let im = if point.is_real() { 0.0 } else { least[place + 1] };
+        point.coefficient = Complex::new(least[place], im);
+        place += 1 + usize::from(!point.is_real());
     }
 }
 
@@ -325,11 +325,16 @@ fn residues(poles: &[Complex<f64>], points: &[Point]) -> Option<Vec<[f64; 4]>> {
         *number = if *value > NOTHING * values[0] { *number / value } else { 0.0 };
     }
     let solution = v_t.tr_mul(&turned);
-    let mut numbers = solution.iter().zip(sizes).map(|(number, size)| number / size);
-    let mut next = || numbers.next().unwrap_or(f64::NAN);
+    let numbers: Vec<f64> = solution.iter().zip(sizes).map(|(number, size)| number / size).collect();
+    let mut place = 0;
     let pair = |pole: &Complex<f64>| {
-        let re = next();
-        if pole.im == 0.0 { [pole.re, 0.0, re, 0.0] } else { [pole.re, pole.im, 2.0 * re, 2.0 * next()] }
+        let own = &numbers[place..];
+        place += 1 + usize::from(pole.im != 0.0);
+        if pole.im == 0.0 {
+            [pole.re, 0.0, own[0], 0.0]
+        } else {
+            [pole.re, pole.im, 2.0 * own[0], 2.0 * own[1]]
+        }
     };
     let pairs: Vec<[f64; 4]> = poles.iter().map(pair).collect();
     pairs.as_flattened().iter().all(|number| number.is_finite()).then_some(pairs)

@@ -277,19 +277,20 @@ fn write_law<T: Real>(text: &mut String, small: &str, settings: &PidSettings<T>,
         Bumpless::Nothing => "Nothing",
     };
     let ([b, c], [lower, upper]) = (settings.setpoint_weights, settings.limits);
-    let sample = settings.sample.unwrap_or(f64::NAN);
+    let sample = settings.sample.map_or_else(|| "of each tick's own".to_owned(), |sample| sample.to_string());
     let _ = writeln!(
         text,
         "/// The law of the controller, sample {sample}{note}.\n///\n/// # Errors\n/// None: it has been checked.\n\
          pub fn {small}_law() -> Result<fvi_core::PidLaw<{scalar}>, fvi_core::ParameterError> {{\n    \
          fvi_core::PidLaw::new(fvi_core::PidSettings {{\n        gains: fvi_core::PidGains::{gains},\n        \
-         integral_order: {:?},\n        derivative_order: {:?},\n        sample: Some({sample:?}),\n        \
+         integral_order: {:?},\n        derivative_order: {:?},\n        sample: {:?},\n        \
          setpoint_weights: [{}, {}],\n        derivative_of: fvi_core::DerivativeOf::{of},\n        \
          derivative_filter: fvi_core::DerivativeFilter::{filter},\n        limits: [{}, {}],\n        \
          rate_limit: {},\n        anti_windup: fvi_core::AntiWindup::{windup},\n        \
          bumpless: fvi_core::Bumpless::{bumpless},\n    }})\n}}\n",
         settings.integral_order,
         settings.derivative_order,
+        settings.sample,
         number(b),
         number(c),
         number(lower),

@@ -28,11 +28,11 @@
 //! \[GolubWelsch69\], \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
 
 use crate::Aligned;
-use crate::baseline::{CompensatedSum, larger};
 use crate::dense::symmetric_eigen;
 use crate::quadrature::exponential::Exponential;
 use crate::quadrature::multistep_weights::multistep_weights;
 use crate::quadrature::principal_cut::PrincipalCut;
+use crate::sums::{CompensatedSum, larger};
 use crate::transfer::TransferFunction;
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, Real};
 use nalgebra::DMatrix;
@@ -723,7 +723,7 @@ impl Cut {
 fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, tolerance: f64) -> Vec<Nodes> {
     let horizon = cuts.iter().map(|cut| cut.reach(horizon)).max().unwrap_or(horizon).max(head);
     let spacing = cuts.iter().map(|cut| cut.spacing(tolerance)).fold(f64::INFINITY, f64::min);
-    let fastest = cuts.iter().map(|cut| cut.fastest(head, tolerance)).fold(0.0, f64::max);
+    let fastest = cuts.iter().map(|cut| cut.fastest(head, tolerance)).fold(0.0, larger);
     let rule = |cut: &S| cut.rule(spacing, fastest, horizon, tolerance);
     let rules: Vec<Nodes> = cuts.iter().map(rule).collect();
     let Some(nodes) = rules.first() else { return rules };

@@ -59,7 +59,7 @@ impl KernelDefects {
                 "starting weights for s^β and for kernels whose singularities lie on the negative real axis";
             return Err(ParameterError { parameter: "kernel", value: f64::NAN, allowed });
         }
-        let far = FAR.get(order.get() - 1).copied().unwrap_or(384);
+        let far = FAR[order.get() - 1];
         let weights = multistep_weights(transfer, order, step_size, false, far)?;
         let mut made = Self { transfer: transfer.clone(), order, step_size, powers: Vec::new() };
         for &nu in exponents {

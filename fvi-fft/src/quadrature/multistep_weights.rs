@@ -68,8 +68,7 @@ pub fn multistep_weights(
     }
     if let Some(exponent) = transfer.exponent() {
         let first = transfer.series(&rule.series(step_size, 1)).to_numbers();
-        let first = first.first().copied().unwrap_or(0.0);
-        return Ok(trapezoidal_power(exponent, first, on_increments, count));
+        return Ok(trapezoidal_power(exponent, first[0], on_increments, count));
     }
     let series = transfer.series(&rule.series(step_size, count.min(HEAD)));
     let mut weights = if on_increments { series.sums() } else { series.to_numbers() };
@@ -335,6 +334,7 @@ fn transform(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sums::larger;
     use fvi_core::BdfOrder;
 
     fn forms() -> Vec<TransferFunction> {
@@ -397,7 +397,7 @@ mod tests {
                 let series = transfer.series(&rule.series(0.05, 300)).to_numbers();
                 let function = |s| transfer.value(s);
                 let found = transform((&function, transfer.growth()), rule, 0.05, false, 300);
-                let error = series.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+                let error = series.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, larger);
                 // The weights of the trapezoidal rule do not decay: the error is relative to their sum.
                 let size = match rule {
                     MultistepRule::Bdf(_) => 2.0 * series[0],

@@ -56,7 +56,7 @@ impl PowerDefects {
     /// # Errors
     /// If β is outside (−1, 2).
     pub(crate) fn new(order: BdfOrder, beta: f64, exponents: &[f64]) -> Result<Self, ParameterError> {
-        let far = FAR.get(order.get() - 1).copied().unwrap_or(384);
+        let far = FAR[order.get() - 1];
         // With the step size γ_p(0) the leading weight is 1.
         let leading = libm::pow(order.generating_function(0.0), beta);
         let mut weights = ConvolutionWeights::bdf(order, beta, 1.0)?;

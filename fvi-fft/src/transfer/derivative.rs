@@ -1,7 +1,7 @@
 //! Derivatives of transfer functions with respect to their parameters.
 
 use crate::transfer::algebra::{Algebra, Series};
-use crate::transfer::{Formula, TransferFunction, value_at_zero};
+use crate::transfer::{Form, Formula, TransferFunction, value_at_zero};
 use fvi_core::{DoubleDouble, ParameterError};
 use nalgebra::Complex;
 use std::sync::Arc;
@@ -28,17 +28,35 @@ pub struct TransferDerivative {
 
 #[derive(Clone, Debug)]
 enum Of {
-    /// A parameter of one of the forms.
-    Form {
-        form: &'static str,
-        /// The parameters in the order of the formula.
-        numbers: Vec<f64>,
-        parameter: &'static str,
-        /// Strength and time of the term, for a Prony series.
-        term: (f64, f64),
-    },
+    Parameter(Parameter),
     /// ∂K/∂θ itself.
     Formula(Arc<dyn Formula>),
+}
+
+/// θ, and the numbers that its derivative needs.
+#[derive(Clone, Copy, Debug)]
+enum Parameter {
+    PowerOrder { order: f64 },
+    TemperedOrder { order: f64, rate: f64 },
+    TemperedRate { order: f64, rate: f64 },
+    Maxwell { of: MaxwellParameter, order: f64, inner: f64, time: f64 },
+    PronyStrength { time: f64 },
+    PronyTime { strength: f64, time: f64 },
+    HavriliakNegami { of: HavriliakNegamiParameter, order: f64, power: f64, time: f64 },
+}
+
+#[derive(Clone, Copy, Debug)]
+enum MaxwellParameter {
+    Order,
+    Inner,
+    Time,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum HavriliakNegamiParameter {
+    Order,
+    Power,
+    Time,
 }
 
 /// Allowance for a logarithm that multiplies the power of s.
@@ -48,17 +66,8 @@ impl TransferDerivative {
     /// The derivative with respect to the parameter of this name, for a Prony series that of the term
     /// `index`; `None` if there is no such parameter, and for formulas.
     pub fn new(transfer: &TransferFunction, name: &str, index: usize) -> Option<Self> {
-        if transfer.text().is_some() {
-            return None;
-        }
-        let parameters = transfer.parameters();
-        let &(parameter, ref own) = parameters.iter().find(|(own, _)| *own == name)?;
-        own.get(index)?;
-        let number = |position: usize| parameters.get(position).and_then(|(_, numbers)| numbers.get(index));
-        let term = (number(0).copied().unwrap_or(f64::NAN), number(1).copied().unwrap_or(f64::NAN));
-        let numbers = parameters.iter().filter_map(|(_, numbers)| numbers.first().copied()).collect();
-        let of = Of::Form { form: transfer.form(), numbers, parameter, term };
-        Some(Self { of, growth: transfer.growth() + LOGARITHM, spring: 0.0 })
+        let parameter = Parameter::of(&transfer.form, name, index)?;
+        Some(Self { of: Of::Parameter(parameter), growth: transfer.growth() + LOGARITHM, spring: 0.0 })
     }
 
     /// The derivative of a formula, itself given as a formula, whose value at s = 0 is split off.
@@ -82,8 +91,8 @@ impl TransferDerivative {
 
     /// β, if this is the derivative of s^β by β.
     pub fn of_power(&self) -> Option<f64> {
-        match &self.of {
-            Of::Form { form: "power", numbers, parameter: "order", .. } => numbers.first().copied(),
+        match self.of {
+            Of::Parameter(Parameter::PowerOrder { order }) => Some(order),
             _ => None,
         }
     }
@@ -112,7 +121,7 @@ impl TransferDerivative {
     /// ∂K/∂θ at a place off the negative real axis.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
         match &self.of {
-            Of::Form { .. } => self.of(&s),
+            Of::Parameter(parameter) => parameter.at(&s),
             Of::Formula(formula) => formula.value(s) - self.spring,
         }
     }
@@ -120,70 +129,110 @@ impl TransferDerivative {
     /// ∂K/∂θ of a power series with a positive first coefficient.
     pub fn series(&self, s: &Series) -> Series {
         match &self.of {
-            Of::Form { .. } => self.of(s),
+            Of::Parameter(parameter) => parameter.at(s),
             Of::Formula(formula) => formula.series(s).add(&s.constant(-self.spring)),
         }
     }
+}
 
-    fn of<A: Algebra>(&self, s: &A) -> A {
-        // A formula's derivative has no power series here.
-        let Of::Form { form, numbers, parameter, term } = &self.of else { return s.constant(f64::NAN) };
+impl Parameter {
+    /// The parameter of this name, for a Prony series that of the term `index`.
+    fn of(form: &Form, name: &str, index: usize) -> Option<Self> {
+        if let Form::Prony { strengths, times } = form {
+            let (&strength, &time) = (strengths.get(index)?, times.get(index)?);
+            return match name {
+                "strengths" => Some(Self::PronyStrength { time }),
+                "times" => Some(Self::PronyTime { strength, time }),
+                _ => None,
+            };
+        }
+        if index > 0 {
+            return None;
+        }
+        match (form, name) {
+            (&Form::Power { order }, "order") => Some(Self::PowerOrder { order }),
+            (&Form::Tempered { order, rate }, "order") => Some(Self::TemperedOrder { order, rate }),
+            (&Form::Tempered { order, rate }, "rate") => Some(Self::TemperedRate { order, rate }),
+            (&Form::Maxwell { order, inner, time }, name) => {
+                let of = match name {
+                    "order" => MaxwellParameter::Order,
+                    "inner" => MaxwellParameter::Inner,
+                    "time" => MaxwellParameter::Time,
+                    _ => return None,
+                };
+                Some(Self::Maxwell { of, order, inner, time })
+            }
+            (&Form::HavriliakNegami { order, power, time }, name) => {
+                let of = match name {
+                    "order" => HavriliakNegamiParameter::Order,
+                    "power" => HavriliakNegamiParameter::Power,
+                    "time" => HavriliakNegamiParameter::Time,
+                    _ => return None,
+                };
+                Some(Self::HavriliakNegami { of, order, power, time })
+            }
+            _ => None,
+        }
+    }
+
+    /// ∂K/∂θ at s.
+    fn at<A: Algebra>(self, s: &A) -> A {
         let exact = DoubleDouble::exact;
         let one = s.constant(1.0);
-        let number = |position: usize| numbers.get(position).copied().unwrap_or(f64::NAN);
-        match (*form, *parameter) {
-            ("power", _) => s.power(exact(number(0))).multiply(&s.logarithm()),
-            ("tempered", parameter) => {
-                let (order, rate) = (number(0), number(1));
+        match self {
+            Self::PowerOrder { order } => s.power(exact(order)).multiply(&s.logarithm()),
+            Self::TemperedRate { order, rate } => {
                 let scaled = s.divide(&s.constant(rate));
-                if parameter == "rate" {
-                    let scale = s.constant(rate).power(exact(order - 1.0));
-                    return scaled.power_beside_one(order - 1.0).multiply(&scale).scale(order);
-                }
+                let scale = s.constant(rate).power(exact(order - 1.0));
+                scaled.power_beside_one(order - 1.0).multiply(&scale).scale(order)
+            }
+            Self::TemperedOrder { order, rate } => {
                 // a^β [((1 + x)^β − 1) ln a + (1 + x)^β ln(1 + x)] with x = s/a
+                let scaled = s.divide(&s.constant(rate));
                 let beyond = scaled.power_beside_one(order);
                 let grown = beyond.add(&one).multiply(&scaled.add(&one).logarithm());
                 let sum = beyond.scale(libm::log(rate)).add(&grown);
                 sum.multiply(&s.constant(rate).power(exact(order)))
             }
-            ("maxwell", parameter) => {
-                let (order, inner, time) = (number(0), number(1), number(2));
+            Self::Maxwell { of, order, inner, time } => {
                 let scaled = s.scale(time);
                 let between = exact(order).add(exact(-inner));
                 let (u, v) = (scaled.power(exact(order)), scaled.power(between));
                 let below = v.add(&one);
                 let share = u.divide(&below);
                 let squared = share.divide(&below);
-                match parameter {
-                    "order" => squared.multiply(&scaled.logarithm()),
-                    "inner" => squared.multiply(&v).multiply(&scaled.logarithm()),
-                    _ => {
+                match of {
+                    MaxwellParameter::Order => squared.multiply(&scaled.logarithm()),
+                    MaxwellParameter::Inner => squared.multiply(&v).multiply(&scaled.logarithm()),
+                    MaxwellParameter::Time => {
                         let second = squared.multiply(&v).scale(inner - order);
                         share.scale(order).add(&second).scale(time.recip())
                     }
                 }
             }
-            ("prony", parameter) => {
-                let (strength, time) = *term;
+            Self::PronyStrength { time } => {
                 let below = s.scale(time).add(&one);
-                match parameter {
-                    "strengths" => s.scale(time).divide(&below),
-                    _ => s.scale(strength).divide(&below).divide(&below),
-                }
+                s.scale(time).divide(&below)
             }
-            ("havriliak-negami", parameter) => {
-                let (order, power, time) = (number(0), number(1), number(2));
+            Self::PronyTime { strength, time } => {
+                let below = s.scale(time).add(&one);
+                s.scale(strength).divide(&below).divide(&below)
+            }
+            Self::HavriliakNegami { of, order, power, time } => {
                 let scaled = s.scale(time);
                 let w = scaled.power(exact(order));
                 let above = w.add(&one);
                 let falling = above.power(exact(-power));
-                match parameter {
-                    "power" => falling.multiply(&above.logarithm()),
-                    "order" => falling.divide(&above).multiply(&w).multiply(&scaled.logarithm()).scale(power),
-                    _ => falling.divide(&above).multiply(&w).scale(power * order / time),
+                match of {
+                    HavriliakNegamiParameter::Power => falling.multiply(&above.logarithm()),
+                    HavriliakNegamiParameter::Order => {
+                        falling.divide(&above).multiply(&w).multiply(&scaled.logarithm()).scale(power)
+                    }
+                    HavriliakNegamiParameter::Time => {
+                        falling.divide(&above).multiply(&w).scale(power * order / time)
+                    }
                 }
             }
-            _ => s.constant(f64::NAN),
         }
     }
 }

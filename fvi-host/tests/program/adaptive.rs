@@ -2,7 +2,7 @@
 //! same bits, and what is refused.
 
 use crate::workplace::{Run, Workplace, text};
-use fvi_fft::baseline::larger;
+use fvi_fft::sums::larger;
 use fvi_lab::lab::checkpoint::CheckpointEvery;
 use fvi_lab::lab::run::{RunEnd, RunOptions, run};
 use fvi_scenario::scenario::Scenario;
@@ -155,7 +155,7 @@ fn starts_near_order_two_with_a_velocity_are_no_more_than_rounding() {
         assert_eq!(summary.end, RunEnd::Completed, "order {order}");
         let largest = rows.iter().fold(1.0_f64, |largest, row| largest.max(row[1].abs()).max(row[2].abs()));
         let &[time, q, p] = rows.last().unwrap();
-        let error = (q - exact[0]).abs().max((p - exact[1]).abs());
+        let error = larger((q - exact[0]).abs(), (p - exact[1]).abs());
         assert!(time == 1.0 && error < 10.0 * tolerance * largest, "order {order}: {error:e}");
         assert!(summary.steps < 700, "order {order}: {} steps", summary.steps);
     }
@@ -177,7 +177,8 @@ fn momenta_are_right_after_a_start_that_no_step_resolves() {
             let exact = |t: f64| coefficient * 2.0 * t.powf(1.0 - order) / gamma;
             let largest = exact(1e-6);
             let early = rows.iter().filter(|row| row[0] > 2e-25 && row[0] < 1e-12);
-            let error = early.clone().fold(0.0, |most: f64, row| most.max((row[2] - exact(row[0])).abs()));
+            let error =
+                early.clone().fold(0.0, |most: f64, row| larger(most, (row[2] - exact(row[0])).abs()));
             assert!(
                 early.count() > 3 && error < 10.0 * tolerance * largest,
                 "{order}, {tolerance:e}: {error:e}"

@@ -3,7 +3,7 @@
 
 use crate::tune::Complex;
 use crate::workplace::{Workplace, text};
-use fvi_fft::baseline::larger;
+use fvi_fft::sums::larger;
 use fvi_lab::lab::run::{RunEnd, RunOptions, run};
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Precision;
@@ -156,8 +156,8 @@ fn an_oscillator_in_a_loop_moves_as_one_that_is_turned_exactly() {
             while let Some(&(begins, output)) = waiting.first()
                 && begins < next - 1e-9
             {
-                plant.go(f64::max(begins, now) - at, acting);
-                (at, acting) = (f64::max(begins, now), output);
+                plant.go(begins.max(now) - at, acting);
+                (at, acting) = (begins.max(now), output);
                 waiting.remove(0);
             }
             plant.go(next - at, acting);

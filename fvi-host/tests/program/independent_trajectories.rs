@@ -2,7 +2,7 @@
 //! column's largest value: see `dense_bdf.py` and `dense_galerkin.py` in `tests/reference`.
 
 use crate::workplace::Workplace;
-use fvi_fft::baseline::larger;
+use fvi_fft::sums::larger;
 
 fn agrees(name: &str, scenario: &str) {
     let path = format!("{}/../tests/reference/trajectory_{name}.csv", env!("CARGO_MANIFEST_DIR"));
@@ -15,7 +15,7 @@ fn agrees(name: &str, scenario: &str) {
         lines.map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect();
     assert_eq!(run.rows.len(), rows.len());
     for (index, column) in columns.iter().enumerate() {
-        let largest = rows.iter().fold(0.0_f64, |largest, row| largest.max(row[index].abs()));
+        let largest = rows.iter().fold(0.0_f64, |largest, row| larger(largest, row[index].abs()));
         let found = run.column(column);
         let error = found.iter().zip(&rows).map(|(found, row)| (found - row[index]).abs()).fold(0.0, larger);
         assert!(

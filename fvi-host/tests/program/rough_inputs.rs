@@ -1,7 +1,7 @@
 //! Samples and records act from their own times on, wherever these lie in a step.
 
 use super::workplace::{Workplace, text};
-use fvi_fft::baseline::larger;
+use fvi_fft::sums::larger;
 use fvi_lab::lab::run::{Run, RunEnd};
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Precision;

@@ -1,7 +1,7 @@
 //! `fvi tune`: margins by a scan written here, loops by runs of the plant, refusals.
 
 use crate::workplace::{Workplace, text};
-use fvi_fft::baseline::larger;
+use fvi_fft::sums::larger;
 use serde_json::Value;
 use std::f64::consts::PI;
 use std::fs;
@@ -162,7 +162,7 @@ specification = { crossover = 2.0, phase_margin = 65, flat_phase = true }
         if step + 1 < motion.len() {
             let part = (row[0] - motion[step][0]) / 0.005;
             let [before, after] = [step, step + 1].map(|step| 0.5 * motion[step][2]);
-            worst = worst.max((before + part * (after - before) - row[1]).abs());
+            worst = larger(worst, (before + part * (after - before) - row[1]).abs());
             compared += 1;
         }
     }
@@ -207,7 +207,7 @@ fn samples_that_make_a_loop_unstable_are_refused_and_runs_agree() {
         let outputs: Vec<f64> =
             table.lines().skip(1).map(|line| line.split(',').nth(4).unwrap().parse().unwrap()).collect();
         let spread = |part: &[f64]| {
-            part.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+            part.iter().copied().fold(f64::NEG_INFINITY, larger)
                 - part.iter().copied().fold(f64::INFINITY, f64::min)
         };
         let quarter = outputs.len() / 4;

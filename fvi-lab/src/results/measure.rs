@@ -1,6 +1,6 @@
 //! Measures of a run: largest values, and errors against the reference.
 
-use fvi_fft::baseline::larger;
+use fvi_fft::sums::larger;
 use fvi_scenario::scenario::ReferenceRow;
 use fvi_simulation::column::largest;
 use fvi_simulation::simulation::GridState;

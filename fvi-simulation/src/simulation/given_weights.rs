@@ -8,9 +8,8 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
     for (index, term) in scenario.system.damping.iter().enumerate() {
         let Some(table) = term.transfer.table() else { continue };
         let path = format!("system.damping[{index}].kernel.weights");
-        if table.check_step(scenario.time.step).is_err() {
+        if let (Err(_), Some(own)) = (table.check_step(scenario.time.step), table.step()) {
             let with = format!("steps of {}", scenario.time.step);
-            let own = table.step().unwrap_or(f64::NAN);
             let allowed = format!("steps of {own}, to which these weights belong");
             return Err(scenario.error_at(&path, Problem::Incompatible { with, allowed }));
         }

@@ -3,6 +3,7 @@
 use fvi_core::{Real, StateError, StateReader, StateWriter};
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::quadrature::multistep_weights::multistep_weights;
+use fvi_fft::sums::larger;
 use fvi_fft::transfer::TransferFunction;
 use fvi_fft::transfer::multistep_rule::MultistepRule;
 use fvi_scenario::language::{InputError, Problem};
@@ -410,11 +411,6 @@ fn agreement(
     } else {
         Err(format!("whose elements are off its weights by {found:.1e}"))
     }
-}
-
-/// The larger of two errors, or NaN.
-fn larger(a: f64, b: f64) -> f64 {
-    if a.is_nan() || a > b { a } else { b }
 }
 
 /// Largest difference of the elements' weights from those of the rule, and of their sums, in units of the sum

@@ -856,8 +856,7 @@ fn derivative_memory(
     })?;
     let weights = |on_increments, count| derivative_weights(by, rule, step, on_increments, count);
     let first = weights(false, 2)?;
-    let first = [0, 1].map(|n| first.get(n).copied().unwrap_or(0.0));
-    let kernel = Kernel::weights(request.transfer.growth(), first, step)?;
+    let kernel = Kernel::weights(request.transfer.growth(), [first[0], first[1]], step)?;
     Ok((kernel, request.build_of_weights(1, &weights)?))
 }
 

@@ -7,6 +7,7 @@ use super::plan::{Fit, Free, Model, Profile, Scale};
 use super::prediction::{NoPrediction, Predicted};
 use super::search::{Search, Stopped};
 use super::statistics::{Covariance, excess, half_width};
+use fvi_fft::sums::larger;
 use serde::Serialize;
 use serde::ser::{SerializeMap, Serializer};
 use std::f64::consts::PI;
@@ -544,7 +545,7 @@ fn resolution_note(search: &Search<'_, '_>, predicted: &Predicted, variance: Opt
     let factor = variance?.sqrt();
     let pairs = predicted.unresolved.iter().zip(&search.deviations);
     let worst =
-        pairs.map(|(difference, deviation)| difference.abs() / (factor * deviation)).fold(0.0, f64::max);
+        pairs.map(|(difference, deviation)| difference.abs() / (factor * deviation)).fold(0.0, larger);
     (worst > 0.1).then(|| {
         format!(
             "values between grid times, or accelerations, are told to about {worst:.1e} deviations: a shorter `time.step` would \

@@ -3,6 +3,7 @@
 use crate::simulation::stability::Part;
 use crate::simulation::stability::characteristic::log_determinant;
 use crate::simulation::stability::winding::{Fineness, turned};
+use fvi_fft::sums::larger;
 use fvi_fft::transfer::TransferFunction;
 use fvi_fft::transfer::fractions::{Fractions, is_same};
 use nalgebra::{Complex, DMatrix};
@@ -348,13 +349,14 @@ fn reach(part: &Part, acting: &[Acting<'_>], taken_out: &[(Complex<f64>, f64)]) 
     let angles = [0.0, 0.25 * PI, 0.5 * PI, 0.75 * PI, PI];
     let of = |transfer: &TransferFunction, radius: f64| {
         let sizes = angles.iter().map(|&angle| transfer.value(polar(libm::log(radius), angle)).norm());
-        sizes.filter(|size| size.is_finite()).fold(0.0, f64::max)
+        // On the negative real axis K may have a pole.
+        sizes.filter(|size| size.is_finite()).reduce(larger).unwrap_or(f64::INFINITY)
     };
     let damping = |radius: f64| -> f64 {
         acting.iter().map(|acting| acting.rho.norm() * of(acting.transfer, radius)).sum()
     };
     let sizes = || taken_out.iter().map(|(place, _)| place.norm());
-    let mut highest = sizes().fold(1e-12, |most, size| f64::max(most, 4.0 * size));
+    let mut highest = sizes().fold(1e-12, |most, size| larger(most, 4.0 * size));
     while highest * highest < 4.0 * (part.stiffness.norm() + damping(highest)) && highest < 1e150 {
         highest *= 2.0;
     }
@@ -413,7 +415,7 @@ fn poles_with_multiplicity(acting: &[Acting<'_>], size: usize) -> Vec<(Complex<f
 /// The rank of a matrix, by elimination with the largest pivots.
 fn rank(mut matrix: ComplexMatrix) -> usize {
     let size = matrix.nrows();
-    let largest = matrix.iter().map(|entry| entry.norm()).fold(0.0, f64::max);
+    let largest = matrix.iter().map(|entry| entry.norm()).fold(0.0, larger);
     for step in 0..size {
         let places = (step..size).flat_map(|row| (step..size).map(move |column| (row, column)));
         let pivot = places.max_by(|&a, &b| matrix[a].norm_sqr().total_cmp(&matrix[b].norm_sqr()));

@@ -104,7 +104,8 @@ fn largest_eigenvalue(model: &Model<f64>, matrix: &Matrix<f64>, massless: &[usiz
         let alpha = dot(&force, &x);
         let mut next = vec![0.0; size];
         model.velocity(&force, &mut next);
-        let beta = beside.last().copied().unwrap_or(0.0);
+        // The first has none before it.
+        let beta = if let Some(&beta) = beside.last() { beta } else { 0.0 };
         for ((next, &x), &before) in next.iter_mut().zip(&x).zip(&before) {
             *next -= alpha * x + beta * before;
         }
