@@ -25,20 +25,28 @@ pub fn eigenvalues(matrix: DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
     Some(schur.complex_eigenvalues().iter().copied().collect())
 }
 
-/// Q, T and σ of a complex square matrix A = σ Q T Q*, Q unitary, T upper triangular and σ the largest
-/// modulus of an entry of A (1 for A = 0); `None` where an entry of A is not finite, or T is not found.
-pub fn complex_schur(
-    mut matrix: DMatrix<Complex<f64>>,
-) -> Option<(DMatrix<Complex<f64>>, DMatrix<Complex<f64>>, f64)> {
+/// A = σ Q T Q* for a complex square matrix A.
+#[derive(Clone, Debug)]
+pub struct ComplexSchur {
+    /// Q, unitary.
+    pub unitary: DMatrix<Complex<f64>>,
+    /// T, upper triangular.
+    pub triangular: DMatrix<Complex<f64>>,
+    /// σ, the largest modulus of an entry of A; 1 for A = 0.
+    pub scale: f64,
+}
+
+/// The decomposition of a complex square matrix; `None` where an entry is not finite, or it is not found.
+pub fn complex_schur(mut matrix: DMatrix<Complex<f64>>) -> Option<ComplexSchur> {
     let largest = matrix.camax();
     if !matrix.iter().all(|entry| entry.is_finite()) || !largest.is_finite() {
         return None;
     }
     // Squares beyond 1e±308 leave the range, and the iteration does not end with what is not a number.
-    let size = if largest > 0.0 { largest } else { 1.0 };
-    matrix.apply(|entry| *entry = Complex::new(entry.re / size, entry.im / size));
+    let scale = if largest > 0.0 { largest } else { 1.0 };
+    matrix.apply(|entry| *entry = Complex::new(entry.re / scale, entry.im / scale));
     let (unitary, triangular) = Schur::try_new(matrix, f64::EPSILON, MOST_ITERATIONS)?.unpack();
-    Some((unitary, triangular, size))
+    Some(ComplexSchur { unitary, triangular, scale })
 }
 
 /// The inverse of a square matrix by elimination with exchange of rows; `None` where a pivot is zero.

@@ -1,6 +1,6 @@
 //! Generating functions of convolution quadratures inside the unit circle, by their principal branches.
 
-use fvi_fft::dense::complex_schur;
+use fvi_fft::dense::{ComplexSchur, complex_schur};
 use fvi_fft::transfer::multistep_rule::MultistepRule;
 use nalgebra::{Complex, DMatrix};
 
@@ -39,7 +39,8 @@ pub(crate) fn function_of(
     function: impl Fn(Complex<f64>) -> Complex<f64>,
 ) -> DMatrix<Complex<f64>> {
     let size = matrix.nrows();
-    let Some((unitary, triangular, scale)) = complex_schur(matrix.clone()) else { return unknown(size) };
+    let Some(schur) = complex_schur(matrix.clone()) else { return unknown(size) };
+    let ComplexSchur { unitary, triangular, scale } = schur;
     let function = |s: Complex<f64>| function(s * scale);
     let mut found = DMatrix::from_diagonal(&triangular.diagonal().map(function));
     for apart in 1..size {
@@ -92,7 +93,8 @@ fn matrix_power(matrix: &DMatrix<Complex<f64>>, exponent: f64) -> DMatrix<Comple
     if exponent > 1.0 {
         return matrix_power(matrix, exponent - 1.0) * matrix;
     }
-    let Some((unitary, triangular, scale)) = complex_schur(matrix.clone()) else { return unknown(size) };
+    let Some(schur) = complex_schur(matrix.clone()) else { return unknown(size) };
+    let ComplexSchur { unitary, triangular, scale } = schur;
     let identity = DMatrix::<Complex<f64>>::identity(size, size);
     let (mut root, mut roots) = (triangular.clone(), 0);
     while roots < 40 && (&root - &identity).norm() > 0.2 {
