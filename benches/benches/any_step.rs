@@ -3,7 +3,7 @@
 //! and for steps of which each has a new one. `.ci/variable-steps` puts the table into
 //! book/src/theory/variable-steps.md.
 
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -102,7 +102,7 @@ fn main() {
             }
         }
         for other in &found[1..3] {
-            let largest = found[0].iter().fold(0.0_f64, |largest, x| larger(largest, x.abs()));
+            let largest = found[0].iter().fold(0.0_f64, |largest, x| max_or_nan(largest, x.abs()));
             for (one, other) in found[0].iter().zip(other) {
                 assert!((one - other).abs() < 1e-10 * largest, "{one} {other}");
             }

@@ -15,7 +15,7 @@
 use fvi_core::{BdfOrder, ExponentialTable, Memory};
 use fvi_fft::Aligned;
 use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::{ChunkedExponentialSum, Scalar, WideExponentialSum};
 use std::time::Instant;
 
@@ -205,9 +205,9 @@ fn compare(channels: usize, rounds: usize, mut contenders: Vec<Contender>) {
         let (first, others) = contenders.split_first().expect("several");
         for other in others {
             for (first, other_terms) in first.terms.chunks(channels).zip(other.terms.chunks(channels)) {
-                let largest = first.iter().fold(0.0, |largest: f64, term| larger(largest, term.abs()));
+                let largest = first.iter().fold(0.0, |largest: f64, term| max_or_nan(largest, term.abs()));
                 let apart = first.iter().zip(other_terms).map(|(a, b)| (a - b).abs());
-                let apart = apart.fold(0.0, larger);
+                let apart = apart.fold(0.0, max_or_nan);
                 assert!(apart <= other.allowed * largest, "{}: {apart:e} of {largest:e}", other.name);
             }
         }

@@ -11,7 +11,7 @@
 //! and `nodes` and `hand-nodes`, damped at the quadrature node; systems are `pendulum`, `linear-N` and
 //! `nonlinear-N`.
 
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use std::hint::black_box;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -225,7 +225,7 @@ impl Room {
 
 /// (largest correction, bound of rounding) as the library's Newton iteration takes them.
 fn at_rest(correction: &[f64], increment: &[f64], q: &[f64]) -> bool {
-    let size = |numbers: &[f64]| numbers.iter().fold(0.0_f64, |largest, x| larger(largest, x.abs()));
+    let size = |numbers: &[f64]| numbers.iter().fold(0.0_f64, |largest, x| max_or_nan(largest, x.abs()));
     size(correction) <= 2.0 * f64::EPSILON * (size(q) + size(increment))
 }
 

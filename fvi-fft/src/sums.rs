@@ -39,7 +39,7 @@ impl FromIterator<f64> for CompensatedSum {
 }
 
 /// The larger of two numbers, for folds over errors; NaN if either is NaN, which `f64::max` would leave out.
-pub fn larger(largest: f64, number: f64) -> f64 {
+pub fn max_or_nan(largest: f64, number: f64) -> f64 {
     if largest.is_nan() || number <= largest { largest } else { number }
 }
 
@@ -72,9 +72,9 @@ mod tests {
     fn what_is_no_number_is_kept_wherever_it_stands() {
         for place in 0..3 {
             let mut errors = [1.0, 3.0, 2.0];
-            assert_eq!(errors.into_iter().fold(0.0, larger), 3.0);
+            assert_eq!(errors.into_iter().fold(0.0, max_or_nan), 3.0);
             errors[place] = f64::NAN;
-            assert!(errors.into_iter().fold(0.0, larger).is_nan(), "{errors:?}");
+            assert!(errors.into_iter().fold(0.0, max_or_nan).is_nan(), "{errors:?}");
         }
     }
 }

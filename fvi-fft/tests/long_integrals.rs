@@ -3,7 +3,7 @@
 use fvi_core::{BdfOrder, ExponentialSum, FractionalIntegral, FractionalOperator, Kernel, Real, Start};
 use fvi_fft::Aligned;
 use fvi_fft::exponentials::exponential_table::ExponentialKernel;
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 
 const ORDER: BdfOrder = BdfOrder::GRUNWALD_LETNIKOV;
 const STEP: f64 = 1e-3;
@@ -37,9 +37,9 @@ fn errors(mut single: impl FnMut(f32) -> f32, mut double: impl FnMut(f64) -> f64
     for sample in 0..SAMPLES {
         let x = 0.1 + (sample % 7) as f32 * 0.013 + if sample % 4096 < 2048 { 0.3 } else { -0.35 };
         let (found, expected) = (f64::from(single(x)), double(x.into()));
-        size = larger(size, expected.abs());
+        size = max_or_nan(size, expected.abs());
         let part = &mut worst[sample / (SAMPLES / 10)];
-        *part = larger(*part, (found - expected).abs() / size);
+        *part = max_or_nan(*part, (found - expected).abs() / size);
     }
     worst
 }
@@ -76,7 +76,7 @@ fn derivatives_of_signals_that_jump_do_not_drift() {
         for sample in 0..SAMPLES {
             let x = [0.7f32, -0.3, 0.1][sample % 3] + if sample % 4096 < 2048 { 0.0 } else { 2.0 };
             let (found, expected) = (f64::from(single.push(x).unwrap()), double.push(x.into()).unwrap());
-            size = larger(size, expected.abs());
+            size = max_or_nan(size, expected.abs());
             let late = usize::from(sample > SAMPLES / 2);
             worst[late] = worst[late].max((found - expected).abs());
         }

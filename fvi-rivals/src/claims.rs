@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, ParameterError};
 use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use nalgebra::Complex;
 
 use crate::dyadic_exponentials::{Term, power_rules};
@@ -133,7 +133,7 @@ fn rounding(
         let norms = norm(&weights[1..=k]) * norm(&samples[..k]);
         (found[k] - exact.sum).abs() / scale(&exact, norms)
     };
-    (1..steps).filter(|k| k % 37 == 5 || k + 1 == steps).map(error).fold(0.0, larger)
+    (1..steps).filter(|k| k % 37 == 5 || k + 1 == steps).map(error).fold(0.0, max_or_nan)
 }
 
 fn exact_sums() -> Result<Vec<Claim>, ParameterError> {
@@ -188,7 +188,7 @@ fn short_memory_principle() -> Result<Vec<Claim>, ParameterError> {
         let ones = vec![1.0; steps];
         let all = terms(&mut PlainSum::new(&weights, 1, steps)?, &ones);
         let short = terms(&mut PlainSum::new(&weights[..=window], 1, steps)?, &ones);
-        let error = all.iter().zip(&short).map(|(all, short)| (all - short).abs()).fold(0.0, larger);
+        let error = all.iter().zip(&short).map(|(all, short)| (all - short).abs()).fold(0.0, max_or_nan);
         Ok(Claim {
             strategy: "short-memory",
             source: "[Podlubny] §7.3",
@@ -221,7 +221,7 @@ fn filters() -> Vec<Claim> {
         libm::log(sections.iter().map(factor).product::<Complex<f64>>().norm()) - order * x
     };
     let levels: Vec<f64> = (0..400).map(|index| level(spacing * f64::from(index) / 400.0)).collect();
-    let highest = levels.iter().copied().fold(f64::NEG_INFINITY, larger);
+    let highest = levels.iter().copied().fold(f64::NEG_INFINITY, max_or_nan);
     let lowest = levels.iter().copied().fold(f64::INFINITY, f64::min);
     let ripple = libm::sin(PI * order) * libm::exp(PI * PI / spacing) / libm::sinh(2.0 * PI * PI / spacing);
 
@@ -236,12 +236,12 @@ fn filters() -> Vec<Claim> {
     let printed = recursion(0.5, 1e-2, 1e2, 5).collect::<Vec<_>>();
     let zeros: Vec<f64> = printed.iter().map(|section| section.zero).collect();
     let poles: Vec<f64> = printed.iter().filter_map(|section| section.pole).collect();
-    let recursive = larger(
+    let recursive = max_or_nan(
         printed_difference(&zeros, 10.0, &[10.0, 298.5, 1218.0, 768.5, 74.97, 1.0]),
         printed_difference(&poles, 1.0, &[1.0, 74.97, 768.5, 1218.0, 298.5, 10.0]),
     );
     let through_nine = Rational::through_gains(0.5, 0.1, 10.0, 4).map_or(f64::NAN, |fraction| {
-        larger(
+        max_or_nan(
             printed_difference(&fraction.zeros, 1.0, &[1.0, 13.0, 20.84, 4.876, 0.08551]),
             printed_difference(&fraction.poles, 1.0 / fraction.gain, &[0.08549, 4.877, 20.84, 12.995, 1.0]),
         )
@@ -283,7 +283,7 @@ fn filters() -> Vec<Claim> {
             statement: "synthesis: the fraction has the gain of s^β at its points; largest relative error there",
             setting: "s^½, 9 points on 10⁻³ ≤ s ≤ 10²",
             stated: 0.0,
-            found: (0..points).map(error).fold(0.0, larger),
+            found: (0..points).map(error).fold(0.0, max_or_nan),
             relation: Relation::Within(1e-10),
             is_rounding: false,
         },
@@ -311,7 +311,11 @@ fn printed_difference(roots: &[f64], leading: f64, printed: &[f64]) -> f64 {
         }
     }
     assert_eq!(coefficients.len(), printed.len());
-    coefficients.iter().zip(printed).map(|(found, printed)| (found / printed - 1.0).abs()).fold(0.0, larger)
+    coefficients
+        .iter()
+        .zip(printed)
+        .map(|(found, printed)| (found / printed - 1.0).abs())
+        .fold(0.0, max_or_nan)
 }
 
 /// Factor of h^{2−β} max|f″| in the bound of the L1 formula.
@@ -333,7 +337,7 @@ fn derivative_error(
     let leading = memory.leading()[0];
     let terms = terms(memory, &samples);
     let errors = times.iter().zip(&samples).zip(&terms);
-    errors.map(|((&t, x), term)| (leading * x + term - exact(t)).abs()).fold(0.0, larger)
+    errors.map(|((&t, x), term)| (leading * x + term - exact(t)).abs()).fold(0.0, max_or_nan)
 }
 
 fn square_error(memory: &mut dyn Memory<f64>, order: f64, steps: usize) -> f64 {
@@ -392,7 +396,7 @@ fn kernel_error(terms: &[Term], p: f64, steps: usize, scale: impl Fn(f64) -> f64
         let exact = gamma * libm::pow(t, -p - 1.0);
         (sum - exact).abs() / scale(exact)
     };
-    (0..=600).map(error).fold(0.0, larger)
+    (0..=600).map(error).fold(0.0, max_or_nan)
 }
 
 fn sums_of_exponentials() -> Result<Vec<Claim>, ParameterError> {

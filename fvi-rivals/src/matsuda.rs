@@ -1,7 +1,7 @@
 //! Matsuda's continued fraction.
 
 use fvi_core::{BdfOrder, DoubleDouble, ParameterError};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 
 use crate::filter_cascade::{FilterCascade, Section};
 use crate::oustaloup::{band, check_tolerance, whole_sections};
@@ -131,7 +131,7 @@ impl Rational {
     /// Largest relative error on the band.
     fn error(&self, order: f64, low: f64, high: f64) -> f64 {
         let place = |index: usize| low * libm::pow(high / low, index as f64 / 400.0);
-        (0..=400).map(place).map(|s| (self.value(s) / libm::pow(s, order) - 1.0).abs()).fold(0.0, larger)
+        (0..=400).map(place).map(|s| (self.value(s) / libm::pow(s, order) - 1.0).abs()).fold(0.0, max_or_nan)
     }
 
     fn sections(&self) -> impl Iterator<Item = Section> {

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use fvi_core::{Memory, MemoryError, ParameterError, Stateful};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use nalgebra::Complex;
 
 use crate::dyadic_exponentials::lags_to_compare;
@@ -256,7 +256,7 @@ fn contour(
             let error = (sum - weights[n]).abs();
             if error == 0.0 { 0.0 } else { error / envelope[n] }
         };
-        lags.iter().map(of).fold(0.0, larger)
+        lags.iter().map(of).fold(0.0, max_or_nan)
     };
     let digits = -libm::log(tolerance) + 2.0;
     for points in (4..=MOST_POINTS).step_by(2) {

@@ -139,9 +139,6 @@ pub struct GridState {
 impl GridState {
     /// Appends a line t,q0,…,p0,…,energy, the run's columns and the sensitivities, with 17 significant
     /// digits, which identify a number of double precision.
-    ///
-    /// Runs that write every row spend most of their time here, so it is part of this crate, which is
-    /// compiled for speed.
     pub fn append_row(&self, text: &mut String) {
         // Writing to a string does not fail.
         let _ = write!(text, "{:.16e}", self.time);

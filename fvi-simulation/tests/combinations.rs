@@ -3,7 +3,7 @@
 
 use fvi_core::{BdfOrder, ConvolutionWeights};
 use fvi_fft::memory::Tables;
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_scenario::language::expression::Moment;
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Feature, OwnTerms, ROWS, Row, Scenario, SharedTerms};
@@ -389,7 +389,7 @@ fn distance(one: &[f64], other: &[f64]) -> f64 {
     if one.len() != other.len() {
         return f64::INFINITY;
     }
-    let size = other.iter().fold(0.0, |most: f64, x| larger(most, x.abs()));
+    let size = other.iter().fold(0.0, |most: f64, x| max_or_nan(most, x.abs()));
     let apart = one.iter().zip(other).map(|(a, b)| (a - b).abs());
     apart.fold(0.0, |most: f64, x| if x > most || x.is_nan() { x } else { most }) / size
 }

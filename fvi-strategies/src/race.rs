@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use fvi_core::Real;
 use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::{Engines, WeightTable};
 
 use crate::contestant::{Contestant, Making, Run, Samples, Timed};
@@ -445,8 +445,8 @@ impl Sums {
             }
             error / known.absolute.max(f64::MIN_POSITIVE) / unit
         };
-        let exact = self.exact.iter().map(|(index, known)| error(terms[*index], known)).fold(0.0, larger);
-        let all = terms.iter().zip(&self.all).map(|(&term, known)| error(term, known)).fold(0.0, larger);
+        let exact = self.exact.iter().map(|(index, known)| error(terms[*index], known)).fold(0.0, max_or_nan);
+        let all = terms.iter().zip(&self.all).map(|(&term, known)| error(term, known)).fold(0.0, max_or_nan);
         // At steps without an exact reference an error counts only if it exceeds the rounding of `block-fft`.
         let error = if all <= 2.0 * exact + 2.0 * ROUNDING { exact } else { all };
         if error.is_finite() { Ok(error) } else { Err("the sums to compare with are not finite".to_owned()) }

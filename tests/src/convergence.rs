@@ -1,11 +1,11 @@
 //! Errors and observed orders of convergence.
 
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 
 /// Largest distance between two sequences.
 pub fn largest_error(found: &[f64], expected: &[f64]) -> f64 {
     assert_eq!(found.len(), expected.len());
-    found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, larger)
+    found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, max_or_nan)
 }
 
 /// Slope of the least-squares line through (log h, log error): the observed order.

@@ -1,7 +1,7 @@
 //! Collocation with Radau IIA: its order on smooth motions, the energy it loses, and that nothing makes it
 //! unstable.
 
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Precision;
 use fvi_simulation::simulation::motion::Motion;
@@ -15,8 +15,8 @@ fn largest_error(scenario: &Value) -> f64 {
         motion.advance().unwrap();
         let known = scenario.reference.as_ref().unwrap().at_grid_point(step, &scenario.time, 1).unwrap();
         let state = motion.state();
-        largest = larger(largest, (state.position[0] - known.position[0].unwrap()).abs());
-        largest = larger(largest, (state.momentum[0] - known.momentum[0].unwrap()).abs());
+        largest = max_or_nan(largest, (state.position[0] - known.position[0].unwrap()).abs());
+        largest = max_or_nan(largest, (state.momentum[0] - known.momentum[0].unwrap()).abs());
     }
     largest
 }

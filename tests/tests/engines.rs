@@ -10,7 +10,7 @@ use fvi_fft::memory::{LEAST_ON_INCREMENTS, Memories, MemoryRequest};
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::quadrature::multistep_weights::multistep_weights;
 use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::TransferFunction;
 use fvi_fft::transfer::multistep_rule::MultistepRule;
 use fvi_scenario::language::{Document, InputError};
@@ -233,13 +233,13 @@ fn agree_with_the_definition_of_starting_weights(case: &Case) -> Result<(), Test
         // ϖ: powers · ϖ = defects.
         let corrections = powers.clone().lu().solve(&defects).expect("distinct exponents");
         let size: f64 = weights[..=k].iter().map(|weight| weight.abs()).sum();
-        let lost = case.starting.iter().map(|&nu| size * time(k).powf(nu)).fold(0.0, larger);
+        let lost = case.starting.iter().map(|&nu| size * time(k).powf(nu)).fold(0.0, max_or_nan);
         let inverse = solver.solve(&DMatrix::identity(count, count)).expect("distinct exponents").amax();
         for channel in 0..channels {
             let known: Vec<f64> = (0..count).map(|j| samples[(first + j) * channels + channel]).collect();
             let reference = memory_term(&weights, 1, &samples, channels, k)[channel];
             let sum = reference.sum + corrections.iter().zip(&known).map(|(w, x)| w * x).sum::<f64>();
-            let largest = known.iter().fold(0.0, |largest, x| larger(largest, x.abs()));
+            let largest = known.iter().fold(0.0, |largest, x| max_or_nan(largest, x.abs()));
             let allowed = 1e-13 * (reference.absolute + lost * inverse * largest * count as f64);
             expected.push((k, channel, sum, allowed));
         }
@@ -354,8 +354,8 @@ proptest! {
                 let found = run(&text, engine, precision).map_err(|error| error.to_string());
                 match (&plain, found) {
                     (Ok((plain, None)), Ok((motion, None))) => {
-                        let size = plain.iter().fold(1.0, |size, x| larger(size, x.abs()));
-                        let error = plain.iter().zip(&motion).fold(0.0, |e, (a, b)| larger(e, (a - b).abs()));
+                        let size = plain.iter().fold(1.0, |size, x| max_or_nan(size, x.abs()));
+                        let error = plain.iter().zip(&motion).fold(0.0, |e, (a, b)| max_or_nan(e, (a - b).abs()));
                         prop_assert!(error <= allowed * size, "{engine:?}, {precision:?}: {error:e} of {size}");
                     }
                     (Ok((_, step)), Ok((_, found))) => prop_assert_eq!(*step, found, "{:?}", engine),

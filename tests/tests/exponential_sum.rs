@@ -4,7 +4,7 @@ use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, M
 use fvi_fft::exponentials::exponential_table::{
     ENDLESS, ENDLESS_REACH, ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
 };
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::{ChunkedExponentialSum, Engines, Vectorised};
 use fvi_tests::reference;
 
@@ -119,7 +119,7 @@ fn every_weight_is_within_the_smallest_tolerance_for_every_order_and_exponent() 
                     let error = (kernel.weight(n) - exact).abs();
                     if error == 0.0 { 0.0 } else { error / exact.abs() }
                 });
-                let error = errors.fold(0.0, larger);
+                let error = errors.fold(0.0, max_or_nan);
                 assert!(
                     error <= tolerance,
                     "order {order}, exponent {exponent}, horizon {horizon}: {error:e}"

@@ -1,7 +1,7 @@
 //! Runs on grids whose steps differ: equal steps on every engine, the order between grid points, and energy
 //! that nothing puts in.
 
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_lab::lab::run::Run;
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::{GridState, Precision};
@@ -65,7 +65,7 @@ fn equal_steps_give_the_trajectory_of_the_engines_for_equal_steps() {
             given["time"] = json!({ "grid": "points", "points": times });
             let given = rows(&given);
             let largest = |of: fn(&GridState) -> f64| {
-                runs[0].iter().fold(0.0_f64, |largest, state| larger(largest, of(state).abs()))
+                runs[0].iter().fold(0.0_f64, |largest, state| max_or_nan(largest, of(state).abs()))
             };
             for of in [|state: &GridState| state.position[0], |state: &GridState| state.momentum[0]] {
                 for other in [&runs[1], &given] {
@@ -142,7 +142,7 @@ fn on_graded_steps_galerkin_schemes_have_the_orders_of_equal_steps() {
                     let finer = runs[2].iter().step_by(each);
                     run.iter()
                         .zip(finer)
-                        .fold(0.0_f64, |largest, (one, fine)| larger(largest, (of(one) - of(fine)).abs()))
+                        .fold(0.0_f64, |largest, (one, fine)| max_or_nan(largest, (of(one) - of(fine)).abs()))
                 });
                 let (measured, expected) =
                     ((errors[0] / errors[1]).log2(), f64::min(method, stage + lost - order));

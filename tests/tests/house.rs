@@ -405,3 +405,37 @@ fn largest_errors_keep_what_is_no_number() {
         }
     }
 }
+
+/// The part of a page below a heading of the second order.
+fn section<'a>(page: &'a str, heading: &str) -> &'a str {
+    let (_, rest) = page.split_once(&format!("## {heading}\n")).unwrap();
+    rest.split("\n## ").next().unwrap()
+}
+
+#[test]
+fn the_lists_of_what_an_addition_touches_name_every_file() {
+    let page = fs::read_to_string(workspace().join("book/src/develop/adding.md")).unwrap();
+    let lists = [
+        ("A kernel", "Form::", &["Power", "Tempered", "Maxwell", "Prony", "HavriliakNegami"][..]),
+        ("A scheme", "Scheme::", &["LowOrder", "Galerkin", "Collocation", "ExplicitEuler", "ImplicitEuler"]),
+        ("An engine", "Engine::", &["Direct", "BlockFft", "RealTime", "ExponentialSum", "AnyStep"]),
+    ];
+    for (heading, of, variants) in lists {
+        let list = section(&page, heading);
+        let mut files = 0;
+        for (name, _) in HOST {
+            let source = Path::new(name).join("src");
+            for (path, text) in sources(&workspace().join(&source)) {
+                let names = names_after(&text, of);
+                let path = source.join(path).with_extension("rs").to_string_lossy().into_owned();
+                // Exhibits fix the scheme and engine that they exhibit.
+                if path.contains("/reproduce/") || !variants.iter().any(|&variant| names.contains(variant)) {
+                    continue;
+                }
+                files += 1;
+                assert!(list.contains(&path), "{heading}: the list does not name {path}, which has {of}…");
+            }
+        }
+        assert!(files > 2, "{heading}: {files} files found");
+    }
+}

@@ -9,7 +9,7 @@ use fvi_fft::memory::{Engine, History};
 use fvi_fft::memory::{EngineError, Memories, MemoryRequest};
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::quadrature::multistep_weights::multistep_weights;
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::TransferFunction;
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::{Scenario, kernel_of_symbol};
@@ -319,7 +319,7 @@ fn motions_have_the_orders_of_node_form_for_kernels_with_random_parameters() {
                 let error = |(time, exact): (f64, f64)| {
                     (states[(time * steps_in_one as f64) as usize].position[0] - exact).abs()
                 };
-                exact.map(error).into_iter().fold(0.0, larger)
+                exact.map(error).into_iter().fold(0.0, max_or_nan)
             };
             let errors = [64, 128, 256].map(error);
             let orders = [0, 1].map(|k| (errors[k] / errors[k + 1]).log2());
@@ -455,7 +455,7 @@ fn starting_weights_of_kernels_give_back_the_order_that_a_singular_start_takes()
                     memory.push(&[sample]).unwrap();
                     if k > 2 {
                         let square = inverse_transform(time, |s| transfer.value(s) / (s * s * s));
-                        largest = larger(largest, (found - exact(time) - square).abs());
+                        largest = max_or_nan(largest, (found - exact(time) - square).abs());
                     }
                 }
                 largest
@@ -602,7 +602,7 @@ fn weights_of_a_file_move_a_system_as_the_kernel_that_they_are_of() {
                     };
                     let (found, known) = (told(&given), told(keys));
                     for (found, known) in found.iter().zip(&known) {
-                        let error = larger(
+                        let error = max_or_nan(
                             (found.position[0] - known.position[0]).abs(),
                             (found.momentum[0] - known.momentum[0]).abs(),
                         );
@@ -784,7 +784,7 @@ fn what_is_stored_and_dissipated_makes_up_the_work_in_every_step() {
             let work = push * (states[k + 1].position[2] - states[k].position[2]);
             let error = (total(k + 1) - total(k) - work).abs();
             turned += (states[k + 1].energy - states[k].energy).abs();
-            most = larger(most, error);
+            most = max_or_nan(most, error);
             let lost = states[k + 1].columns[1] - states[k].columns[1];
             assert!(lost >= 0.0 && states[k].columns[0] >= 0.0, "{convolution}, {k}: {lost:e}");
         }

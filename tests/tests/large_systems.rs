@@ -2,7 +2,7 @@
 //! same.
 
 use fvi_fft::memory::{Engine, States};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::{Scenario, SymmetricMatrix};
 use fvi_simulation::simulation::{GridState, Precision, Simulation, Solver, SolverChoice};
@@ -31,7 +31,7 @@ fn states(scenario: &Scenario, solver: SolverChoice) -> Vec<GridState> {
 /// The largest difference of two lists.
 fn apart(one: &[f64], other: &[f64]) -> f64 {
     assert_eq!(one.len(), other.len());
-    one.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, larger)
+    one.iter().zip(other).map(|(a, b)| (a - b).abs()).fold(0.0, max_or_nan)
 }
 
 /// A chain of masses between two walls, its stiffness and a mass matrix that couples neighbours as linear
@@ -285,7 +285,7 @@ fn dampings_of_several_orders_on_the_same_coordinates_share_a_memory() {
     let simulation = Simulation::new(&scenario, Precision::F64).unwrap();
     assert!(simulation.shared().is_empty());
     let plain = last(&scenario);
-    let largest = plain.position.iter().fold(0.0, |largest: f64, q| larger(largest, q.abs()));
+    let largest = plain.position.iter().fold(0.0, |largest: f64, q| max_or_nan(largest, q.abs()));
     let error = apart(&shared.position, &plain.position);
     assert!(error < 1e-11 * largest, "{error:e} of {largest:e}");
     // In single precision, to its tolerance.
@@ -350,7 +350,7 @@ fn small(
 
 fn assert_same(one: &[GridState], other: &[GridState]) {
     for (one, other) in one.iter().zip(other) {
-        let error = larger(apart(&one.position, &other.position), apart(&one.momentum, &other.momentum));
+        let error = max_or_nan(apart(&one.position, &other.position), apart(&one.momentum, &other.momentum));
         assert!(error < 1e-11 && (one.energy - other.energy).abs() < 1e-11, "t = {}: {error:e}", one.time);
     }
 }
@@ -431,8 +431,10 @@ fn the_shaken_frame_moves_as_its_modes_do() {
             known.iter_mut().zip(&shape).for_each(|(q, shape)| *q += shape * state.position[0]);
         }
     }
-    let largest =
-        found.iter().flat_map(|state| &state.position).fold(0.0, |largest: f64, q| larger(largest, q.abs()));
+    let largest = found
+        .iter()
+        .flat_map(|state| &state.position)
+        .fold(0.0, |largest: f64, q| max_or_nan(largest, q.abs()));
     // Storeys that move by centimetres.
     assert!((0.01..0.5).contains(&largest), "{largest}");
     for (state, known) in found.iter().zip(&known) {
@@ -477,7 +479,7 @@ fn the_chain_with_gaps_moves_as_its_potential_says() {
     let widest = found
         .iter()
         .flat_map(|state| state.position.windows(2).map(|pair| (pair[1] - pair[0]).abs()))
-        .fold(0.0, larger);
+        .fold(0.0, max_or_nan);
     assert!(widest > 0.05, "{widest}");
     for (one, other) in found.iter().zip(&known) {
         let error = apart(&one.position, &other.position);
@@ -581,7 +583,7 @@ fn errors_of_release(
     };
     let start = sum(&|_| 1.0);
     let known = sum(&|square| released(beta, scale * square, square, end));
-    let largest = start.iter().fold(0.0, |largest: f64, x| larger(largest, x.abs()));
+    let largest = start.iter().fold(0.0, |largest: f64, x| max_or_nan(largest, x.abs()));
     [steps, 2 * steps].map(|steps| apart(&end_of_release(system, &start, end, steps), &known) / largest)
 }
 
@@ -705,7 +707,8 @@ fn nonlinear_elements_on_two_gauss_points_move_sparse_as_dense() {
         let dense = states(&scenario, SolverChoice::Dense);
         let sparse = states(&scenario, SolverChoice::Sparse);
         for (one, other) in sparse.iter().zip(&dense) {
-            let error = larger(apart(&one.position, &other.position), apart(&one.momentum, &other.momentum));
+            let error =
+                max_or_nan(apart(&one.position, &other.position), apart(&one.momentum, &other.momentum));
             assert!(error < 1e-10, "t = {}: {error:e}", one.time);
         }
         let mut single = Simulation::with_solver(&scenario, Precision::F32, SolverChoice::Sparse).unwrap();

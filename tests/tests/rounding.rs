@@ -5,7 +5,7 @@ use fvi_core::{
     System, monic_increment_table_f32,
 };
 use fvi_fft::memory::Engine;
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::{GridState, Precision, Simulation};
@@ -57,7 +57,7 @@ fn rounding_error(at: &str, engine: Engine) -> f64 {
             state.position[0] - row[&format!("{prefix}_q")],
             state.momentum[0] - row[&format!("{prefix}_p")],
         ];
-        worst = errors.into_iter().map(f64::abs).fold(worst, larger);
+        worst = errors.into_iter().map(f64::abs).fold(worst, max_or_nan);
     }
     worst
 }

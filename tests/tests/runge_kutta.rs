@@ -1,7 +1,7 @@
 //! Runge–Kutta convolution quadrature: weights, discrete principle, orders, agreement with independent
 //! values.
 
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -77,7 +77,7 @@ impl Kernel {
     }
 
     fn size(&self, n: usize) -> f64 {
-        self.entries().fold(0.0, |size, (i, j)| larger(size, self.entry(n, i, j).abs()))
+        self.entries().fold(0.0, |size, (i, j)| max_or_nan(size, self.entry(n, i, j).abs()))
     }
 
     fn entries(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
@@ -130,7 +130,7 @@ fn largest_error_of_the_table<const R: usize>(method: &RungeKutta<R>, exponent: 
         };
         for (i, j) in kernel.entries() {
             let error = (entry(i, j) - kernel.entry(n, i, j)).abs();
-            largest = larger(largest, error / kernel.size(n).max(f64::MIN_POSITIVE));
+            largest = max_or_nan(largest, error / kernel.size(n).max(f64::MIN_POSITIVE));
         }
     }
     largest
@@ -273,7 +273,7 @@ fn the_plate_under_a_pulse_is_met_to_nine_digits_with_600_steps() {
         rows.iter().filter(|row| row["t"] >= 1.0).fold((0.0, 0.0), |(q, p), row| {
             let k = (row["t"] / 0.05).round() as usize;
             let (x, v) = (motion.positions[k][0] - row["x"], motion.momenta[k][0] - row["v"]);
-            (larger(q, x.abs()), larger(p, v.abs()))
+            (max_or_nan(q, x.abs()), max_or_nan(p, v.abs()))
         })
     }
     let radau = error::<3, 3>(&RungeKutta::radau_iia().unwrap());
@@ -378,7 +378,7 @@ fn limit<const S: usize, const R: usize>(
     let size = |(factor, steps): (f64, usize)| {
         let (h, parameters) = (factor * largest_stable_step, (1.0, 2.0, 1.0, damping_order));
         let motion = linear::<S, R>(method, parameters, 1.0, |_| 0.0, h, steps);
-        motion.first_positions().iter().fold(0.0, |largest, q| larger(largest, q.abs()))
+        motion.first_positions().iter().fold(0.0, |largest, q| max_or_nan(largest, q.abs()))
     };
     Some((largest_stable_step, [(0.95, 900), (1.05, 250)].map(size)))
 }
@@ -437,7 +437,7 @@ fn errors_on_a_power(power: f64, steps: usize) -> [f64; 2] {
         for (error, (found, exact)) in
             errors.iter_mut().zip([state.position[0], state.momentum[0]].into_iter().zip(exact))
         {
-            *error = larger(*error, (found - exact).abs());
+            *error = max_or_nan(*error, (found - exact).abs());
         }
     }
     errors

@@ -2,7 +2,7 @@
 //! the grid grows.
 
 use fvi_core::{BdfOrder, ConvolutionWeights};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_lab::lab::two_point::{
     Closures, EmbeddedProblem, ExpressionLagrangian, ExtremalProblem, Functional, Grid, Lagrangian, Method,
     NewtonOptions, OperatorEquation, Product, Sigma, Solution, Term,
@@ -37,7 +37,7 @@ fn solve(
 
 fn largest_difference(first: &[f64], second: &[f64]) -> f64 {
     assert_eq!(first.len(), second.len());
-    first.iter().zip(second).fold(0.0, |a: f64, (b, c)| larger(a, (b - c).abs()))
+    first.iter().zip(second).fold(0.0, |a: f64, (b, c)| max_or_nan(a, (b - c).abs()))
 }
 
 /// log₂ of the ratios of successive errors.
@@ -78,7 +78,7 @@ fn the_path_of_least_fractional_speed_converges_with_order_2_alpha_minus_1() {
             let grid = Grid::new(0.0, 1.0, steps).unwrap();
             let extremal = solve(&free, grid, Sigma::Minus, alpha, [&[0.0], &[1.0]], Method::Krylov);
             let at = |&(t, x): &(f64, f64)| extremal.positions[(t * steps as f64) as usize] - x;
-            known.iter().map(at).fold(0.0, |a: f64, b| larger(a, b.abs()))
+            known.iter().map(at).fold(0.0, |a: f64, b| max_or_nan(a, b.abs()))
         };
         let errors: Vec<f64> = [1024, 2048, 4096, 8192].map(error).to_vec();
         for order in orders(&errors) {
@@ -161,7 +161,7 @@ fn the_matrix_free_solver_agrees_with_the_dense_one() {
                 let krylov = solve(&lagrangian, grid, sigma, alpha, [start, end], Method::Krylov);
                 let place = format!("{text} {sigma:?} {steps} {alpha}");
                 assert!(largest_difference(&dense.positions, &krylov.positions) < 1e-11, "{place}");
-                let largest = dense.velocities.iter().fold(1.0, |a: f64, v| larger(a, v.abs()));
+                let largest = dense.velocities.iter().fold(1.0, |a: f64, v| max_or_nan(a, v.abs()));
                 assert!(
                     largest_difference(&dense.velocities, &krylov.velocities) < 1e-10 * largest,
                     "{place}"
@@ -196,7 +196,7 @@ fn the_velocities_are_the_operator_of_the_positions() {
         let velocities = Functional::new(&lagrangian, grid, sigma, 0.7, Product::Sums)
             .unwrap()
             .velocities(&extremal.positions);
-        let largest = velocities.iter().fold(0.0, |a: f64, v| larger(a, v.abs()));
+        let largest = velocities.iter().fold(0.0, |a: f64, v| max_or_nan(a, v.abs()));
         assert!(largest_difference(&velocities, &extremal.velocities) < 1e-11 * largest, "{sigma:?}");
     }
 }
@@ -254,7 +254,7 @@ fn embedded_equations_are_solved_to_rounding_with_quadratic_convergence() {
             let problem = EmbeddedProblem::new(&equation, grid, sigma, &[0.2, -0.3], &[1.0, 0.5]).unwrap();
             let solution = problem.solve(&mut |_, _| ()).unwrap();
             let left_sides = equation.embedding(&grid, sigma, &solution.positions);
-            let largest = left_sides.iter().fold(0.0, |a: f64, b| larger(a, b.abs()));
+            let largest = left_sides.iter().fold(0.0, |a: f64, b| max_or_nan(a, b.abs()));
             assert_eq!(largest, solution.residual);
             assert!(largest <= 8.0 * solution.rounding_level, "{sigma:?} {steps}: {largest}");
             assert!(solution.newton_iterations <= 7, "{sigma:?} {steps}: {:?}", solution.history);

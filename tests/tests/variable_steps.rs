@@ -7,7 +7,7 @@ use fvi_core::{
 use fvi_fft::Aligned;
 use fvi_fft::exponentials::rate_table::{rate_table, rate_table_of};
 use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::TransferFunction;
 use fvi_fft::{Scalar, VectorVariableSteps};
 
@@ -306,7 +306,7 @@ fn assert_vectors_agree<const R: usize>(method: &RungeKutta<R>) {
         let plain = operator(method, exponent, &steps, &samples);
         let error = |found: Vec<[f64; R]>| {
             let pairs = found.as_flattened().iter().zip(plain.as_flattened());
-            pairs.fold(0.0_f64, |largest, (a, b)| larger(largest, (a - b).abs())) / largest(&plain)
+            pairs.fold(0.0_f64, |largest, (a, b)| max_or_nan(largest, (a - b).abs())) / largest(&plain)
         };
         let double = error(operator_in(
             in_vectors::<f64, R>(method, exponent, &steps, TOLERANCE, 1),
@@ -391,7 +391,7 @@ fn random_steps_agree_with_a_dense_quadrature_in_both_precisions() {
         let exact = dense(&method, exponent, &steps, &samples);
         let largest_error = |found: &[[f64; 3]]| {
             let pairs = found.as_flattened().iter().zip(exact.as_flattened());
-            pairs.fold(0.0_f64, |largest, (a, b)| larger(largest, (a - b).abs())) / largest(&exact)
+            pairs.fold(0.0_f64, |largest, (a, b)| max_or_nan(largest, (a - b).abs())) / largest(&exact)
         };
         let plain = largest_error(&operator(&method, exponent, &steps, &samples));
         let double = in_vectors::<f64, 3>(&method, exponent, &steps, TOLERANCE, 1);
@@ -437,9 +437,9 @@ fn many_random_steps_stay_bounded_and_single_precision_keeps_its_digits() {
             let exact = of(double.leading(), term[a]);
             let weights: Vec<f64> = single.leading().iter().map(|&w| f64::from(w)).collect();
             let found = of(&weights, f64::from(rough[a]));
-            largest_term = larger(largest_term, exact.abs());
+            largest_term = max_or_nan(largest_term, exact.abs());
             // Rounding of values of size one, which short steps divide by h^β.
-            largest_error = larger(largest_error, (found - exact).abs() * length.sqrt());
+            largest_error = max_or_nan(largest_error, (found - exact).abs() * length.sqrt());
         }
         double.push(&sample).unwrap();
         single.push(&sample.map(|number| number as f32)).unwrap();
@@ -582,7 +582,7 @@ fn assert_equal_steps_of_kernels<const R: usize>(method: &RungeKutta<R>, seed: u
                         expected += weights[(a * R + b) * count + n] * samples[k - n][b];
                     }
                 }
-                let error = larger((found - expected).abs(), (other - expected).abs()) / scale;
+                let error = max_or_nan((found - expected).abs(), (other - expected).abs()) / scale;
                 assert!(error < 10.0 * TOLERANCE, "{R} stages, {transfer}, h = {step}, step {k}: {error:e}");
             }
         }

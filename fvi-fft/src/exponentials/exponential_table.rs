@@ -32,7 +32,7 @@ use crate::dense::symmetric_eigen;
 use crate::quadrature::exponential::Exponential;
 use crate::quadrature::multistep_weights::multistep_weights;
 use crate::quadrature::principal_cut::PrincipalCut;
-use crate::sums::{CompensatedSum, larger};
+use crate::sums::{CompensatedSum, max_or_nan};
 use crate::transfer::TransferFunction;
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, Real};
 use nalgebra::DMatrix;
@@ -356,7 +356,7 @@ impl ExponentialKernel {
                 .zip(cuts)
                 .map(|((rule, exact), cut)| largest_error(rule, exact, head, horizon, cut.floor(head)))
                 .collect();
-            let largest = errors.iter().copied().fold(0.0, larger);
+            let largest = errors.iter().copied().fold(0.0, max_or_nan);
             reached = reached.min(largest);
             // Near integer exponents the tail is tiny, and its errors are relaxed.
             let missed = |((&error, exact), cut): ((&f64, &Vec<f64>), &S)| {
@@ -494,7 +494,7 @@ fn largest_error(
             (weight, sum) if weight.abs() >= floor => (sum / weight - 1.0).abs(),
             (weight, sum) => (sum - weight).abs() / floor,
         })
-        .fold(0.0, larger)
+        .fold(0.0, max_or_nan)
 }
 
 /// Source of a kernel's weights and of the exponentials for their tail.
@@ -723,7 +723,7 @@ impl Cut {
 fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, tolerance: f64) -> Vec<Nodes> {
     let horizon = cuts.iter().map(|cut| cut.reach(horizon)).max().unwrap_or(horizon).max(head);
     let spacing = cuts.iter().map(|cut| cut.spacing(tolerance)).fold(f64::INFINITY, f64::min);
-    let fastest = cuts.iter().map(|cut| cut.fastest(head, tolerance)).fold(0.0, larger);
+    let fastest = cuts.iter().map(|cut| cut.fastest(head, tolerance)).fold(0.0, max_or_nan);
     let rule = |cut: &S| cut.rule(spacing, fastest, horizon, tolerance);
     let rules: Vec<Nodes> = cuts.iter().map(rule).collect();
     let Some(nodes) = rules.first() else { return rules };

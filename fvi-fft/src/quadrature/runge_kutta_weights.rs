@@ -1,6 +1,6 @@
 //! Matrix weights of Runge–Kutta convolution quadrature, with relative accuracy at every index.
 
-use crate::sums::larger;
+use crate::sums::max_or_nan;
 use std::f64::consts::PI;
 use std::ops::Range;
 
@@ -414,8 +414,8 @@ fn contour_integrals(
 ) -> [DMatrix<f64>; 3] {
     let stages = weights.len();
     let eigenvalues = inverse.complex_eigenvalues();
-    let middle = eigenvalues.iter().map(|value| value.norm_sqr() / value.re).fold(0.0, larger);
-    let farthest = eigenvalues.iter().map(|value| (value - middle).norm()).fold(0.25 * middle, larger);
+    let middle = eigenvalues.iter().map(|value| value.norm_sqr() / value.re).fold(0.0, max_or_nan);
+    let farthest = eigenvalues.iter().map(|value| (value - middle).norm()).fold(0.25 * middle, max_or_nan);
     let radius = (middle * farthest).sqrt();
     let complex = |number: f64| Complex::new(number, 0.0);
     let (matrix, weights) = (matrix.map(complex), weights.map(complex));

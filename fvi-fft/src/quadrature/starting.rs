@@ -2,7 +2,7 @@
 
 use crate::quadrature::kernel_defects::KernelDefects;
 use crate::quadrature::starting_defects::PowerDefects;
-use crate::sums::larger;
+use crate::sums::max_or_nan;
 use crate::transfer::TransferFunction;
 use fvi_core::{
     ActsOn, BdfOrder, Memory, MemoryError, ParameterError, Real, Shape, StateError, StateReader, StateWriter,
@@ -342,7 +342,7 @@ pub fn starting_condition(exponents: &[f64]) -> f64 {
         let largest = row.amax();
         row /= largest;
     }
-    let norm = |matrix: &DMatrix<f64>| matrix.row_iter().map(|row| row.abs().sum()).fold(0.0, larger);
+    let norm = |matrix: &DMatrix<f64>| matrix.row_iter().map(|row| row.abs().sum()).fold(0.0, max_or_nan);
     matrix.clone().lu().try_inverse().map_or(f64::INFINITY, |inverse| norm(&matrix) * norm(&inverse))
 }
 

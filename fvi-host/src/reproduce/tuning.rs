@@ -4,7 +4,7 @@
 use super::table::{Cell, Column, Format, Table};
 use super::{Exhibit, Findings, ReproduceError};
 use fvi_core::{DerivativeFilter, PidGains};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_lab::lab::tune::{Law, Margins, TuneError, TuningProblem, find, margins_of};
 use fvi_scenario::language::Document;
 use std::path::Path;
@@ -239,7 +239,7 @@ fn padula_visioli(
             found.push(margins.ms);
         }
         let least = found.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = found.iter().copied().fold(0.0, larger);
+        let most = found.iter().copied().fold(0.0, max_or_nan);
         findings = findings.differs(
             format!("[PV11] rules for {purpose} steps: Ms over L/(L + T) = 0.1 … 0.7"),
             format!("{ms:.1}; as evaluated {range}"),

@@ -3,7 +3,7 @@
 
 use crate::tune::Complex;
 use crate::workplace::{Workplace, text};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_lab::lab::run::{RunEnd, RunOptions, run};
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Precision;
@@ -92,7 +92,7 @@ impl Law {
 /// Largest differences of columns from what is expected, by row.
 fn worst(found: &[f64], expected: &[f64]) -> f64 {
     assert_eq!(found.len(), expected.len());
-    found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, larger)
+    found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, max_or_nan)
 }
 
 /// q̈ + q = u, on a scheme that is exact to rounding at this step.
@@ -338,7 +338,7 @@ fn sampled_loops_approach_the_step_responses_of_continuous_ones() {
             let (times, values) = (run.column("t"), run.column(measures));
             let every = (0.5 / sample).round() as usize;
             let rows = (every..times.len()).step_by(every);
-            rows.map(|row| (values[row] - exact(times[row])).abs()).fold(0.0, larger)
+            rows.map(|row| (values[row] - exact(times[row])).abs()).fold(0.0, max_or_nan)
         };
         let errors = [0.02, 0.01, 0.005].map(error);
         println!("{measures}, {delay}: {errors:?}");

@@ -1,7 +1,7 @@
 //! `fvi converge`: errors and orders; starting weights.
 
 use crate::workplace::{Workplace, text};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use std::fs;
 use std::process::Output;
 
@@ -298,7 +298,7 @@ fn exact_moments_keep_the_order_that_a_root_costs_the_nodes() {
         let mut worst = 0.0_f64;
         for row in rows.lines().skip(1) {
             let numbers: Vec<f64> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
-            worst = larger(worst, (numbers[1] - numbers[0].powf(nu)).abs());
+            worst = max_or_nan(worst, (numbers[1] - numbers[0].powf(nu)).abs());
         }
         worst
     };

@@ -1,7 +1,7 @@
 //! `fvi extremal`: the repository's problems, what is written, bad input, no convergence.
 
 use crate::workplace::{Workplace, text};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -261,7 +261,7 @@ fn the_asymmetric_embedding_of_an_euler_lagrange_equation_gives_the_extremal() {
     let embedded = |key: &str| solved(&OSCILLATOR.replace("[boundary]", &format!("{key}\n[boundary]")));
     let distance = |a: &Written, b: &Written| {
         let pairs = a.column("x0").into_iter().zip(b.column("x0"));
-        pairs.fold(0.0, |largest, (a, b)| larger(largest, (a.unwrap() - b.unwrap()).abs()))
+        pairs.fold(0.0, |largest, (a, b)| max_or_nan(largest, (a.unwrap() - b.unwrap()).abs()))
     };
     for sigma in ["-", "+"] {
         let asymmetric = embedded(&format!("embedding = \"asymmetric\"\nsigma = \"{sigma}\""));

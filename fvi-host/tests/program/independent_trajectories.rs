@@ -2,7 +2,7 @@
 //! column's largest value: see `dense_bdf.py` and `dense_galerkin.py` in `tests/reference`.
 
 use crate::workplace::Workplace;
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 
 fn agrees(name: &str, scenario: &str) {
     let path = format!("{}/../tests/reference/trajectory_{name}.csv", env!("CARGO_MANIFEST_DIR"));
@@ -15,9 +15,10 @@ fn agrees(name: &str, scenario: &str) {
         lines.map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect();
     assert_eq!(run.rows.len(), rows.len());
     for (index, column) in columns.iter().enumerate() {
-        let largest = rows.iter().fold(0.0_f64, |largest, row| larger(largest, row[index].abs()));
+        let largest = rows.iter().fold(0.0_f64, |largest, row| max_or_nan(largest, row[index].abs()));
         let found = run.column(column);
-        let error = found.iter().zip(&rows).map(|(found, row)| (found - row[index]).abs()).fold(0.0, larger);
+        let error =
+            found.iter().zip(&rows).map(|(found, row)| (found - row[index]).abs()).fold(0.0, max_or_nan);
         assert!(
             error <= 1e-11 * largest,
             "{name}: {column} differs by {error}, its largest value is {largest}"

@@ -1,7 +1,7 @@
 //! Jumps and kinks in the position: walls, backlash, dead zones and forces like those of dry friction,
 //! against solutions that go from one to the next in closed form.
 
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_lab::lab::run::{Run, RunEnd, RunSummary};
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Precision;
@@ -80,7 +80,7 @@ fn a_force_that_jumps_leaves_no_error_beyond_the_tolerance() {
                 assert_eq!(summary.end, RunEnd::Completed, "{system}");
                 for [time, q, p, _] in rows {
                     let (exact_q, exact_p) = bouncing(time);
-                    let error = larger((q - exact_q).abs(), (p - exact_p).abs());
+                    let error = max_or_nan((q - exact_q).abs(), (p - exact_p).abs());
                     assert!(error < tolerance, "{system} {scheme} {tolerance:e}: {error:e} at {time}");
                 }
             }
@@ -104,7 +104,7 @@ fn what_is_at_rest_on_a_jump_stays_there_until_it_is_pushed_off() {
         assert_eq!(summary.end, RunEnd::Completed);
         for [time, q, p, _] in pushed {
             let late = (time - 1.0).max(0.0);
-            let error = larger((q - late.powi(3) / 6.0).abs(), (p - late.powi(2) / 2.0).abs());
+            let error = max_or_nan((q - late.powi(3) / 6.0).abs(), (p - late.powi(2) / 2.0).abs());
             assert!(error < tolerance, "{error:e} at {time}");
         }
     }
@@ -115,7 +115,7 @@ fn what_is_at_rest_on_a_jump_stays_there_until_it_is_pushed_off() {
     assert_eq!(summary.end, RunEnd::Completed);
     for [time, q, p, _] in rows {
         let late = (time - 3.0).max(0.0);
-        let error = larger((q - 0.25 - 0.15 * late.powi(2)).abs(), (p - 0.3 * late).abs());
+        let error = max_or_nan((q - 0.25 - 0.15 * late.powi(2)).abs(), (p - 0.3 * late).abs());
         assert!(error < 2e-6, "{error:e} at {time}");
     }
 }
@@ -439,7 +439,7 @@ fn random_piecewise_systems_keep_the_tolerance_or_say_why_not() {
             let error = apart(exact[index], (row[1], row[2]));
             for part in 0..2 {
                 let share = error[part] / (tolerance * size * growth[part] * rows.len().max(100) as f64);
-                worst = larger(worst, share);
+                worst = max_or_nan(worst, share);
                 assert!(
                     share < 0.1,
                     "case {case}: error {:e} of {} at t = {}, tolerance {tolerance:e}, growth {growth:?}, {} rows: {scenario}",
@@ -476,7 +476,7 @@ fn walls_of_any_stiffness_shift_positions_and_energies_by_some_tolerances() {
             assert_eq!(summary.end, RunEnd::Completed);
             let times: Vec<f64> = rows.iter().map(|row| row[0]).collect();
             let exact = wall.solve((-1.5, 0.0), &times);
-            let most = |errors: &mut dyn Iterator<Item = f64>| errors.fold(0.0, larger) / tolerance;
+            let most = |errors: &mut dyn Iterator<Item = f64>| errors.fold(0.0, max_or_nan) / tolerance;
             let pairs = || rows.iter().zip(&exact);
             let position = most(&mut pairs().map(|(row, (q, _))| (row[1] - q).abs()));
             let momentum = most(&mut pairs().map(|(row, (_, p))| (row[2] - p).abs()));
@@ -501,8 +501,9 @@ fn error_on_equal_steps(system: &Piecewise, scheme: &Value, convolution: Option<
     assert_eq!(summary.end, RunEnd::Completed);
     let times: Vec<f64> = rows.iter().map(|row| row[0]).collect();
     let exact = system.solve((1.0, 0.3), &times);
-    let errors = rows.iter().zip(exact).map(|(row, (q, v))| larger((row[1] - q).abs(), (row[2] - v).abs()));
-    errors.fold(0.0, larger)
+    let errors =
+        rows.iter().zip(exact).map(|(row, (q, v))| max_or_nan((row[1] - q).abs(), (row[2] - v).abs()));
+    errors.fold(0.0, max_or_nan)
 }
 
 #[test]

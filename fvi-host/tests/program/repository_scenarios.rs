@@ -1,7 +1,7 @@
 //! Every scenario in the repository does what its comment says.
 
 use crate::workplace::{Run, Workplace, text};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Precision;
 use fvi_simulation::simulation::motion::Motion;
@@ -76,7 +76,7 @@ fn every_scenario_is_accepted_and_makes_its_first_steps() {
 fn van_der_pols_oscillator_reaches_its_cycle_on_adaptive_steps_too() {
     let cycle = run("van-der-pol");
     let largest =
-        |run: &Run| run.rows.iter().filter(|row| row[0] > 40.0).map(|row| row[1].abs()).fold(0.0, larger);
+        |run: &Run| run.rows.iter().filter(|row| row[0] > 40.0).map(|row| row[1].abs()).fold(0.0, max_or_nan);
     assert!((1.8..2.1).contains(&largest(&cycle)) && cycle.rows[0][1] == 0.01, "{}", largest(&cycle));
     // The same cycle by other means.
     let step = "step = 0.02\nend = 60.0";
@@ -172,7 +172,7 @@ fn the_pendulum_comes_to_rest_slowly_below_its_first_height() {
     let angle = run.column("q0");
     assert_eq!(angle[0], 2.0);
     assert!(angle.iter().all(|angle| angle.abs() <= 2.0));
-    let late = angle[3000..].iter().fold(0.0_f64, |largest, angle| larger(largest, angle.abs()));
+    let late = angle[3000..].iter().fold(0.0_f64, |largest, angle| max_or_nan(largest, angle.abs()));
     assert!(late > 0.02 && late < 0.5, "{late}");
 }
 
@@ -195,7 +195,7 @@ fn the_coupled_masses_follow_their_drive_in_the_end() {
     // The start dies out; the drive, of period 2π/1.3, keeps both masses going.
     let swing = |name: &str| {
         let late = &run.column(name)[1700..];
-        late.iter().fold(f64::MIN, |a, &b| larger(a, b)) - late.iter().fold(f64::MAX, |a, &b| a.min(b))
+        late.iter().fold(f64::MIN, |a, &b| max_or_nan(a, b)) - late.iter().fold(f64::MAX, |a, &b| a.min(b))
     };
     assert!((0.2..1.0).contains(&swing("q0")) && (0.2..1.0).contains(&swing("q1")));
 }
@@ -204,7 +204,7 @@ fn the_coupled_masses_follow_their_drive_in_the_end() {
 fn the_stage_moves_with_its_drive_and_returns() {
     let run = run("viscoelastic-stage");
     let position = run.column("q0");
-    let farthest = position.iter().fold(0.0_f64, |largest, q| larger(largest, q.abs()));
+    let farthest = position.iter().fold(0.0_f64, |largest, q| max_or_nan(largest, q.abs()));
     // 2 N against 40 N/m and the mounts.
     assert!(farthest > 0.05 && farthest < 0.15, "{farthest}");
     assert!(position[3000].abs() < 0.1 * farthest);

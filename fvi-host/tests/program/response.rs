@@ -1,7 +1,7 @@
 //! `fvi response`: against closed forms, long-time answers of runs, and their decay.
 
 use crate::workplace::{Workplace, text};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use std::f64::consts::PI;
 use std::fmt::Write;
 use std::fs;
@@ -242,7 +242,7 @@ fn runs_under_a_harmonic_load_end_with_the_response_of_their_scheme() {
             for (k, position) in positions.iter().enumerate().skip(steps - 200) {
                 let angle = omega * step * k as f64;
                 let known = own[1] * angle.cos() - own[2] * angle.sin();
-                worst = larger(worst, (position - known).abs());
+                worst = max_or_nan(worst, (position - known).abs());
             }
             assert!(worst < tolerance, "{damping}, {scheme}, {convolution}: {worst:e}");
             // And that is the response of the structure, to the order of the scheme.

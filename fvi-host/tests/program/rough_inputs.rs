@@ -1,7 +1,7 @@
 //! Samples and records act from their own times on, wherever these lie in a step.
 
 use super::workplace::{Workplace, text};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_lab::lab::run::{Run, RunEnd};
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Precision;
@@ -46,8 +46,8 @@ fn positions(place: &Workplace, scheme: &str, force: &str, rest: &str) -> Vec<[f
 /// The largest distance between two motions.
 fn distance(one: &[[f64; 2]], other: &[[f64; 2]]) -> f64 {
     assert_eq!(one.len(), other.len());
-    let difference = |(a, b): (&[f64; 2], &[f64; 2])| larger((a[0] - b[0]).abs(), (a[1] - b[1]).abs());
-    one.iter().zip(other).map(difference).fold(0.0, larger)
+    let difference = |(a, b): (&[f64; 2], &[f64; 2])| max_or_nan((a[0] - b[0]).abs(), (a[1] - b[1]).abs());
+    one.iter().zip(other).map(difference).fold(0.0, max_or_nan)
 }
 
 const SCHEMES: [&str; 2] = [

@@ -1,7 +1,7 @@
 //! What a user of `fvi run` relies on: its files, its options, its ends.
 
 use crate::workplace::{Run, Workplace, text};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use std::fs;
 use std::io::Read;
 use std::process::Stdio;
@@ -91,8 +91,8 @@ fn single_precision_agrees_with_double_to_its_own_rounding() {
     for name in ["q0", "p0", "energy"] {
         let (a, b) = (double.column(name), single.column(name));
         assert!(b.iter().all(|&number| f64::from(number as f32) == number));
-        let largest = a.iter().fold(0.0_f64, |largest, number| larger(largest, number.abs()));
-        let error = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, larger);
+        let largest = a.iter().fold(0.0_f64, |largest, number| max_or_nan(largest, number.abs()));
+        let error = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, max_or_nan);
         assert!(error > 0.0 && error < 1e-5 * largest, "{name}: {error}");
     }
 }
@@ -244,7 +244,7 @@ fn a_step_at_which_stage_damping_grows_is_refused() {
     let message = text(&output.stderr);
     assert!(message.contains("time.step = 0.015625: unstable: the largest stable step is"), "{message}");
     assert_eq!(place.files(), ["scenario.toml"]);
-    let largest = |run: Run| run.column("q0").iter().fold(0.0, |largest, q| larger(largest, q.abs()));
+    let largest = |run: Run| run.column("q0").iter().fold(0.0, |largest, q| max_or_nan(largest, q.abs()));
     assert!(largest(place.run(&staged(3, "allow_unstable = true"), &[])) > 1e3);
     // A degree less lifts the limit. Damping of order 2 would add ρ to the mass: amplitude p₀/m
     // √((m + ρ)/6) = 0.116.

@@ -1,7 +1,7 @@
 //! `[sensitivity]`: derivatives of the discrete motion against differences of runs and dual numbers.
 
 use crate::workplace::{Workplace, text};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_lab::lab::run::{Run, RunEnd};
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::Scenario;
@@ -71,12 +71,12 @@ fn worst(case: &Case, scheme: &str) -> f64 {
             for column in 0..size {
                 let [one, other, far, away] = [0, 1, 2, 3].map(|run: usize| runs[run][row][column]);
                 let difference = (8.0 * (one - other) - (far - away)) / (12.0 * h);
-                largest = larger(largest, difference.abs());
-                error = larger(error, (found[index * size + column] - difference).abs());
+                largest = max_or_nan(largest, difference.abs());
+                error = max_or_nan(error, (found[index * size + column] - difference).abs());
             }
         }
         assert!(error < 1e-7 * largest, "{}, {scheme}, {name}: {:e}", case.name, error / largest);
-        worst = larger(worst, error / largest);
+        worst = max_or_nan(worst, error / largest);
     }
     worst
 }
@@ -306,16 +306,16 @@ fn derivatives_are_differences_of_runs() {
         for scheme in SCHEMES {
             // Tables of exponentials take long to make.
             if case.name == "pendulum" || !scheme.contains("exponential-sum") {
-                worst_of_all = larger(worst_of_all, worst(case, scheme));
+                worst_of_all = max_or_nan(worst_of_all, worst(case, scheme));
             }
         }
     }
     for case in [&PENDULUM, &LINEAR] {
-        worst_of_all = larger(worst_of_all, worst(case, "[scheme]\nkind = \"explicit-euler\""));
+        worst_of_all = max_or_nan(worst_of_all, worst(case, "[scheme]\nkind = \"explicit-euler\""));
     }
     let forgetting =
         "[convolution]\norder = 2\n[history]\nengine = \"direct\"\ncapacity = 20\noverflow = \"forget\"";
-    worst_of_all = larger(worst_of_all, worst(&PENDULUM, forgetting));
+    worst_of_all = max_or_nan(worst_of_all, worst(&PENDULUM, forgetting));
     for scheme in [
         "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[convolution]\nfamily = \"radau-iia\"\nstages = 2",
         "[scheme]\nkind = \"galerkin\"\ndegree = 3\n[convolution]\nfamily = \"lobatto-iiic\"\nstages = 4",
@@ -324,9 +324,10 @@ fn derivatives_are_differences_of_runs() {
         "[scheme]\nkind = \"collocation\"\n[convolution]\nfamily = \"radau-iia\"\nstages = 3",
         "[scheme]\nkind = \"collocation\"\n[convolution]\nfamily = \"radau-iia\"\nstages = 2\n[history]\nengine = \"exponential-sum\"",
     ] {
-        worst_of_all = larger(worst_of_all, worst(&STAGES, scheme));
+        worst_of_all = max_or_nan(worst_of_all, worst(&STAGES, scheme));
     }
-    worst_of_all = larger(worst_of_all, worst(&STARTING, "[convolution]\norder = 2\nstarting = [0.0, 1.0]"));
+    worst_of_all =
+        max_or_nan(worst_of_all, worst(&STARTING, "[convolution]\norder = 2\nstarting = [0.0, 1.0]"));
     assert!(worst_of_all > 0.0);
     eprintln!("largest difference: {worst_of_all:e}");
 }
@@ -496,7 +497,7 @@ fn derivatives_are_those_of_dual_numbers_in_a_hundred_random_scenarios() {
             for parameter in 0..7 {
                 for (place, dual) in known.iter().enumerate() {
                     let error = (found[row][2 * parameter + place] - dual.1[parameter]).abs();
-                    worst = larger(worst, error / largest[parameter]);
+                    worst = max_or_nan(worst, error / largest[parameter]);
                     assert!(error < 1e-10 * largest[parameter], "{text}: {row}, {parameter}, {error:e}");
                 }
             }
@@ -609,8 +610,8 @@ fn large_systems_are_differentiated_by_their_sparse_factors() {
                 for column in 0..found.len() / 3 {
                     let [one, other, far, away] = [0, 1, 2, 3].map(|run: usize| beside[run][row][column]);
                     let difference = (8.0 * (one - other) - (far - away)) / (12.0 * h);
-                    largest = larger(largest, difference.abs());
-                    error = larger(error, (found[index * found.len() / 3 + column] - difference).abs());
+                    largest = max_or_nan(largest, difference.abs());
+                    error = max_or_nan(error, (found[index * found.len() / 3 + column] - difference).abs());
                 }
             }
             assert!(error < 1e-8 * largest, "{size}, {index}: {error:e} of {largest:e}");

@@ -1,7 +1,7 @@
 //! `fvi tune`: margins by a scan written here, loops by runs of the plant, refusals.
 
 use crate::workplace::{Workplace, text};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use serde_json::Value;
 use std::f64::consts::PI;
 use std::fs;
@@ -93,7 +93,7 @@ fn margins_are_those_of_a_dense_scan() {
     assert!(20.0 * sensitivity(0.001).log10() <= -20.0);
     let scan = |from: f64, to: f64| (0..=200_000).map(move |k| from * (to / from).powf(f64::from(k) / 2e5));
     assert!(scan(10.0, 100.0).all(|omega| 20.0 * complementary(omega).log10() <= -20.0));
-    let largest = |size: &dyn Fn(f64) -> f64| scan(1e-5, 10.0).map(size).fold(0.0, larger);
+    let largest = |size: &dyn Fn(f64) -> f64| scan(1e-5, 10.0).map(size).fold(0.0, max_or_nan);
     for (key, found) in [("margins.ms", largest(&sensitivity)), ("margins.mt", largest(&complementary))] {
         assert!((number(&record, key) / found - 1.0).abs() < 1e-6, "{key}: {found}");
     }
@@ -162,7 +162,7 @@ specification = { crossover = 2.0, phase_margin = 65, flat_phase = true }
         if step + 1 < motion.len() {
             let part = (row[0] - motion[step][0]) / 0.005;
             let [before, after] = [step, step + 1].map(|step| 0.5 * motion[step][2]);
-            worst = larger(worst, (before + part * (after - before) - row[1]).abs());
+            worst = max_or_nan(worst, (before + part * (after - before) - row[1]).abs());
             compared += 1;
         }
     }
@@ -207,7 +207,7 @@ fn samples_that_make_a_loop_unstable_are_refused_and_runs_agree() {
         let outputs: Vec<f64> =
             table.lines().skip(1).map(|line| line.split(',').nth(4).unwrap().parse().unwrap()).collect();
         let spread = |part: &[f64]| {
-            part.iter().copied().fold(f64::NEG_INFINITY, larger)
+            part.iter().copied().fold(f64::NEG_INFINITY, max_or_nan)
                 - part.iter().copied().fold(f64::INFINITY, f64::min)
         };
         let quarter = outputs.len() / 4;
@@ -265,7 +265,7 @@ fn rules_and_bounds_give_what_they_say() {
             let open = law.times(plant).times(Complex((0.2 * omega).cos(), -(0.2 * omega).sin()));
             ONE.plus(open).size().recip()
         };
-        (0..=40_000).map(size).fold(0.0, larger)
+        (0..=40_000).map(size).fold(0.0, max_or_nan)
     };
     for share in [-0.04, -0.02, -0.01, 0.0, 0.01, 0.02, 0.04] {
         assert!(largest(kp * (1.0 + share), 1.01 * ki) > 1.4, "{share}");
@@ -374,7 +374,8 @@ fn an_unstable_plant_is_tuned_although_unstable_loops_keep_the_bounds() {
         };
         assert!((open(2.0).size() - 1.0).abs() < 1e-9, "{structure}");
         assert!((open(2.0).phase().to_degrees() + 135.0).abs() < 1e-6, "{structure}");
-        let ms = (1..100_000).map(|k| ONE.plus(open(1e-3 * f64::from(k))).inverse().size()).fold(0.0, larger);
+        let ms =
+            (1..100_000).map(|k| ONE.plus(open(1e-3 * f64::from(k))).inverse().size()).fold(0.0, max_or_nan);
         assert!(
             ms <= 2.0 + 1e-6 && (ms / number(&record, "margins.ms") - 1.0).abs() < 1e-4,
             "{structure}: {ms}"

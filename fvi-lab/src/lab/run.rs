@@ -10,7 +10,7 @@ use fvi_core::StateError;
 use fvi_fft::memory::Engine;
 use fvi_fft::memory::Tables;
 use fvi_fft::quadrature::starting::starting_condition;
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_scenario::language::InputError;
 use fvi_scenario::scenario::{Feature, Scenario};
 use fvi_simulation::simulation::adaptive::Counts;
@@ -803,7 +803,7 @@ impl<'s> Run<'s> {
         self.largest.take(batch);
         if !batch.lacks_last_energy() {
             for (largest, &energy) in self.largest_energies.iter_mut().zip(self.motion.energies()) {
-                *largest = larger(*largest, energy.abs());
+                *largest = max_or_nan(*largest, energy.abs());
             }
         }
         let Some(reference) = reference else { return };
@@ -919,7 +919,7 @@ impl<'s> Run<'s> {
         let (seconds, overruns) = (self.seconds(), self.overruns());
         let (last, seen) = (self.state().clone(), self.watch.seen().clone());
         let warned = small_beside_scale(self.scenario, &self.largest);
-        let largest = Largest { energy: larger(self.largest.energy, last.energy.abs()), ..self.largest };
+        let largest = Largest { energy: max_or_nan(self.largest.energy, last.energy.abs()), ..self.largest };
         let (scenario, motion) = (self.scenario, self.motion);
         let simulation = motion.simulation();
         RunSummary {
@@ -958,7 +958,7 @@ impl<'s> Run<'s> {
                 .energies()
                 .iter()
                 .zip(self.largest_energies)
-                .map(|(&energy, largest)| (energy, larger(largest, energy.abs())))
+                .map(|(&energy, largest)| (energy, max_or_nan(largest, energy.abs())))
                 .collect(),
             starting_condition: Some(&scenario.convolution.starting)
                 .filter(|exponents| !exponents.is_empty())

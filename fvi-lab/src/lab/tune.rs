@@ -24,7 +24,7 @@ mod rules;
 mod sampled;
 mod search;
 
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 pub use law::Law;
 pub use margins::Margins;
 pub use plant::Plant;
@@ -131,7 +131,7 @@ fn range(plant: &Plant, law: &Law, about: f64) -> Result<Range, String> {
         highest *= 10.0;
     }
     // Beyond the highest frequency |L| must not grow again.
-    let end = [1e2, 1e4, 1e6].iter().map(|part| size(part * highest)).fold(0.0, larger);
+    let end = [1e2, 1e4, 1e6].iter().map(|part| size(part * highest)).fold(0.0, max_or_nan);
     if dead_time > 0.0 && (size(highest) > MUST_END_AT || end > MUST_END_AT) {
         return Err(
             "the loop gain does not fall below 1 at high frequencies, and with a dead time such a loop is unstable: give the \

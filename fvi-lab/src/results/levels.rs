@@ -91,7 +91,7 @@ fn power_of_two_below(number: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fvi_fft::sums::larger;
+    use fvi_fft::sums::max_or_nan;
     use proptest::prelude::*;
 
     proptest! {
@@ -108,7 +108,7 @@ mod tests {
                 }
                 levels.push(ladder.level(number));
             }
-            let extent = numbers.iter().map(|number| (number - numbers[0]).abs()).fold(0.0, larger);
+            let extent = numbers.iter().map(|number| (number - numbers[0]).abs()).fold(0.0, max_or_nan);
             prop_assert!(ladder.rung <= extent / 16383.0 || ladder.rung == f64::from_bits(1));
             for (&number, &level) in numbers.iter().zip(&levels) {
                 let found = ladder.number(level);

@@ -1,6 +1,6 @@
 //! Measures of a run: largest values, and errors against the reference.
 
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_scenario::scenario::ReferenceRow;
 use fvi_simulation::column::largest;
 use fvi_simulation::simulation::GridState;
@@ -34,7 +34,7 @@ impl ErrorMeasure {
             self.compared += 1;
         }
         self.last = last;
-        self.largest = larger(self.largest, last);
+        self.largest = max_or_nan(self.largest, last);
     }
 }
 
@@ -122,8 +122,8 @@ impl Largest {
         }
         let energies = batch.energies();
         self.energy = match batch.with_energy() {
-            None => larger(self.energy, largest(energies)),
-            Some(known) => known.fold(self.energy, |most, index| larger(most, energies[index].abs())),
+            None => max_or_nan(self.energy, largest(energies)),
+            Some(known) => known.fold(self.energy, |most, index| max_or_nan(most, energies[index].abs())),
         };
     }
 }
@@ -134,14 +134,14 @@ fn raise<'a>(most: &mut Vec<f64>, columns: impl Iterator<Item = &'a [f64]>) {
         if index == most.len() {
             most.push(0.0);
         }
-        most[index] = larger(most[index], largest(column));
+        most[index] = max_or_nan(most[index], largest(column));
     }
 }
 
 /// Raises each entry of `most` to the absolute value of its number.
 fn raise_each(most: &mut Vec<f64>, numbers: &[f64]) {
     most.resize(numbers.len(), 0.0);
-    most.iter_mut().zip(numbers).for_each(|(most, number)| *most = larger(*most, number.abs()));
+    most.iter_mut().zip(numbers).for_each(|(most, number)| *most = max_or_nan(*most, number.abs()));
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use crate::language::document::{Document, Table};
 use crate::language::error::{InputError, Problem};
 use fvi_fft::exponentials::exponential_table::SMALLEST_TOLERANCE;
 use fvi_fft::memory::{Engine, History, Overflow, States};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeSet;
 
@@ -236,7 +236,7 @@ impl TimeGrid {
 
     /// The longest step.
     pub fn longest_step(&self) -> f64 {
-        self.grid.as_ref().map_or(self.step, |grid| grid.lengths().fold(0.0, larger))
+        self.grid.as_ref().map_or(self.step, |grid| grid.lengths().fold(0.0, max_or_nan))
     }
 
     /// The mean step.

@@ -7,7 +7,7 @@ use super::system::{Damping, Derivative};
 use crate::language::expression::{Function, Kind, Node};
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::quadrature::starting::{TRUSTED_CONDITION, starting_condition};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 
 impl Scenario {
     /// Warnings about the scenario, a sentence or two each, with the key in front.
@@ -49,7 +49,7 @@ impl Scenario {
     fn lowering_warning(&self) -> Option<String> {
         let some = |numbers: &[f64]| numbers.iter().any(|&number| number != 0.0);
         let (moves, is_off) = (some(&self.initial.momentum), some(&self.initial.position));
-        let highest = self.convolution.starting.iter().copied().fold(0.0, larger);
+        let highest = self.convolution.starting.iter().copied().fold(0.0, max_or_nan);
         let lowers = |term: &Damping| {
             let order = term.transfer.growth();
             let is_taken_worse = moves || (is_off && (order > 1.0 || highest > 2.0));

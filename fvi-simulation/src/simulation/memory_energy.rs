@@ -3,7 +3,7 @@
 use fvi_core::{Real, StateError, StateReader, StateWriter};
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::quadrature::multistep_weights::multistep_weights;
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::TransferFunction;
 use fvi_fft::transfer::multistep_rule::MultistepRule;
 use fvi_scenario::language::{InputError, Problem};
@@ -405,7 +405,7 @@ fn agreement(
     let weights = multistep_weights(transfer, multistep, time.step, false, time.steps.clamp(1, COMPARED))
         .map_err(|error| error.to_string())?;
     let found =
-        larger(difference(elements, rule, &weights), later(transfer, elements, time.step, time.steps));
+        max_or_nan(difference(elements, rule, &weights), later(transfer, elements, time.step, time.steps));
     if found <= AGREEMENT {
         Ok(())
     } else {
@@ -425,7 +425,7 @@ fn difference(elements: &[Element], rule: Rule, weights: &[f64]) -> f64 {
         let off = made - weight;
         sum += off;
         size += weight.abs();
-        worst = larger(worst, larger(off.abs(), sum.abs()) / size);
+        worst = max_or_nan(worst, max_or_nan(off.abs(), sum.abs()) / size);
     }
     worst
 }
@@ -440,7 +440,7 @@ fn later(transfer: &TransferFunction, elements: &[Element], step: f64, steps: us
     (0..=PLACES).fold(0.0, |worst, place| {
         let x = ratio.powi(place);
         let made = elements.iter().map(|element| element.modulus * (x / (x + element.rate))).sum::<f64>();
-        larger(worst, (made - kernel(x / step)).abs() / size)
+        max_or_nan(worst, (made - kernel(x / step)).abs() / size)
     })
 }
 
@@ -491,10 +491,10 @@ mod tests {
             }
             let known: f64 = (0..=k).map(|n| weights[n] * sample(k - n)).sum();
             let size: f64 = (0..=k).map(|n| (weights[n] * sample(k - n)).abs()).sum();
-            of_force = larger(of_force, (found - known).abs() / size);
+            of_force = max_or_nan(of_force, (found - known).abs() / size);
             let work = known * increment;
             let scale = size * increment.abs() + after + stored + lost;
-            of_balance = larger(of_balance, (work - (after - stored) - lost).abs() / scale);
+            of_balance = max_or_nan(of_balance, (work - (after - stored) - lost).abs() / scale);
             stored = after;
         }
         [of_force, of_balance]
@@ -560,8 +560,8 @@ mod tests {
                 let [off, late] =
                     [difference(&elements, rule, &weights), later(transfer, &elements, STEP, 100_000)];
                 let [force, balance] = errors(&elements, rule, &weights[..16], false);
-                if larger(off, late) > 5e-13
-                    || larger(force, balance) > AGREEMENT
+                if max_or_nan(off, late) > 5e-13
+                    || max_or_nan(force, balance) > AGREEMENT
                     || (off + late + force + balance).is_nan()
                 {
                     wrong.push(format!(

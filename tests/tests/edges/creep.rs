@@ -1,7 +1,7 @@
 //! Coordinates without mass under a load from t = 0, or from later on, against inverse Laplace transforms:
 //! creep of every kernel, alone, coupled, and beside masses.
 
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_lab::lab::fit::{Fit, fit};
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::Scenario;
@@ -303,7 +303,7 @@ fn errors(solid: &Solid, from: f64, rest: &str) -> (f64, f64) {
     let (mut worst, mut largest) = (0.0_f64, at_once(solid).abs());
     for k in chosen {
         for (found, exact) in states[k].position.iter().zip(solid.exact(states[k].time)) {
-            largest = larger(largest, exact.abs());
+            largest = max_or_nan(largest, exact.abs());
             worst = if (found - exact).abs() <= worst { worst } else { (found - exact).abs() };
         }
         assert_eq!(states[k].momentum, [0.0]);

@@ -1,7 +1,7 @@
 //! Poles of damped structures against the eigenvalues of an equivalent system of first order, and rational
 //! symbols against the Prony series and the differential equations that they are.
 
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use std::path::Path;
 
 use fvi_scenario::language::Document;
@@ -123,7 +123,7 @@ impl Structure {
         let known = self.matrix().complex_eigenvalues();
         assert_eq!(found.len(), known.len(), "{text}{found:?}\n{known:?}");
         // Eigenvalues have the rounding errors of the largest.
-        let largest = known.iter().map(|s| s.norm()).fold(0.0, larger);
+        let largest = known.iter().map(|s| s.norm()).fold(0.0, max_or_nan);
         for s in known.iter() {
             let distance = |found: &Complex<f64>| (found - s).norm();
             let nearest = (0..found.len())

@@ -6,7 +6,7 @@ use super::super::problems::{jo_oscillator, on_grid, with_scheme};
 use super::super::table::{Column, Format, Table};
 use super::super::{Findings, ReproduceError};
 use super::lagrange_dalembert::{LinearOscillator, positions};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::TransferFunction;
 use fvi_lab::lab::converge::{Grids, Quantity};
 use fvi_lab::results::picture::{Axis, Chart, Series, Style};
@@ -77,7 +77,7 @@ pub(super) fn figure_4(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
 fn difference(coarse: &Motion, fine: &Motion) -> f64 {
     let pairs = coarse.states.iter().zip(fine.states.iter().step_by(2));
     let late = pairs.filter(|(coarse, _)| coarse.time >= 1.0);
-    late.fold(0.0, |largest, (a, b)| larger(largest, (a.position[0] - b.position[0]).abs()))
+    late.fold(0.0, |largest, (a, b)| max_or_nan(largest, (a.position[0] - b.position[0]).abs()))
 }
 
 /// The variational integrator and a baseline on the same grid.
@@ -145,7 +145,7 @@ pub(super) fn figure_5(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
     }
     let scenario = on_grid(jo_oscillator()?, 0.2, 150);
     let differences = difference_to_lagrange_dalembert(&scenario, stop)?;
-    let largest = differences.iter().fold(0.0, |largest, &(_, d)| larger(largest, d.abs()));
+    let largest = differences.iter().fold(0.0, |largest, &(_, d)| max_or_nan(largest, d.abs()));
     let chart = Chart::new(
         "Variational minus Lagrange–d'Alembert integrator, α = ½",
         Axis::linear("time t"),

@@ -7,7 +7,7 @@ use super::super::table::Table;
 use super::super::{Findings, ReproduceError};
 use crate::reproduce::podlubny_matrix::{LinearTerm, podlubny_matrix_method};
 use fvi_core::ParameterError;
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_lab::results::picture::{Axis, Chart, Series, Style};
 use std::sync::atomic::AtomicBool;
 
@@ -36,7 +36,7 @@ fn benchmark(steps: usize) -> Result<Vec<f64>, ParameterError> {
 fn largest_difference(coarse: &[f64], fine: &[f64]) -> f64 {
     let stride = (fine.len() - 1) / (coarse.len() - 1);
     let pairs = coarse.iter().zip(fine.iter().step_by(stride));
-    pairs.fold(0.0, |largest, (a, b)| larger(largest, (a - b).abs()))
+    pairs.fold(0.0, |largest, (a, b)| max_or_nan(largest, (a - b).abs()))
 }
 
 fn curve(label: &str, motions: &[Vec<f64>], known: &[f64]) -> ErrorCurve {

@@ -7,7 +7,7 @@ use super::plan::{Fit, Free, Model, Profile, Scale};
 use super::prediction::{NoPrediction, Predicted};
 use super::search::{Search, Stopped};
 use super::statistics::{Covariance, excess, half_width};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use serde::Serialize;
 use serde::ser::{SerializeMap, Serializer};
 use std::f64::consts::PI;
@@ -464,7 +464,7 @@ fn surprises(plan: &Fit, best: &Minimum, known: bool, chi2: f64, degrees_of_free
         if sigmas > SURPRISE {
             notes.push(format!(
                 "the model does not describe the data to their deviations (reduced χ² = {reduced:.3}): it is wrong, or the \
-                 deviations are larger; the errors, which take it and them for right, are too small"
+                 deviations are max_or_nan; the errors, which take it and them for right, are too small"
             ));
         } else if sigmas < -SURPRISE {
             notes.push(format!(
@@ -545,7 +545,7 @@ fn resolution_note(search: &Search<'_, '_>, predicted: &Predicted, variance: Opt
     let factor = variance?.sqrt();
     let pairs = predicted.unresolved.iter().zip(&search.deviations);
     let worst =
-        pairs.map(|(difference, deviation)| difference.abs() / (factor * deviation)).fold(0.0, larger);
+        pairs.map(|(difference, deviation)| difference.abs() / (factor * deviation)).fold(0.0, max_or_nan);
     (worst > 0.1).then(|| {
         format!(
             "values between grid times, or accelerations, are told to about {worst:.1e} deviations: a shorter `time.step` would \

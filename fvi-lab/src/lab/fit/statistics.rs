@@ -2,7 +2,7 @@
 //! parameter space that the data do not determine.
 
 use fvi_fft::dense::{SingularValues, triangle};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use nalgebra::{DMatrix, DVector};
 
 /// Probability of each tail outside of an interval: 2.5 %.
@@ -88,7 +88,7 @@ impl Covariance {
         let count = jacobian.ncols();
         let norms: Vec<f64> = jacobian.column_iter().map(|column| column.norm()).collect();
         let effect = |index: usize| norms[index] * typical[index];
-        let largest = (0..count).map(effect).fold(0.0, larger);
+        let largest = (0..count).map(effect).fold(0.0, max_or_nan);
         let is_dead = |index: usize| norms[index] == 0.0 || effect(index) <= 1e-3 * accuracy * largest;
         let scale: Vec<f64> =
             (0..count).map(|index| if is_dead(index) { 0.0 } else { norms[index].recip() }).collect();
@@ -96,7 +96,7 @@ impl Covariance {
             DMatrix::from_fn(jacobian.nrows(), count, |row, column| jacobian[(row, column)] * scale[column]);
         let (triangle, _) = triangle(scaled, &DVector::zeros(jacobian.nrows()));
         let SingularValues { values, v_t, .. } = SingularValues::of(triangle);
-        let first = values.iter().copied().fold(0.0, larger);
+        let first = values.iter().copied().fold(0.0, max_or_nan);
         let mut matrix = DMatrix::zeros(count, count);
         let mut undetermined = Vec::new();
         for k in 0..count {

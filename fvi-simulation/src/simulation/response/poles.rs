@@ -3,7 +3,7 @@
 use crate::simulation::stability::Part;
 use crate::simulation::stability::characteristic::log_determinant;
 use crate::simulation::stability::winding::{Fineness, turned};
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::TransferFunction;
 use fvi_fft::transfer::fractions::{Fractions, is_same};
 use nalgebra::{Complex, DMatrix};
@@ -350,13 +350,13 @@ fn reach(part: &Part, acting: &[Acting<'_>], taken_out: &[(Complex<f64>, f64)]) 
     let of = |transfer: &TransferFunction, radius: f64| {
         let sizes = angles.iter().map(|&angle| transfer.value(polar(libm::log(radius), angle)).norm());
         // On the negative real axis K may have a pole.
-        sizes.filter(|size| size.is_finite()).reduce(larger).unwrap_or(f64::INFINITY)
+        sizes.filter(|size| size.is_finite()).reduce(max_or_nan).unwrap_or(f64::INFINITY)
     };
     let damping = |radius: f64| -> f64 {
         acting.iter().map(|acting| acting.rho.norm() * of(acting.transfer, radius)).sum()
     };
     let sizes = || taken_out.iter().map(|(place, _)| place.norm());
-    let mut highest = sizes().fold(1e-12, |most, size| larger(most, 4.0 * size));
+    let mut highest = sizes().fold(1e-12, |most, size| max_or_nan(most, 4.0 * size));
     while highest * highest < 4.0 * (part.stiffness.norm() + damping(highest)) && highest < 1e150 {
         highest *= 2.0;
     }
@@ -415,7 +415,7 @@ fn poles_with_multiplicity(acting: &[Acting<'_>], size: usize) -> Vec<(Complex<f
 /// The rank of a matrix, by elimination with the largest pivots.
 fn rank(mut matrix: ComplexMatrix) -> usize {
     let size = matrix.nrows();
-    let largest = matrix.iter().map(|entry| entry.norm()).fold(0.0, larger);
+    let largest = matrix.iter().map(|entry| entry.norm()).fold(0.0, max_or_nan);
     for step in 0..size {
         let places = (step..size).flat_map(|row| (step..size).map(move |column| (row, column)));
         let pivot = places.max_by(|&a, &b| matrix[a].norm_sqr().total_cmp(&matrix[b].norm_sqr()));

@@ -5,7 +5,7 @@ use super::*;
 use fvi_core::{BdfOrder, Quadrature, RungeKutta};
 use fvi_fft::quadrature::multistep_weights::multistep_weights;
 use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
-use fvi_fft::sums::larger;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::TransferFunction;
 use nalgebra::{DVector, Dyn, LU, dmatrix};
 use proptest::prelude::*;
@@ -267,7 +267,7 @@ fn growth(sizes: &[f64], steps: usize) -> f64 {
     if sizes.len() < steps {
         return f64::INFINITY;
     }
-    let largest = |range: std::ops::Range<usize>| sizes[range].iter().copied().fold(0.0, larger);
+    let largest = |range: std::ops::Range<usize>| sizes[range].iter().copied().fold(0.0, max_or_nan);
     largest(3 * steps / 4..steps) / largest(steps / 4..steps / 2)
 }
 
