@@ -4,6 +4,7 @@
 //! does not depend on how it is run. Its serialised form is the record of the inputs as used.
 
 mod adaptive;
+mod builder;
 mod case;
 mod combinations;
 mod controller;
@@ -32,6 +33,7 @@ mod time;
 mod warnings;
 
 pub use adaptive::{Adaptive, Start};
+pub use builder::{Damper, Entries, ScenarioBuilder};
 pub use case::Case;
 pub use combinations::{Feature, MARK as COMBINATIONS_MARK, ROWS, Row, page as combinations_page};
 pub use controller::{Controller, Noise, Quantise, Setpoint};

@@ -432,7 +432,7 @@ impl Serialize for Damping {
 }
 
 /// Serialises the keys of a kernel.
-struct KernelKeys<'a>(&'a TransferFunction);
+pub(super) struct KernelKeys<'a>(pub(super) &'a TransferFunction);
 
 impl Serialize for KernelKeys<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
