@@ -3,25 +3,26 @@
 //!
 //! A mass on a fractional Zener solid is let go; the run ends when it first passes its place of rest.
 
+use fvi_fft::memory::Engine;
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::transfer::TransferFunction;
 use fvi_lab::lab::run::Run;
-use fvi_scenario::scenario::Scenario;
+use fvi_scenario::scenario::{Action, Damper, Direction, Scenario, Scheme};
 use fvi_simulation::simulation::Precision;
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let scenario: Scenario = r#"
-        system.mass = [1.0]
-        system.potential = "0.5*q0^2 + 0.1*q0^4"
-        system.damping = [{ kernel = { form = "maxwell", order = 0.6, time = 1.0 }, coefficient = [1.5] }]
-        initial.position = [1.0]
-        scheme = { kind = "galerkin", degree = 2 }
-        convolution.order = 4
-        history.engine = "exponential-sum"
-        time = { step = 0.01, end = 20.0 }
-        event = [{ when = "q0", action = "stop" }]
-    "#
-    .parse()?;
+    let scenario = Scenario::builder([1.0])
+        .potential("0.5*q0^2 + 0.1*q0^4")
+        .damper(Damper::new(TransferFunction::maxwell(0.6, 0.0, 1.0)?, [1.5]))
+        .position([1.0])
+        .scheme(Scheme::Galerkin { degree: 2, quadrature: None })
+        .convolution(ConvolutionFamily::Bdf { order: 4 })
+        .engine(Engine::ExponentialSum)
+        .event("q0", Direction::Both, Action::Stop)
+        .until(0.01, 20.0)
+        .build()?;
     let run = Run::start(&scenario, Precision::F64)?;
     let Ok(summary) = run.to_the_end(&AtomicBool::new(false), |steps, state| {
         if steps % 50 == 0 {
