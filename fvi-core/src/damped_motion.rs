@@ -285,7 +285,6 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
         let velocity = X::slice(&self.initial_velocity);
         let into = sample.fractions.get(j).map_or(T::zero(), |&fraction| fraction * sample.length);
         let first = self.memory.is_empty();
-        let behind = || vectors(sample.behind, sample.from.len()).nth(j).unwrap_or_default();
         let (position, lapse) = match self.memory.acts_on() {
             ActsOn::Values => {
                 let time = sample.time + into;
@@ -300,13 +299,15 @@ impl<T: Real, X: Space<T>, M: Memory<T>> DampedMotion<T, X, M> {
                 }
                 return;
             }
-            // What lies behind a first sample is a jump of the position at the start.
-            ActsOn::Increments | ActsOn::Rises if first => {
-                let from_rest = !matches!(self.start, Subtraction::Nothing);
-                (if from_rest { behind() } else { sample.from }, into)
+            ActsOn::Rises if !first => (&[][..], into),
+            ActsOn::Increments | ActsOn::Rises => {
+                // What lies behind a first sample is a jump of the position at the start.
+                let behind = match self.start {
+                    Subtraction::Nothing if first => sample.from,
+                    _ => vectors(sample.behind, sample.from.len()).nth(j).unwrap_or_default(),
+                };
+                (behind, if first { into } else { sample.length })
             }
-            ActsOn::Increments => (behind(), sample.length),
-            ActsOn::Rises => (&[][..], into),
         };
         add_multiple(out, factor, position);
         if let Subtraction::PositionAndVelocity = self.start {
