@@ -212,7 +212,7 @@ impl<T: Real> CollocationTables<'_, T> {
         kick.fill(T::zero());
         mechanics.mass().multiply_add(step.size, mean, kick);
         let found = Outcome { increments: work.stages, rise, kick };
-        conclude(damping, step, self.nodes, &found, state, work.behind, work.scratch)?;
+        conclude::<T, X, X, D>(damping, step, self.nodes, &found, state, work.behind, work.scratch)?;
         Ok(iterations)
     }
 

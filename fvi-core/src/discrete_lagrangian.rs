@@ -1,5 +1,7 @@
 //! One step of a discrete Lagrangian on polynomials, for any degree, quadrature and space.
 
+use core::marker::PhantomData;
+
 use crate::damping::Damping;
 use crate::linear::all_finite;
 use crate::linear::{add_multiple, combine};
@@ -114,7 +116,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     /// # Errors
     /// [`StepError`]; position, momentum and damping are as before.
     #[inline(always)]
-    pub fn step_damped_at_main_nodes<X, E, G, D>(
+    pub fn step_damped_at_main_nodes<X, Y, E, G, D>(
         &self,
         work: &mut Workspace<'_, T, X, E>,
         mechanics: &mut G,
@@ -125,12 +127,13 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     where
         X: Space<T>,
         E: Equations<T, X::Block>,
-        G: Mechanics<T, X>,
-        D: Damping<T, X>,
+        Y: Space<T, Vector = X::Vector, Block = X::Block>,
+        G: Mechanics<T, Y>,
+        D: Damping<T, Y>,
     {
         let at_end = [T::one()];
         work.begin(damping, step, &at_end, state)?;
-        let iterations = self.solve::<X, E, G, ()>(work, mechanics, None, step, state)?;
+        let iterations = self.solve::<X, Y, E, G, ()>(work, mechanics, None, step, state)?;
         let coordinates = work.known.len();
         let rise = last_vector(work.increments, coordinates);
         damping.add_leading(rise, work.known, work.scratch);
@@ -138,7 +141,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         let kick = part_mut(work.residual, coordinates);
         combine(kick, work.known, |impulse, force| -impulse - force * step.size);
         let found = Outcome { increments: rise, rise, kick };
-        conclude(damping, step, &at_end, &found, state, work.behind, work.scratch)?;
+        conclude::<T, X, Y, D>(damping, step, &at_end, &found, state, work.behind, work.scratch)?;
         combine(work.restoring, work.forces, |_, force| force);
         Ok(iterations)
     }
@@ -159,7 +162,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     /// # Errors
     /// [`StepError`]; position, momentum and damping are as before.
     #[inline(always)]
-    pub fn step_damped_at_nodes<X, E, G, D>(
+    pub fn step_damped_at_nodes<X, Y, E, G, D>(
         &self,
         work: &mut Workspace<'_, T, X, E>,
         mechanics: &mut G,
@@ -170,8 +173,9 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     where
         X: Space<T>,
         E: Equations<T, X::Block>,
-        G: Mechanics<T, X>,
-        D: Damping<T, X>,
+        Y: Space<T, Vector = X::Vector, Block = X::Block>,
+        G: Mechanics<T, Y>,
+        D: Damping<T, Y>,
     {
         work.begin(damping, step, self.nodes, state)?;
         let iterations = self.solve(work, mechanics, Some(damping), step, state)?;
@@ -180,7 +184,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         let kick = part_mut(work.residual, coordinates);
         kick.iter_mut().for_each(|number| *number = -*number);
         let found = Outcome { increments: work.stages, rise, kick };
-        conclude(damping, step, self.nodes, &found, state, work.behind, work.scratch)?;
+        conclude::<T, X, Y, D>(damping, step, self.nodes, &found, state, work.behind, work.scratch)?;
         combine(work.restoring, work.forces, |_, force| force);
         Ok(iterations)
     }
@@ -199,7 +203,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     /// The shapes add to one and their derivatives to zero, so the last equation is p_{k+1} = p_k − h Σ_i b_i
     /// G_i.
     #[inline(always)]
-    fn solve<X, E, G, D>(
+    fn solve<X, Y, E, G, D>(
         &self,
         work: &mut Workspace<'_, T, X, E>,
         mechanics: &mut G,
@@ -210,8 +214,9 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     where
         X: Space<T>,
         E: Equations<T, X::Block>,
-        G: Mechanics<T, X>,
-        D: Damping<T, X>,
+        Y: Space<T, Vector = X::Vector, Block = X::Block>,
+        G: Mechanics<T, Y>,
+        D: Damping<T, Y>,
     {
         let rough = !self.drifts() && mechanics.is_rough() && {
             let rule = NodalRule {
@@ -239,7 +244,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     /// As [`solve`](Self::solve), for any number of unknown nodes and points. The first `moments` numbers of
     /// `work.moment_correction` are the part of the force moments that the quadrature misses.
     #[inline(always)]
-    fn solve_for_any_nodes<X, E, G, D>(
+    fn solve_for_any_nodes<X, Y, E, G, D>(
         &self,
         work: &mut Workspace<'_, T, X, E>,
         mechanics: &mut G,
@@ -251,8 +256,9 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
     where
         X: Space<T>,
         E: Equations<T, X::Block>,
-        G: Mechanics<T, X>,
-        D: Damping<T, X>,
+        Y: Space<T, Vector = X::Vector, Block = X::Block>,
+        G: Mechanics<T, Y>,
+        D: Damping<T, Y>,
     {
         let (position, momentum) = (X::slice(&state.position), X::slice(&state.momentum));
         let coordinates = position.len();
@@ -276,7 +282,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             }
         }
         let moment_correction = part(work.moment_correction, moments);
-        let mut equations = StepEquations {
+        let mut equations = StepEquations::<T, X, Y, G, D> {
+            storage: PhantomData,
             lagrangian: self,
             mechanics,
             damping,
@@ -345,7 +352,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
 }
 
 /// The equations of one step at a guess of the nodes.
-struct StepEquations<'a, T: Real, X: Space<T>, G, D> {
+struct StepEquations<'a, T: Real, X: Space<T>, Y, G, D> {
+    storage: PhantomData<Y>,
     lagrangian: &'a DiscreteLagrangian<'a, T>,
     mechanics: &'a mut G,
     /// Damping, if it acts at the quadrature nodes.
@@ -363,7 +371,14 @@ struct StepEquations<'a, T: Real, X: Space<T>, G, D> {
     stiffness: &'a mut X::Block,
 }
 
-impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> StepEquations<'_, T, X, G, D> {
+impl<T, X, Y, G, D> StepEquations<'_, T, X, Y, G, D>
+where
+    T: Real,
+    X: Space<T>,
+    Y: Space<T, Vector = X::Vector, Block = X::Block>,
+    G: Mechanics<T, Y>,
+    D: Damping<T, Y>,
+{
     /// Places the stages and writes G_i to `forces`; adds −h Σ_i b_i ℓ_ν(c_i) ∂G_i/∂e^μ to the matrix if
     /// there is one.
     #[inline(always)]

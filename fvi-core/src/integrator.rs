@@ -331,7 +331,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         let sample = Sample { from, behind: &*behind, time, length: *step_size, fractions };
         damping.add_known(&sample, known, scratch)?;
         let step = Step { time, end, size: *step_size, input: &[] };
-        conclude::<T, X, D>(damping, &step, fractions, found, state, behind, scratch)?;
+        conclude::<T, X, X, D>(damping, &step, fractions, found, state, behind, scratch)?;
         state.step += 1;
         self.anchor = (self.state.step, end);
         Ok(())

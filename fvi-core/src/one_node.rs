@@ -1,6 +1,8 @@
 //! The equation of a step on a straight line with one quadrature node, the most common one, without loops
 //! over unknowns and nodes.
 
+use core::marker::PhantomData;
+
 use crate::damping::Damping;
 use crate::linear::{combine, combine_two, fill_pair};
 use crate::newton::{Equations, newton, size};
@@ -39,7 +41,7 @@ impl<T: Real> OneNode<T> {
     /// # Errors
     /// [`StepError`].
     #[inline(always)]
-    pub(crate) fn solve<X, E, G, D>(
+    pub(crate) fn solve<X, Y, E, G, D>(
         &self,
         work: &mut Workspace<'_, T, X, E>,
         mechanics: &mut G,
@@ -51,8 +53,9 @@ impl<T: Real> OneNode<T> {
     where
         X: Space<T>,
         E: Equations<T, X::Block>,
-        G: Mechanics<T, X>,
-        D: Damping<T, X>,
+        Y: Space<T, Vector = X::Vector, Block = X::Block>,
+        G: Mechanics<T, Y>,
+        D: Damping<T, Y>,
     {
         let Workspace {
             increments,
@@ -91,7 +94,8 @@ impl<T: Real> OneNode<T> {
             mechanics.drift(stages, increments);
             scale(increments, -(step.size / self.kinetic));
         }
-        let mut equation = Equation {
+        let mut equation = Equation::<T, X, Y, G, D> {
+            storage: PhantomData,
             numbers: self,
             mechanics,
             damping,
@@ -187,7 +191,8 @@ fn line_velocity<T: Real>(increments: &[T], h: T, velocity: &mut [T]) {
 }
 
 /// The equation at a guess of e.
-struct Equation<'a, T: Real, X: Space<T>, G, D> {
+struct Equation<'a, T: Real, X: Space<T>, Y, G, D> {
+    storage: PhantomData<Y>,
     numbers: &'a OneNode<T>,
     mechanics: &'a mut G,
     /// Damping, if it acts at the node.
@@ -208,7 +213,14 @@ struct Equation<'a, T: Real, X: Space<T>, G, D> {
     stiffness: &'a mut X::Block,
 }
 
-impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> Equation<'_, T, X, G, D> {
+impl<T, X, Y, G, D> Equation<'_, T, X, Y, G, D>
+where
+    T: Real,
+    X: Space<T>,
+    Y: Space<T, Vector = X::Vector, Block = X::Block>,
+    G: Mechanics<T, Y>,
+    D: Damping<T, Y>,
+{
     /// Places the node and computes G, with its derivative if `linearise`.
     #[inline(always)]
     fn look(&mut self, increments: &[T], linearise: bool) {

@@ -132,7 +132,7 @@ pub struct Outcome<'a, T> {
 /// # Errors
 /// [`StepError::NotFinite`] or [`StepError::Memory`]; nothing has changed.
 #[inline(always)]
-pub fn conclude<T: Real, X: Space<T>, D: Damping<T, X>>(
+pub fn conclude<T: Real, X: Space<T>, Y: Space<T>, D: Damping<T, Y>>(
     damping: &mut D,
     step: &Step<'_, T>,
     fractions: &[T],
@@ -234,7 +234,7 @@ mod tests {
         let increments = [0.25, 0.5, 0.75, 1.0];
         let found = Outcome { increments: &increments, rise: &[1.0, 4.0], kick: &[0.125, -0.5] };
         let (mut state, mut behind, mut scratch) = (start, [9.0; 4], [0.0; 4]);
-        conclude::<_, Fixed<2>, _>(
+        conclude::<_, Fixed<2>, Fixed<2>, _>(
             &mut (),
             &step,
             &[0.2, 0.8],

@@ -45,7 +45,7 @@ pub struct Workspace<'a, T: Real, X: Space<T>, E: Equations<T, X::Block>> {
 impl<T: Real, X: Space<T>, E: Equations<T, X::Block>> Workspace<'_, T, X, E> {
     /// Takes the known part of the damping for the step, with nodes at the given fractions of it.
     #[inline(always)]
-    pub(crate) fn begin<D: Damping<T, X>>(
+    pub(crate) fn begin<Y: Space<T>, D: Damping<T, Y>>(
         &mut self,
         damping: &mut D,
         step: &Step<'_, T>,

@@ -3,7 +3,7 @@
 use super::few::few_mut;
 use super::massless::{Carried, Found, MasslessRows, Settling};
 use super::matrices::Matrix;
-use super::small::{Lent, Small};
+use super::small::Small;
 use super::space::{AnyEquations, AnyFactors, AnySpace};
 use fvi_core::{
     Block, CachedFactor, CollocationTables, Damping, DiscreteLagrangian, ExplicitEuler, Galerkin,
@@ -382,7 +382,6 @@ impl<T: Real> Room<T> {
             matrix: &mut self.matrix,
             kept: &mut self.kept,
         };
-        let (mechanics, damping) = (&mut Lent(mechanics), &mut Lent(damping));
         match form {
             Form::MainNodes => {
                 work.behind = &mut [];
