@@ -8,7 +8,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use fvi_benches::noise;
-use fvi_core::Memory;
+use fvi_core::{Memory, min_or_nan};
 use fvi_fft::memory::{Engine, History};
 use fvi_fft::memory::{HostMemory, MemoryRequest};
 use fvi_fft::quadrature::ConvolutionFamily;
@@ -40,7 +40,7 @@ impl Run {
             family: ConvolutionFamily::RadauIia { stages },
             starting: &[],
             transfer: &TransferFunction::power(EXPONENT).expect("an exponent"),
-            step_size: lengths.iter().copied().fold(f64::INFINITY, f64::min),
+            step_size: lengths.iter().copied().fold(f64::INFINITY, min_or_nan),
             coordinates,
             motions: 1,
             samples: HORIZON,

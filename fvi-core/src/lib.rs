@@ -82,7 +82,7 @@ pub use pid_law::{
     AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw, PidResponse, PidSettings,
 };
 pub use quadrature::{Quadrature, gauss_rule, lobatto_rule};
-pub use real::Real;
+pub use real::{Real, max_or_nan, min_or_nan};
 pub use resolvent::Resolvent;
 pub use runge_kutta::RungeKutta;
 pub use saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};

@@ -1,5 +1,6 @@
 //! The scalar of the state: `f32` or `f64`, with every transcendental function from `libm`.
 
+use core::cmp::Ordering;
 use nalgebra::RealField;
 
 /// Floating-point scalar of the state and of the memory: `f32` or `f64`.
@@ -34,6 +35,28 @@ pub trait Real: RealField + Copy + Default {
 
     /// `self` raised to `exponent`, from `libm`.
     fn power(self, exponent: Self) -> Self;
+}
+
+/// The larger of two numbers, for folds over sizes and errors; NaN if either is NaN, which `f64::max` would
+/// leave out.
+#[inline(always)]
+pub fn max_or_nan<T: Real>(largest: T, number: T) -> T {
+    match number.partial_cmp(&largest) {
+        Some(Ordering::Greater) => number,
+        Some(_) => largest,
+        // One of them is NaN, and so is their sum.
+        None => largest + number,
+    }
+}
+
+/// The smaller of two numbers; NaN if either is NaN.
+#[inline(always)]
+pub fn min_or_nan<T: Real>(least: T, number: T) -> T {
+    match number.partial_cmp(&least) {
+        Some(Ordering::Less) => number,
+        Some(_) => least,
+        None => least + number,
+    }
 }
 
 /// a + b rounded, and its exact rounding error. \[Knuth2\]
@@ -86,3 +109,20 @@ macro_rules! real {
 
 real!(f32, u32, libm::powf);
 real!(f64, u64, libm::pow);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_number_is_kept_wherever_it_stands() {
+        for place in 0..3 {
+            let mut errors = [1.0, 3.0, 2.0];
+            assert_eq!(errors.into_iter().fold(0.0, max_or_nan), 3.0);
+            assert_eq!(errors.into_iter().fold(f64::INFINITY, min_or_nan), 1.0);
+            errors[place] = f64::NAN;
+            assert!(errors.into_iter().fold(0.0, max_or_nan).is_nan(), "{errors:?}");
+            assert!(errors.into_iter().fold(f64::INFINITY, min_or_nan).is_nan(), "{errors:?}");
+        }
+    }
+}

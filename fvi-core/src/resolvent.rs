@@ -198,6 +198,7 @@ fn product<T: Real, const R: usize>(a: &[[T; R]; R], b: &[[T; R]; R]) -> [[T; R]
 mod tests {
     use super::*;
     use crate::linear::all_finite;
+    use crate::real::max_or_nan;
 
     fn assert_resolvent<const R: usize>(method: &RungeKutta<R>) {
         let resolvent = Resolvent::<f64, R>::new(method);
@@ -250,8 +251,9 @@ mod tests {
                     }
                 }
             }
-            let size =
-                |numbers: &[[f64; R]; R]| numbers.as_flattened().iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+            let size = |numbers: &[[f64; R]; R]| {
+                numbers.as_flattened().iter().map(|b| b.abs()).fold(0.0, max_or_nan)
+            };
             let mut sum = [[0.0; R]; R];
             for relaxation in relaxations {
                 let one = resolvent.leading([&matrix, &inverse], 1, length, [relaxation].into_iter());

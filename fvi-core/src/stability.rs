@@ -132,6 +132,7 @@ const fn largest_damping_order(order: BdfOrder) -> f64 {
 mod tests {
     use super::*;
     use crate::quadrature::Quadrature;
+    use crate::real::max_or_nan;
     use nalgebra::matrix;
 
     fn limit<const S: usize, const Q: usize>(
@@ -182,7 +183,7 @@ mod tests {
                 };
                 libm::atan2(sum(libm::sin), sum(libm::cos)).abs()
             };
-            let turned = (1..4000).map(argument).fold(0.0, f64::max);
+            let turned = (1..4000).map(argument).fold(0.0, max_or_nan);
             let limit = largest_damping_order(order);
             assert!(limit * turned < core::f64::consts::PI, "{p}");
             assert!(p < 3 || (limit + 2e-3) * turned > core::f64::consts::PI, "{p}");

@@ -1,5 +1,7 @@
 //! Sums and largest numbers that lose nothing on the way.
 
+pub use fvi_core::{max_or_nan, min_or_nan};
+
 /// A sum in f64 that accumulates the rounding errors of its additions and products separately \[Knuth2\], as
 /// if computed in twice the precision.
 #[derive(Clone, Copy, Debug, Default)]
@@ -38,11 +40,6 @@ impl FromIterator<f64> for CompensatedSum {
     }
 }
 
-/// The larger of two numbers, for folds over errors; NaN if either is NaN, which `f64::max` would leave out.
-pub fn max_or_nan(largest: f64, number: f64) -> f64 {
-    if largest.is_nan() || number <= largest { largest } else { number }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -66,15 +63,5 @@ mod tests {
         (0..1000).for_each(|_| sum.add(1e-20));
         sum.add(-1.0);
         assert!((sum.total() / small.total() - 1.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn what_is_no_number_is_kept_wherever_it_stands() {
-        for place in 0..3 {
-            let mut errors = [1.0, 3.0, 2.0];
-            assert_eq!(errors.into_iter().fold(0.0, max_or_nan), 3.0);
-            errors[place] = f64::NAN;
-            assert!(errors.into_iter().fold(0.0, max_or_nan).is_nan(), "{errors:?}");
-        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::f64::consts::PI;
 
-use fvi_core::{BdfOrder, ConvolutionWeights, Memory, ParameterError};
+use fvi_core::{BdfOrder, ConvolutionWeights, Memory, ParameterError, min_or_nan};
 use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
 use fvi_fft::sums::max_or_nan;
 use nalgebra::Complex;
@@ -222,7 +222,7 @@ fn filters() -> Vec<Claim> {
     };
     let levels: Vec<f64> = (0..400).map(|index| level(spacing * f64::from(index) / 400.0)).collect();
     let highest = levels.iter().copied().fold(f64::NEG_INFINITY, max_or_nan);
-    let lowest = levels.iter().copied().fold(f64::INFINITY, f64::min);
+    let lowest = levels.iter().copied().fold(f64::INFINITY, min_or_nan);
     let ripple = libm::sin(PI * order) * libm::exp(PI * PI / spacing) / libm::sinh(2.0 * PI * PI / spacing);
 
     let (points, from, to) = (9, 1e-3, 1e2);

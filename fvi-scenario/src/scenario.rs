@@ -66,6 +66,7 @@ pub use time::{
 use crate::language::document::{Document, Table};
 use crate::language::expression::Moment;
 use crate::language::{InputError, Problem};
+use fvi_core::min_or_nan;
 use fvi_fft::dense;
 use fvi_fft::memory::History;
 use nalgebra::DVector;
@@ -144,7 +145,7 @@ impl Scenario {
             return order;
         };
         let growth = self.system.damping.iter().map(|term| term.transfer.growth());
-        growth.fold(order, |order, growth| order.min(method.stage_order() as f64 + 2.0 - growth))
+        growth.map(|growth| method.stage_order() as f64 + 2.0 - growth).fold(order, min_or_nan)
     }
 
     /// Reads and checks a scenario file.

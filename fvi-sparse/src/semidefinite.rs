@@ -22,7 +22,9 @@ pub fn check_positive_semidefinite(
             kept.push(row);
         }
     }
-    let largest = values.iter().fold(0.0, |largest: f64, entry| largest.max(entry.abs()));
+    // NaN is kept, and no pivot with it is positive.
+    let larger = |most: f64, entry: f64| if most.is_nan() || entry <= most { most } else { entry };
+    let largest = values.iter().map(|entry| entry.abs()).fold(0.0, larger);
     if largest == 0.0 {
         return Ok(());
     }

@@ -1,5 +1,6 @@
 //! Pictures as SVG, within a page and as files: points over logarithmic axes.
 
+use fvi_core::min_or_nan;
 use std::fmt::Write;
 
 /// A point with the strategy that it belongs to.
@@ -45,7 +46,7 @@ pub(crate) fn escaped(text: &str) -> String {
 
 /// Where zeros are drawn on a logarithmic axis: at a tenth of the smallest number above.
 fn place_of_zero(numbers: impl Iterator<Item = f64>) -> f64 {
-    let smallest = numbers.filter(|&number| number > 0.0).fold(f64::INFINITY, f64::min);
+    let smallest = numbers.filter(|&number| number > 0.0).fold(f64::INFINITY, min_or_nan);
     if smallest.is_finite() { 0.1 * smallest } else { 1.0 }
 }
 

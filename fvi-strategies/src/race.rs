@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use fvi_core::Real;
+use fvi_core::{Real, min_or_nan};
 use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
 use fvi_fft::sums::max_or_nan;
 use fvi_fft::{Engines, WeightTable};
@@ -421,7 +421,7 @@ impl Compared {
             sum.push(&sample).ok()?;
             absolute.push(&sample.iter().map(|number| number.abs()).collect::<Vec<_>>()).ok()?;
         }
-        let largest = exact.iter().fold(0.0_f64, |largest, (_, term)| largest.max(term.absolute));
+        let largest = exact.iter().map(|(_, term)| term.absolute).fold(0.0, max_or_nan);
         Some(Sums { exact, all, largest })
     }
 }
@@ -463,7 +463,7 @@ pub(crate) fn clock_nanoseconds() -> f64 {
         }
         begin.elapsed().as_secs_f64() * 1e9 / f64::from(READINGS)
     };
-    (0..10).map(|_| reading()).fold(f64::INFINITY, f64::min)
+    (0..10).map(|_| reading()).fold(f64::INFINITY, min_or_nan)
 }
 
 #[cfg(test)]

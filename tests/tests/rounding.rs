@@ -128,7 +128,7 @@ fn a_million_steps_in_single_precision_lose_no_energy_of_their_own() {
             [error, energy_with_rounded_forces(step_size, 1_000_000, position) - 1.0]
         });
         let largest = errors.fold([0.0_f64; 2], |largest, error| {
-            [largest[0].max(error[0].abs()), largest[1].max(error[1].abs())]
+            [max_or_nan(largest[0], error[0].abs()), max_or_nan(largest[1], error[1].abs())]
         });
         println!(
             "h = {step_size}: energy off by {:.1e}; by rounding of forces alone {:.1e}",

@@ -2,7 +2,7 @@
 //! laws that its operators obey on any grid.
 
 use fvi_core::{
-    Memory, MemoryError, Real, RungeKutta, StateReader, StateWriter, Stateful, VariableStepMemory,
+    Memory, MemoryError, Real, RungeKutta, StateReader, StateWriter, Stateful, VariableStepMemory, min_or_nan,
 };
 use fvi_fft::Aligned;
 use fvi_fft::exponentials::rate_table::{rate_table, rate_table_of};
@@ -21,7 +21,7 @@ fn memory<T: Real, const R: usize>(
     steps: &[f64],
     tolerance: f64,
 ) -> AnyMemory<T, R> {
-    let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let shortest = steps.iter().copied().fold(f64::INFINITY, min_or_nan);
     let table = rate_table::<T, R>(method, exponent, shortest, steps.iter().sum(), tolerance).unwrap();
     let state = Aligned::zeros(table.borrow::<T>().state_len(1, R));
     VariableStepMemory::new(method, table, 1, state).unwrap()
@@ -79,7 +79,7 @@ fn random_samples<const R: usize>(count: usize, seed: u64) -> Vec<[f64; R]> {
 }
 
 fn largest<const R: usize>(values: &[[f64; R]]) -> f64 {
-    values.as_flattened().iter().fold(0.0, |largest, value| value.abs().max(largest))
+    values.as_flattened().iter().map(|value| value.abs()).fold(0.0, max_or_nan)
 }
 
 fn assert_equal_steps<const R: usize>(method: &RungeKutta<R>) {
@@ -163,7 +163,7 @@ fn dense<const R: usize>(
             before = last;
         }
     }
-    let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let shortest = steps.iter().copied().fold(f64::INFINITY, min_or_nan);
     let (low, high) = (-(40.0 / (1.0 - mu)) - steps.iter().sum::<f64>().ln(), 40.0 - shortest.ln());
     let jump = (std::f64::consts::PI * mu).sin() / std::f64::consts::PI;
     let mut values: Vec<nalgebra::SVector<f64, R>> = steps
@@ -214,7 +214,7 @@ fn advanced_integral<const R: usize>(
     type Vector<const R: usize> = nalgebra::SVector<f64, R>;
     let b = method.quadrature().weights();
     let adjoint = nalgebra::SMatrix::<f64, R, R>::from_fn(|i, j| b[j] * method.matrix()[j][i] / b[i]);
-    let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let shortest = steps.iter().copied().fold(f64::INFINITY, min_or_nan);
     let (low, high) = (-(40.0 / (1.0 - mu)) - steps.iter().sum::<f64>().ln(), 40.0 / mu - shortest.ln());
     let jump = (std::f64::consts::PI * mu).sin() / std::f64::consts::PI;
     let mut values = vec![Vector::<R>::zeros(); steps.len()];
@@ -539,7 +539,7 @@ fn memories_of<const R: usize>(
     transfer: &TransferFunction,
     steps: &[f64],
 ) -> (AnyMemory<f64, R>, VectorVariableSteps<f64, R>) {
-    let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let shortest = steps.iter().copied().fold(f64::INFINITY, min_or_nan);
     let table = rate_table_of::<f64, R>(method, transfer, shortest, steps.iter().sum(), TOLERANCE).unwrap();
     let in_vectors = VectorVariableSteps::new(method, &table.borrow(), 1).unwrap();
     let state = Aligned::zeros(table.borrow::<f64>().state_len(1, R));
@@ -611,7 +611,7 @@ fn on_a_contour<const R: usize>(
     let matrix = Matrix::<R>::from_fn(|i, j| complex(method.matrix()[i][j]));
     let inverse = matrix.try_inverse().unwrap();
     let ones = nalgebra::SVector::<Complex<f64>, R>::repeat(complex(1.0));
-    let shortest = steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let shortest = steps.iter().copied().fold(f64::INFINITY, min_or_nan);
     // Two derivatives are taken of the samples, so that K/s² ends on both branches.
     let mut derivatives: Vec<nalgebra::SVector<Complex<f64>, R>> =
         samples.iter().map(|sample| nalgebra::SVector::from(sample.map(complex))).collect();

@@ -625,6 +625,7 @@ impl<T: Scalar, const R: usize> Stateful for VectorVariableSteps<T, R> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fvi_core::max_or_nan;
 
     fn memory<T: Scalar, const R: usize>(method: &RungeKutta<R>) -> VectorVariableSteps<T, R> {
         let rates: Vec<T> = (0..20).map(|j| T::of(if j == 0 { 0.0 } else { 10f64.powi(j - 12) })).collect();
@@ -752,7 +753,7 @@ mod tests {
                     let (mut found, mut expected) = (vec![f64::NAN; 2 * R], vec![f64::NAN; 2 * R]);
                     memory.next_term(&mut found).unwrap();
                     core.next_term(&mut expected).unwrap();
-                    let size = expected.iter().fold(1.0, |size: f64, number| size.max(number.abs()));
+                    let size = expected.iter().map(|number| number.abs()).fold(1.0, max_or_nan);
                     for (found, expected) in found.iter().zip(&expected) {
                         let error = (found - expected).abs();
                         assert!(error <= 1e-10 * size, "β = {exponent}, {R} stages, step {k}: {error:e}");

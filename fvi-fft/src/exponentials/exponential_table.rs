@@ -34,7 +34,7 @@ use crate::quadrature::multistep_weights::multistep_weights;
 use crate::quadrature::principal_cut::PrincipalCut;
 use crate::sums::{CompensatedSum, max_or_nan};
 use crate::transfer::TransferFunction;
-use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, Real};
+use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, Real, min_or_nan};
 use nalgebra::DMatrix;
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -722,7 +722,7 @@ impl Cut {
 /// `horizon`, with the exponentials of poles.
 fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, tolerance: f64) -> Vec<Nodes> {
     let horizon = cuts.iter().map(|cut| cut.reach(horizon)).max().unwrap_or(horizon).max(head);
-    let spacing = cuts.iter().map(|cut| cut.spacing(tolerance)).fold(f64::INFINITY, f64::min);
+    let spacing = cuts.iter().map(|cut| cut.spacing(tolerance)).fold(f64::INFINITY, min_or_nan);
     let fastest = cuts.iter().map(|cut| cut.fastest(head, tolerance)).fold(0.0, max_or_nan);
     let rule = |cut: &S| cut.rule(spacing, fastest, horizon, tolerance);
     let rules: Vec<Nodes> = cuts.iter().map(rule).collect();
@@ -740,7 +740,7 @@ fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, toleranc
     if nodes.is_empty() || signed {
         return rules.into_iter().zip(cuts).map(finished).collect();
     }
-    let slowest = cuts.iter().map(Source::slowest).fold(f64::INFINITY, f64::min);
+    let slowest = cuts.iter().map(Source::slowest).fold(f64::INFINITY, min_or_nan);
     let allowed = (0.25 * tolerance).max(4.0 * f64::EPSILON);
     let weights: Vec<(usize, Vec<f64>)> = lags(head, horizon)
         .map(|n| (n, rules.iter().map(|nodes| sum_of_exponentials(nodes, n)).collect()))

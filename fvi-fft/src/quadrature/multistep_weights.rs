@@ -8,7 +8,7 @@ use crate::transfer::TransferFunction;
 use crate::transfer::derivative::TransferDerivative;
 use crate::transfer::given_weights::GivenWeights;
 use crate::transfer::multistep_rule::MultistepRule;
-use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError};
+use fvi_core::{BdfOrder, ConvolutionWeights, DoubleDouble, ParameterError, max_or_nan};
 use nalgebra::Complex;
 
 /// Number of weights computed from the power series. Beyond these the contributions that the integral over
@@ -83,7 +83,7 @@ pub fn multistep_weights(
     }
     // If K(s) = O(s^μ), μ < 2, is analytic in the right half-plane, no weight is more than a few times the
     // first.
-    let largest = weights.iter().fold(0.0_f64, |largest, weight| largest.max(weight.abs()));
+    let largest = weights.iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
     if largest > GROWN * first {
         return Err(refused(largest));
     }

@@ -2,7 +2,7 @@
 
 use crate::real_transforms;
 use crate::transfer::Active;
-use fvi_core::{DoubleDouble, ParameterError};
+use fvi_core::{DoubleDouble, ParameterError, max_or_nan};
 use nalgebra::Complex;
 
 /// Weights w₀, w₁, … of a memory, given as they are: the force at step k is ρ Σ_{n=0}^{k} w_n q_{k−n}.
@@ -108,7 +108,7 @@ impl GivenWeights {
         let last = self.sums.len() - 1;
         let index = (time / self.step.unwrap_or(1.0)).floor().clamp(0.0, last as f64) as usize;
         let before = index.saturating_sub(1);
-        self.sums[before..=(index + 1).min(last)].iter().fold(0.0, |most, sum| most.max(sum.abs()))
+        self.sums[before..=(index + 1).min(last)].iter().map(|sum| sum.abs()).fold(0.0, max_or_nan)
     }
 
     /// The band in which it adds energy to a harmonic motion: see `look_for_activity`.

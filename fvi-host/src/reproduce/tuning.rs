@@ -3,7 +3,7 @@
 
 use super::table::{Cell, Column, Format, Table};
 use super::{Exhibit, Findings, ReproduceError};
-use fvi_core::{DerivativeFilter, PidGains};
+use fvi_core::{DerivativeFilter, PidGains, min_or_nan};
 use fvi_fft::sums::max_or_nan;
 use fvi_lab::lab::tune::{Law, Margins, TuneError, TuningProblem, find, margins_of};
 use fvi_scenario::language::Document;
@@ -238,7 +238,7 @@ fn padula_visioli(
             );
             found.push(margins.ms);
         }
-        let least = found.iter().copied().fold(f64::INFINITY, f64::min);
+        let least = found.iter().copied().fold(f64::INFINITY, min_or_nan);
         let most = found.iter().copied().fold(0.0, max_or_nan);
         findings = findings.differs(
             format!("[PV11] rules for {purpose} steps: Ms over L/(L + T) = 0.1 … 0.7"),

@@ -7,6 +7,7 @@ use super::motion::Motion;
 use super::problems::{cube_plate, on_default_engine, on_grid, pendulum, pulse_plate};
 use super::table::{Cell, Column, Format, Table};
 use super::{Exhibit, Findings, ReproduceError};
+use fvi_core::{max_or_nan, min_or_nan};
 use fvi_lab::lab::converge::{Grids, converge};
 use fvi_lab::results::picture::{Axis, Chart, Series};
 use fvi_scenario::scenario::{Reference, ReferenceRow, ReferenceSource, Scenario};
@@ -134,9 +135,9 @@ const LABELLED_FAN: f64 = 2.0 * FAN;
 /// Lines of the given orders that fan out from one place to the left, below all curves.
 fn guides(measured: &[Measured], orders: &[f64]) -> Vec<Series> {
     let runs = || measured.iter().flat_map(|of_method| &of_method.runs);
-    let first = runs().map(|run| run.steps as f64).fold(f64::INFINITY, f64::min);
+    let first = runs().map(|run| run.steps as f64).fold(f64::INFINITY, min_or_nan);
     let lowest =
-        |runs: &mut dyn Iterator<Item = &Run>| runs.map(|run| run.error).fold(f64::INFINITY, f64::min);
+        |runs: &mut dyn Iterator<Item = &Run>| runs.map(|run| run.error).fold(f64::INFINITY, min_or_nan);
     let start = (first, lowest(&mut runs().filter(|run| run.steps as f64 <= LABELLED_FAN * first)) / 3.0);
     let floor = lowest(&mut runs());
     let line = |&order: &f64| {
@@ -250,10 +251,12 @@ fn with_fine_reference(
         |method: Method| Motion::run(method.label, &method.on(on_grid(scenario.clone(), step, steps)), stop);
     let [fine, other] = REFERENCE_METHODS.map(run);
     let (fine, other) = (fine?, other?);
-    let difference =
-        fine.states.iter().zip(&other.states).fold(0.0, |largest, (fine, other)| {
-            f64::max(largest, (fine.position[0] - other.position[0]).abs())
-        });
+    let difference = fine
+        .states
+        .iter()
+        .zip(&other.states)
+        .map(|(fine, other)| (fine.position[0] - other.position[0]).abs());
+    let difference = difference.fold(0.0, max_or_nan);
     let known = |numbers: &[f64]| numbers.iter().map(|&number| Some(number)).collect();
     let row = |state: &fvi_simulation::simulation::GridState| ReferenceRow {
         time: state.time,

@@ -2,6 +2,7 @@
 //! same bits, and what is refused.
 
 use crate::workplace::{Run, Workplace, text};
+use fvi_core::min_or_nan;
 use fvi_fft::sums::max_or_nan;
 use fvi_lab::lab::checkpoint::CheckpointEvery;
 use fvi_lab::lab::run::{RunEnd, RunOptions, run};
@@ -44,10 +45,11 @@ fn rows(scenario: &Value) -> (fvi_lab::lab::run::RunSummary, Vec<[f64; 3]>) {
 
 /// Largest errors of q and p over the rows where they are known.
 fn errors(rows: &[[f64; 3]], exact: impl Fn(f64) -> (f64, f64)) -> f64 {
-    rows.iter().fold(0.0, |largest: f64, &[t, q, p]| {
+    let errors = rows.iter().flat_map(|&[t, q, p]| {
         let (exact_q, exact_p) = exact(t);
-        largest.max((q - exact_q).abs()).max((p - exact_p).abs())
-    })
+        [(q - exact_q).abs(), (p - exact_p).abs()]
+    });
+    errors.fold(0.0, max_or_nan)
 }
 
 fn assert_few_rejections(summary: &fvi_lab::lab::run::RunSummary) {
@@ -113,7 +115,7 @@ fn samples_and_times_that_must_be_hit_are_grid_points() {
     // Nothing moves before the first sample.
     assert!(rows.iter().filter(|row| row[0] <= 0.25).all(|row| row[1] == 0.0));
     let lengths = summary.step_lengths.unwrap();
-    let shortest = rows.windows(2).map(|pair| pair[1][0] - pair[0][0]).fold(f64::INFINITY, f64::min);
+    let shortest = rows.windows(2).map(|pair| pair[1][0] - pair[0][0]).fold(f64::INFINITY, min_or_nan);
     assert!((lengths.smallest / shortest - 1.0).abs() < 1e-3 && lengths.largest <= 2.0);
 }
 
@@ -153,7 +155,7 @@ fn starts_near_order_two_with_a_velocity_are_no_more_than_rounding() {
         });
         let (summary, rows) = rows(&scenario);
         assert_eq!(summary.end, RunEnd::Completed, "order {order}");
-        let largest = rows.iter().fold(1.0_f64, |largest, row| largest.max(row[1].abs()).max(row[2].abs()));
+        let largest = rows.iter().flat_map(|row| [row[1].abs(), row[2].abs()]).fold(1.0, max_or_nan);
         let &[time, q, p] = rows.last().unwrap();
         let error = max_or_nan((q - exact[0]).abs(), (p - exact[1]).abs());
         assert!(time == 1.0 && error < 10.0 * tolerance * largest, "order {order}: {error:e}");
@@ -283,7 +285,7 @@ fn no_step_is_shorter_than_the_shortest() {
         time["shortest"] = json!(shortest);
         let (summary, rows) = rows(&scenario(0.5, 1.0, "0", time));
         assert_eq!(summary.end, RunEnd::Completed, "{shortest}");
-        let least = rows.windows(2).map(|pair| pair[1][0] - pair[0][0]).fold(f64::INFINITY, f64::min);
+        let least = rows.windows(2).map(|pair| pair[1][0] - pair[0][0]).fold(f64::INFINITY, min_or_nan);
         assert!(least >= shortest, "{shortest}: {least}");
         assert!(rows.len() <= steps + 1 && rows.last().unwrap()[0] == 1.0, "{shortest}: {}", rows.len());
     }

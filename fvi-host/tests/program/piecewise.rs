@@ -423,7 +423,7 @@ fn random_piecewise_systems_keep_the_tolerance_or_say_why_not() {
         let times: Vec<f64> = rows.iter().map(|row| row[0]).collect();
         let exact = system.solve((q, v), &times);
         // How far motions come apart that begin beside it: what the errors of many steps may become.
-        let size = rows.iter().fold(1.0_f64, |size, row| size.max(row[1].abs()).max(row[2].abs()));
+        let size = rows.iter().flat_map(|row| [row[1].abs(), row[2].abs()]).fold(1.0, max_or_nan);
         let near = tolerance.max(1e-8) * size;
         let beside: Vec<_> = [(near, 0.0), (0.0, near)]
             .into_iter()

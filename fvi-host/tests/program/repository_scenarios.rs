@@ -1,6 +1,7 @@
 //! Every scenario in the repository does what its comment says.
 
 use crate::workplace::{Run, Workplace, text};
+use fvi_core::min_or_nan;
 use fvi_fft::sums::max_or_nan;
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Precision;
@@ -195,7 +196,7 @@ fn the_coupled_masses_follow_their_drive_in_the_end() {
     // The start dies out; the drive, of period 2π/1.3, keeps both masses going.
     let swing = |name: &str| {
         let late = &run.column(name)[1700..];
-        late.iter().fold(f64::MIN, |a, &b| max_or_nan(a, b)) - late.iter().fold(f64::MAX, |a, &b| a.min(b))
+        late.iter().fold(f64::MIN, |a, &b| max_or_nan(a, b)) - late.iter().copied().fold(f64::MAX, min_or_nan)
     };
     assert!((0.2..1.0).contains(&swing("q0")) && (0.2..1.0).contains(&swing("q1")));
 }

@@ -1,6 +1,7 @@
 //! `fvi tune`: margins by a scan written here, loops by runs of the plant, refusals.
 
 use crate::workplace::{Workplace, text};
+use fvi_core::min_or_nan;
 use fvi_fft::sums::max_or_nan;
 use serde_json::Value;
 use std::f64::consts::PI;
@@ -208,7 +209,7 @@ fn samples_that_make_a_loop_unstable_are_refused_and_runs_agree() {
             table.lines().skip(1).map(|line| line.split(',').nth(4).unwrap().parse().unwrap()).collect();
         let spread = |part: &[f64]| {
             part.iter().copied().fold(f64::NEG_INFINITY, max_or_nan)
-                - part.iter().copied().fold(f64::INFINITY, f64::min)
+                - part.iter().copied().fold(f64::INFINITY, min_or_nan)
         };
         let quarter = outputs.len() / 4;
         let [before, after] = [quarter, 3 * quarter].map(|at| spread(&outputs[at..at + quarter]));

@@ -441,7 +441,7 @@ fn events_not_told(seen: &Seen) -> Vec<String> {
 fn small_beside_scale(scenario: &Scenario, largest: &Largest) -> Option<String> {
     const SMALL: f64 = 0.01;
     let scale = scenario.time.adaptive()?.scale;
-    let most = largest.position.iter().fold(0.0, |most: f64, &position| most.max(position));
+    let most = largest.position.iter().copied().fold(0.0, max_or_nan);
     (most > 0.0 && most < SMALL * scale).then(|| {
         format!(
             "no position is larger than {most:.1e}, and `time.tolerance` is relative to `time.scale`, {scale}: give a scale of \

@@ -4,6 +4,7 @@ use super::initial::InitialState;
 use super::system::{Derivative, System};
 use crate::language::document::Table;
 use crate::language::error::InputError;
+use fvi_core::{max_or_nan, min_or_nan};
 
 /// Largest number of steps chosen during the run.
 pub(super) const MOST_STEPS_CHOSEN: usize = 10_000_000;
@@ -153,7 +154,7 @@ impl Adaptive {
         let masses = system.mass.diagonal();
         let by_mass = |force: Vec<f64>| {
             let moved = force.iter().zip(&masses).filter(|(_, mass)| **mass > 0.0);
-            moved.fold(0.0_f64, |most, (force, mass)| most.max((force / mass).abs()))
+            moved.map(|(force, mass)| (force / mass).abs()).fold(0.0, max_or_nan)
         };
         let terms = system.damping.iter().filter(|term| term.derivative == Derivative::RiemannLiouville);
         let mut start = Start { creep: Self::creep(system), power: 1.0, size: 0.0 };
@@ -168,7 +169,7 @@ impl Adaptive {
                             .iter()
                             .copied()
                             .filter(|&mass| mass > 0.0)
-                            .fold(f64::INFINITY, f64::min),
+                            .fold(f64::INFINITY, min_or_nan),
                     )
                 }
                 _ => continue,
@@ -195,7 +196,7 @@ impl Adaptive {
             }
         }
         let massless = system.massless();
-        massless.iter().filter_map(|&row| held[row]).fold(1.0, |least, (_, power)| power.min(least))
+        massless.iter().filter_map(|&row| held[row]).map(|(_, power)| power).fold(1.0, min_or_nan)
     }
 
     /// The smallest tolerance in a precision with this rounding unit.

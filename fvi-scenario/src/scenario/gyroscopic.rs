@@ -2,6 +2,7 @@
 
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
+use fvi_core::max_or_nan;
 use serde::{Serialize, Serializer};
 
 /// G, skew-symmetric: for rotating frames and rotors, and charges in a magnetic field.
@@ -63,7 +64,7 @@ impl SkewMatrix {
             *sums.entry((row, column)).or_insert(0.0) += entry;
         }
         let mirrored = |row, column| sums.get(&(column, row)).copied().unwrap_or(0.0);
-        let largest = sums.values().fold(0.0, |largest: f64, entry| largest.max(entry.abs()));
+        let largest = sums.values().map(|entry| entry.abs()).fold(0.0, max_or_nan);
         let mut entries = Vec::with_capacity(sums.len());
         for (&(row, column), &entry) in &sums {
             let other = mirrored(row, column);

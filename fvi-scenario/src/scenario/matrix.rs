@@ -3,6 +3,7 @@
 use super::sparse_matrix::{Matrices, SparseMatrix, wrong_size};
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
+use fvi_core::min_or_nan;
 use fvi_fft::dense::symmetric_eigenvalues;
 use nalgebra::DMatrix;
 use serde::{Serialize, Serializer};
@@ -198,7 +199,7 @@ impl SymmetricMatrix {
     /// The smallest eigenvalue, and a bound of its rounding error.
     fn spectrum(&self) -> (f64, f64) {
         match self {
-            Self::Diagonal(entries) => (entries.iter().copied().fold(f64::INFINITY, f64::min), 0.0),
+            Self::Diagonal(entries) => (entries.iter().copied().fold(f64::INFINITY, min_or_nan), 0.0),
             Self::Dense(matrix) => {
                 let eigenvalues = symmetric_eigenvalues(matrix.clone());
                 (eigenvalues.min(), 8.0 * f64::EPSILON * matrix.nrows() as f64 * eigenvalues.amax())

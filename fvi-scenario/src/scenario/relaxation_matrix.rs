@@ -4,6 +4,7 @@
 use super::kernel::relaxation_of;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
+use fvi_core::min_or_nan;
 use fvi_fft::dense::symmetric_eigenvalues;
 use fvi_fft::transfer::Active;
 use fvi_fft::transfer::TransferFunction;
@@ -104,7 +105,7 @@ fn look_for_activity(pairs: &[Pair], count: usize) -> Option<Active> {
     for (_, [transfer, _]) in pairs {
         let times: Vec<f64> = transfer.numbers().iter().step_by(2).copied().collect();
         longest = longest.max(times.last().copied().unwrap_or(0.0));
-        shortest = times.windows(2).map(|pair| pair[1] - pair[0]).fold(shortest, f64::min);
+        shortest = times.windows(2).map(|pair| pair[1] - pair[0]).fold(shortest, min_or_nan);
     }
     if longest == 0.0 {
         return None;

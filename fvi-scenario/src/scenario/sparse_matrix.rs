@@ -3,6 +3,7 @@
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
 use crate::language::matrix_file::FileMatrix;
+use fvi_core::max_or_nan;
 use fvi_sparse::check_positive_semidefinite;
 use fvi_sparse::{Analysis, FactorError, Pattern};
 use serde::{Serialize, Serializer};
@@ -126,7 +127,7 @@ impl SparseMatrix {
         };
         let largest: Vec<f64> = pattern
             .rows()
-            .map(|slots| values[slots].iter().fold(0.0, |largest: f64, entry| largest.max(entry.abs())))
+            .map(|slots| values[slots].iter().map(|entry| entry.abs()).fold(0.0, max_or_nan))
             .collect();
         for (row, slots) in pattern.rows().enumerate() {
             for slot in slots {

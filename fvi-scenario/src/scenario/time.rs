@@ -6,6 +6,7 @@ use super::keys;
 use super::scheme_descriptor::SchemeDescriptor;
 use crate::language::document::{Document, Table};
 use crate::language::error::{InputError, Problem};
+use fvi_core::min_or_nan;
 use fvi_fft::exponentials::exponential_table::SMALLEST_TOLERANCE;
 use fvi_fft::memory::{Engine, History, Overflow, States};
 use fvi_fft::sums::max_or_nan;
@@ -152,7 +153,7 @@ impl TimeGrid {
             let start = Self::read_start(table)?;
             let (shortest, steps) = match grid.adaptive() {
                 Some(adaptive) => (adaptive.shortest, MOST_STEPS_CHOSEN),
-                None => (grid.lengths().fold(f64::INFINITY, f64::min), grid.times().len() - 1),
+                None => (grid.lengths().fold(f64::INFINITY, min_or_nan), grid.times().len() - 1),
             };
             (start, shortest, steps, Some(grid))
         };
@@ -212,7 +213,7 @@ impl TimeGrid {
     pub(super) fn in_steps(&self, steps: usize) -> Self {
         match self.grid.as_ref().and_then(|grid| grid.in_steps(steps)) {
             Some(grid) => Self {
-                step: grid.lengths().fold(f64::INFINITY, f64::min),
+                step: grid.lengths().fold(f64::INFINITY, min_or_nan),
                 steps: grid.times().len() - 1,
                 grid: Some(grid),
                 ..self.clone()

@@ -2,7 +2,7 @@
 
 use super::moment::moment;
 use crate::model::tape::{CompiledForce, RoughArguments, Singularity, TimeTerms};
-use fvi_core::{Instant, NodalRule, Real};
+use fvi_core::{Instant, NodalRule, Real, max_or_nan};
 use fvi_scenario::language::expression::{Expression, Moment};
 
 /// Moments of the part of a force that depends on time alone, for steps where a quadrature is not accurate
@@ -419,7 +419,7 @@ impl ForceMoments {
         let mut largest = 0.0_f64;
         for i in 0..rule.nodes.len() {
             self.force.load(node_moment(rule, i), &mut self.registers, &mut self.load);
-            largest = self.load.iter().fold(largest, |largest, number| largest.max(number.abs()));
+            largest = self.load.iter().map(|number| number.abs()).fold(largest, max_or_nan);
             against.subtract_node(rule, i, &self.load, &mut self.total);
         }
         if self.total.iter().any(|number| !number.is_finite()) {
@@ -580,7 +580,7 @@ impl ForceMoments {
                 size = size.max(force.abs());
             }
         }
-        let error = difference.iter().fold(0.0_f64, |largest, number| largest.max(number.abs()));
+        let error = difference.iter().map(|number| number.abs()).fold(0.0, max_or_nan);
         // Kronrod's error is about the square of Gauss's.
         if error > 1e-9 * size * half && halvings < MOST_HALVINGS {
             return self.kronrod(against, step, (from, middle), halvings + 1)

@@ -2,7 +2,7 @@
 
 use super::matrices::Matrix;
 use super::space::AnySpace;
-use fvi_core::{Instant, Mechanics, Real, State, Step, factor, substitute};
+use fvi_core::{Instant, Mechanics, Real, State, Step, factor, max_or_nan, substitute};
 use fvi_sparse::{Analysis, Factor, Pattern};
 
 /// Coordinates z without mass, by the way in which their positions at grid points are determined.
@@ -301,8 +301,8 @@ impl<T: Real> Equilibrium<T> {
                 self.kept = Some(solver);
                 return Ok(());
             }
-            let change = self.right.iter().fold(0.0, |most: f64, right| most.max(right.abs()));
-            let largest = position.iter().fold(0.0, |most: f64, number| most.max(number.to_f64().abs()));
+            let change = self.right.iter().map(|right| right.abs()).fold(0.0, max_or_nan);
+            let largest = position.iter().map(|number| number.to_f64().abs()).fold(0.0, max_or_nan);
             // Converged to rounding, or as far as the rounding of the forces allows.
             let (fine, coarse) = (64.0 * T::EPSILON.to_f64(), T::EPSILON.to_f64().sqrt());
             if change <= fine * largest || (change >= 0.25 * before && before <= coarse * largest) {

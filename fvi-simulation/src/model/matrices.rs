@@ -5,7 +5,7 @@ use super::band::{self, BandFactors};
 use super::chain::{Chain, ChainFactors};
 use super::few::{few, few_mut};
 use super::shared::Shared;
-use fvi_core::{Block, Equations, MatrixError, Real, Singular};
+use fvi_core::{Block, Equations, MatrixError, Real, Singular, max_or_nan};
 use fvi_core::{add_multiple, combine_four, combine_two, is_positive_definite_in_place};
 use fvi_core::{keep_factors, substitute, substitute_kept};
 use fvi_sparse::Pattern;
@@ -296,7 +296,7 @@ impl<T: Real> Block<T> for Matrix<T> {
         if !entries.iter().all(|&(.., entry)| entry.is_finite()) {
             return Err(MatrixError::NotFinite);
         }
-        let largest = entries.iter().fold(T::zero(), |largest, &(.., entry)| largest.max(entry.abs()));
+        let largest = entries.iter().map(|&(.., entry)| entry.abs()).fold(T::zero(), max_or_nan);
         if largest == T::zero() {
             return Ok(());
         }

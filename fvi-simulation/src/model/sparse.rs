@@ -1,7 +1,7 @@
 //! Sparse equations of many coordinates, and their factors.
 
 use super::matrices::Matrix;
-use fvi_core::{DiscreteLagrangian, Equations, Real, Singular};
+use fvi_core::{DiscreteLagrangian, Equations, Real, Singular, max_or_nan};
 use fvi_scenario::scenario::KnownMatrices;
 use fvi_sparse::{Analysis, Factor, Pattern};
 use std::sync::Arc;
@@ -385,9 +385,8 @@ impl<T: Real> Equations<T, Matrix<T>> for SparseEquations {
         let mut unsettled = false;
         for ((increments, position), residual) in motions {
             let scaled = increments.iter().zip(position).zip(scales);
-            let largest = scaled.fold(0.0_f64, |largest, ((e, q), scale)| {
-                largest.max(scale * (e.to_f64().abs() + q.to_f64().abs()))
-            });
+            let sizes = scaled.map(|((e, q), scale)| scale * (e.to_f64().abs() + q.to_f64().abs()));
+            let largest = sizes.fold(0.0, max_or_nan);
             let bound = ROUNDINGS * T::EPSILON.to_f64() * largest;
             let rounding = |(r, scale): (&T, &f64)| r.to_f64().abs() <= bound * scale;
             if bound.is_finite() && residual.iter().zip(scales).all(rounding) {

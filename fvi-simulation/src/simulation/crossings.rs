@@ -7,6 +7,7 @@
 use super::Simulation;
 use super::events::zero;
 use crate::model::Side;
+use fvi_core::min_or_nan;
 use serde::{Deserialize, Serialize};
 
 /// Number of parts of each half step at whose ends arguments are evaluated.
@@ -264,7 +265,7 @@ impl Crossings {
                 found.push((time, index));
             }
         }
-        let first = found.iter().fold(f64::INFINITY, |first, &(time, _)| first.min(time));
+        let first = found.iter().map(|&(time, _)| time).fold(f64::INFINITY, min_or_nan);
         if first - begin < apart {
             // Too near for a step: it counts as at the beginning of the pair.
             if first - begin > 100.0 * near.max(1e-11 * end) {

@@ -3,7 +3,7 @@
 
 use super::bad_mass;
 use crate::model::{Direction, Equilibrium, MasslessRows, Matrix, Model, matrix};
-use fvi_core::{Instant, Mechanics};
+use fvi_core::{Instant, Mechanics, max_or_nan};
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{DampedAt, Derivative, Scenario, Scheme};
@@ -346,7 +346,7 @@ impl Held {
             );
             return Err(scenario.error_at("initial.position", Problem::Unusable { reason }));
         }
-        let largest = position.iter().fold(0.0, |most: f64, number| most.max(number.abs()));
+        let largest = position.iter().map(|number| number.abs()).fold(0.0, max_or_nan);
         let far = |&(place, row): &(usize, &usize)| {
             let (free, off) = (!self.resting[place], (given[*row] - position[*row]).abs());
             free && given[*row] != 0.0 && off > GIVEN * largest

@@ -3,6 +3,7 @@
 use crate::simulation::motion::Motion;
 use crate::simulation::response::Linearised;
 use crate::simulation::{GridState, Precision, Simulation, Solver, SolverChoice};
+use fvi_core::max_or_nan;
 use fvi_scenario::scenario::Scenario;
 use std::fmt::Write as _;
 
@@ -467,7 +468,7 @@ fn a_sparse_frame_with_massless_rotations_is_its_static_condensation() {
         let (sparse, solver) = end(&whole, SolverChoice::Sparse);
         let (dense, _) = end(&whole, SolverChoice::Dense);
         assert!(matches!(solver, Solver::Sparse { .. }));
-        let largest = reference.position.iter().fold(0.0, |most: f64, q| most.max(q.abs()));
+        let largest = reference.position.iter().map(|q| q.abs()).fold(0.0, max_or_nan);
         for node in 0..8 {
             for found in [&sparse, &dense] {
                 assert!(

@@ -349,7 +349,7 @@ fn elements(transfer: &TransferFunction, step: f64) -> Result<Vec<Element>, &'st
     }
     let [slow, fast] = rests(transfer, &elements, step, cut.start, [slow_distances, fast_times]);
     elements.extend([slow, fast].into_iter().flatten());
-    let largest = elements.iter().fold(0.0_f64, |most, element| most.max(element.modulus));
+    let largest = elements.iter().map(|element| element.modulus).fold(0.0, max_or_nan);
     if elements.iter().any(|element| element.modulus < -1e-12 * largest) {
         return Err(ACTIVE);
     }

@@ -7,7 +7,7 @@ use super::stability::characteristic::log_determinant;
 use super::stability::{self, LinearDamping, LinearSystem};
 use crate::model::{Matrix, Model, matrix};
 use discrete::{SchemeFactors, StepEquations};
-use fvi_core::{Instant, Mechanics};
+use fvi_core::{Instant, Mechanics, max_or_nan};
 use fvi_fft::dense::solve_complex;
 use fvi_fft::transfer::TransferFunction;
 use fvi_scenario::language::{InputError, Problem};
@@ -41,7 +41,7 @@ pub struct Linearised {
 /// of the forces at q ± δ is not δ (K₊ + K₋), or K₊ and K₋ differ, by 10⁻³. Of smooth forces both hold to
 /// O(δ).
 fn has_kink(position: &[f64], mut linearised_at: impl FnMut(&[f64]) -> (Vec<f64>, Matrix<f64>)) -> bool {
-    let largest = position.iter().fold(1.0, |largest: f64, number| largest.max(number.abs()));
+    let largest = position.iter().map(|number| number.abs()).fold(1.0, max_or_nan);
     // Coordinates move by different amounts: forces of differences of coordinates change, too.
     let moved: Vec<f64> =
         (0..position.len()).map(|i| 1e-6 * largest * (0.6 + 0.4 * (i as f64).cos())).collect();

@@ -1,6 +1,7 @@
 //! Problems with known motions, to be run on any grid.
 
 use super::super::ReproduceError;
+use fvi_core::max_or_nan;
 use fvi_lab::lab::converge::{Outcome, run_on};
 use fvi_lab::lab::run::{Run, RunEnd};
 use fvi_scenario::language::Document;
@@ -186,7 +187,7 @@ impl Problem {
         });
         let (rows, others): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (rows?, others?);
         let numbers = rows.iter().flatten().zip(others.iter().flatten());
-        let difference = numbers.fold(0.0, |largest: f64, (one, other)| largest.max((one - other).abs()));
+        let difference = numbers.map(|(one, other)| (one - other).abs()).fold(0.0, max_or_nan);
         problem.rows = rows;
         Ok((problem, difference))
     }

@@ -8,6 +8,7 @@ use super::super::problems::{
 use super::super::table::{Column, Format, Table};
 use super::super::{Findings, ReproduceError};
 use super::PLATE_GRIDS;
+use fvi_core::max_or_nan;
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_lab::lab::converge::Quantity;
 use fvi_scenario::scenario::{Convolution, DampedAt, Scenario, Scheme};
@@ -45,7 +46,7 @@ pub(super) fn figure_8(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
     ];
     let [plain, corrected, conservative, _, smooth, stages] = &curves;
     let (first, first_limit) = first_step(stop)?;
-    let steepest = corrected.orders().into_iter().fold(f64::NAN, f64::max);
+    let steepest = corrected.orders().into_iter().fold(f64::NEG_INFINITY, max_or_nan);
     let last = |curve: &ErrorCurve| curve.points.last().map_or(f64::NAN, |point| point.1);
     let chart = error_chart(
         "Bagley–Torvik equation, α = ¾: starting weights",

@@ -1,5 +1,6 @@
 //! Measured data: tables of numbers over time or frequency.
 
+use fvi_core::max_or_nan;
 use fvi_scenario::language::document::{Table, Value};
 use fvi_scenario::language::excerpt::excerpt;
 use fvi_scenario::language::expression::nearest;
@@ -452,7 +453,7 @@ impl Record {
                 }
             }
             // Where no deviation is known the data themselves are the only measure.
-            let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+            let largest = values.iter().map(|value| value.abs()).fold(0.0, max_or_nan);
             if ways.is_empty() && largest > 0.0 && largest < SMALLEST {
                 let reason = format!(
                     "the largest {name} is {largest:e}, less than {SMALLEST:e}: give it in a smaller unit"

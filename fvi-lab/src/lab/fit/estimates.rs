@@ -514,7 +514,7 @@ fn check_resolution(plan: &Fit, search: &Search<'_, '_>, predicted: &Predicted) 
     for (index, record) in plan.records.iter().enumerate() {
         let place = search.predictions.place(index);
         for (number, column) in record.columns.iter().enumerate() {
-            let size = column.values.iter().fold(0.0f64, |size, value| size.max(value.abs()));
+            let size = column.values.iter().map(|value| value.abs()).fold(0.0, max_or_nan);
             place.clone().skip(number).step_by(record.columns.len()).for_each(|place| largest[place] = size);
         }
     }

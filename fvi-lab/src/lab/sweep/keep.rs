@@ -2,6 +2,7 @@
 
 use super::measured::Measured;
 use crate::lab::run::RunSummary;
+use fvi_core::max_or_nan;
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Simulation;
 
@@ -69,8 +70,7 @@ impl Quantity {
             Self::Stability => {
                 let stable = Simulation::is_predicted_stable(scenario);
                 let stable = stable.map_or(f64::NAN, |stable| if stable { 1.0 } else { 0.0 });
-                let size =
-                    |numbers: &[f64]| numbers.iter().fold(0.0, |most: f64, number| most.max(number.abs()));
+                let size = |numbers: &[f64]| numbers.iter().map(|number| number.abs()).fold(0.0, max_or_nan);
                 vec![stable, size(&largest.position) / size(&scenario.initial.position)]
             }
         }

@@ -7,6 +7,7 @@ use super::grid::{Grid, Sigma};
 use super::lagrangian::MAX_COORDINATES;
 use super::minres::inner;
 use super::newton::{Direction, Iterate, NewtonOptions, Residual, Stationarity, minimise_residual};
+use fvi_core::max_or_nan;
 use fvi_scenario::language::expression::{Expression, Moment};
 use fvi_simulation::model::tape::CompiledFunction;
 use nalgebra::{DMatrix, DVector};
@@ -230,7 +231,7 @@ impl<'a> EmbeddedProblem<'a> {
             krylov_iterations: 0,
             history: iterate.history,
             relative_residual: iterate.relative_residual,
-            residual: residual.iter().fold(0.0, |a: f64, b| a.max(b.abs())),
+            residual: residual.iter().map(|b| b.abs()).fold(0.0, max_or_nan),
             rounding_level: f64::EPSILON * equations.largest_term,
         };
         if iterate.converged && solution.is_finite() {
@@ -309,7 +310,7 @@ impl Stationarity for Tridiagonal<'_> {
             let (row, sizes) = self.row(equation, &positions);
             self.rows.push(row);
             square += sizes.iter().map(|size| size * size).sum::<f64>();
-            self.largest_term = sizes.iter().fold(self.largest_term, |a, b| a.max(*b));
+            self.largest_term = sizes.iter().copied().fold(self.largest_term, max_or_nan);
         }
         let norm = inner(&self.gradient, &self.gradient).sqrt();
         (norm.is_finite() && square.is_finite()).then_some(Residual { norm, scale: square.sqrt() })

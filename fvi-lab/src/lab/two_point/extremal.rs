@@ -9,7 +9,7 @@ use super::operator::{DiscreteOperator, derivative_weights, sum_weights};
 use super::positions::Positions;
 use super::toeplitz::Product;
 use super::velocities::Velocities;
-use fvi_core::ParameterError;
+use fvi_core::{ParameterError, max_or_nan};
 use serde::Serialize;
 
 /// How the equations of an extremal are solved.
@@ -312,7 +312,7 @@ impl<'a> ExtremalProblem<'a> {
 
     fn report(&self, iterate: Iterate, positions: Vec<f64>, velocities: Vec<f64>) -> Solution {
         let mut functional = self.functional();
-        let residual = functional.gradient(&positions).iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+        let residual = functional.gradient(&positions).iter().map(|b| b.abs()).fold(0.0, max_or_nan);
         Solution {
             value: Some(functional.value(&positions)),
             residual,
@@ -330,7 +330,7 @@ impl<'a> ExtremalProblem<'a> {
     fn rounding_level(&self, positions: &[f64], velocities: &[f64]) -> f64 {
         let d = self.lagrangian.coordinates();
         let weight: f64 = self.weights.iter().map(|weight| weight.abs()).sum();
-        let largest = positions.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+        let largest = positions.iter().map(|b| b.abs()).fold(0.0, max_or_nan);
         let mut gradient = vec![0.0; 2 * d];
         let mut hessian = vec![0.0; 4 * d * d];
         let mut level: f64 = 0.0;

@@ -28,6 +28,7 @@ use super::lagrangian::Lagrangian;
 use super::minres::{self, Limits, inner};
 use super::newton::{Descent, Direction, Formulation, Residual, Stationarity};
 use super::toeplitz::{LowerToeplitz, Product};
+use fvi_core::max_or_nan;
 use fvi_fft::dense;
 use nalgebra::{DMatrix, DVector};
 
@@ -408,7 +409,7 @@ impl Preconditioner {
             })
             .collect();
         let largest =
-            eigen.iter().flat_map(|eigen| eigen.eigenvalues.iter()).fold(0.0, |a: f64, b| a.max(b.abs()));
+            eigen.iter().flat_map(|eigen| eigen.eigenvalues.iter()).map(|b| b.abs()).fold(0.0, max_or_nan);
         let floor = if largest > 0.0 { LEAST_CURVATURE * largest } else { 1.0 };
         let mut inverses = Vec::with_capacity(eigen.len() * d * d);
         for eigen in &eigen {

@@ -1,6 +1,7 @@
 //! A map: values over coordinate and time, as colours.
 
 use core::fmt::Write;
+use fvi_core::max_or_nan;
 
 /// Numbers over coordinate (upwards) and time (to the right).
 #[derive(Clone, Debug, PartialEq)]
@@ -48,7 +49,8 @@ impl Map {
     /// The picture.
     pub fn to_svg(&self) -> String {
         let (left, top, width, height) = (70.0, 50.0, 640.0, 380.0);
-        let largest = self.cells.iter().fold(0.0, |largest: f64, cell| largest.max(cell.abs()));
+        let largest =
+            self.cells.iter().filter(|cell| cell.is_finite()).map(|cell| cell.abs()).fold(0.0, max_or_nan);
         let shade = |number: f64| {
             if largest > 0.0 { (number / largest * f64::from(SHADES)).round() as i32 } else { 0 }
         };

@@ -4,6 +4,7 @@
 //! Every operation rounds outwards, so that bounds hold for the function at all times of the range. Source:
 //! \[MKC09\] ch. 2 and 5.
 
+use fvi_core::min_or_nan;
 use fvi_fft::sums::max_or_nan;
 use fvi_scenario::language::expression::{Elementary, Function, Kind, Node, Operator, power};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -123,7 +124,7 @@ impl Bounds {
             product(self.high, other.low),
             product(self.high, other.high),
         ];
-        let low = all.into_iter().fold(f64::INFINITY, f64::min);
+        let low = all.into_iter().fold(f64::INFINITY, min_or_nan);
         Self::rounded(low, all.into_iter().fold(f64::NEG_INFINITY, max_or_nan))
     }
 

@@ -6,6 +6,7 @@ use super::force::{Parts, parts};
 use super::graph::Graph;
 use super::program::Program;
 use super::rough::linear;
+use fvi_core::max_or_nan;
 use fvi_scenario::language::expression::{Expression, Kind, Moment, Node, Operator};
 
 /// The terms of forces that depend on time alone, treated separately, so that a small term is not hidden by a
@@ -280,7 +281,7 @@ fn largest(term: &Term, (from, to): (f64, f64), parts: u32, registers: &mut Vec<
     (0..=parts)
         .map(|part| term.at(from + (to - from) * f64::from(part) / f64::from(parts), registers).abs())
         .filter(|value| value.is_finite())
-        .fold(0.0, f64::max)
+        .fold(0.0, max_or_nan)
 }
 
 /// The terms of a sum.

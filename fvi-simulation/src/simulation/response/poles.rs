@@ -3,6 +3,7 @@
 use crate::simulation::stability::Part;
 use crate::simulation::stability::characteristic::log_determinant;
 use crate::simulation::stability::winding::{Fineness, turned};
+use fvi_core::min_or_nan;
 use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::TransferFunction;
 use fvi_fft::transfer::fractions::{Fractions, is_same};
@@ -139,7 +140,7 @@ impl<'a> Search<'a> {
             .collect();
         // Before a cut the real axis is like any other place.
         let starts = acting.iter().filter_map(|acting| acting.transfer.cut());
-        let cut = starts.map(|cut| libm::log(cut.start)).fold(f64::INFINITY, f64::min) - 1e-6;
+        let cut = starts.map(|cut| libm::log(cut.start)).fold(f64::INFINITY, min_or_nan) - 1e-6;
         let is_simple = acting.iter().all(|acting| is_known(acting.transfer));
         let taken_out = poles_with_multiplicity(&acting, part.size());
         let [lowest, highest] = reach(part, &acting, &taken_out);
@@ -360,10 +361,10 @@ fn reach(part: &Part, acting: &[Acting<'_>], taken_out: &[(Complex<f64>, f64)]) 
     while highest * highest < 4.0 * (part.stiffness.norm() + damping(highest)) && highest < 1e150 {
         highest *= 2.0;
     }
-    let slowest = sizes().fold(highest, f64::min);
+    let slowest = sizes().fold(highest, min_or_nan);
     let mut lowest = SLOWEST * slowest;
     let eigenvalues = fvi_fft::dense::symmetric_eigenvalues(part.stiffness.clone());
-    let softest = eigenvalues.iter().fold(f64::INFINITY, |least, value| least.min(value.abs()));
+    let softest = eigenvalues.iter().map(|value| value.abs()).fold(f64::INFINITY, min_or_nan);
     while softest > 1e-12 * part.stiffness.norm()
         && lowest * lowest + damping(lowest) > 0.25 * softest
         && lowest > SLOWEST_OF_ALL * highest
