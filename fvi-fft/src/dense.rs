@@ -6,13 +6,25 @@ use nalgebra::{Complex, DMatrix, DVector, Dyn, LU, Schur, SymmetricEigen};
 /// Of a decomposition that has no bound of its own.
 const MOST_ITERATIONS: usize = 100_000;
 
-/// Eigenvalues and eigenvectors of a symmetric matrix.
+/// Eigenvalues and eigenvectors of a symmetric matrix; all of them NaN where an entry is not finite, or they
+/// are not found.
 pub fn symmetric_eigen(matrix: DMatrix<f64>) -> SymmetricEigen<f64, Dyn> {
-    matrix.symmetric_eigen()
+    let size = matrix.nrows();
+    let unknown = || SymmetricEigen {
+        eigenvectors: DMatrix::from_element(size, size, f64::NAN),
+        eigenvalues: DVector::from_element(size, f64::NAN),
+    };
+    if !matrix.iter().all(|entry| entry.is_finite()) {
+        return unknown();
+    }
+    SymmetricEigen::try_new(matrix, f64::EPSILON, MOST_ITERATIONS).unwrap_or_else(unknown)
 }
 
-/// Eigenvalues of a symmetric matrix.
+/// Eigenvalues of a symmetric matrix; all of them NaN where an entry is not finite.
 pub fn symmetric_eigenvalues(matrix: DMatrix<f64>) -> DVector<f64> {
+    if !matrix.iter().all(|entry| entry.is_finite()) {
+        return DVector::from_element(matrix.nrows(), f64::NAN);
+    }
     matrix.symmetric_eigenvalues()
 }
 
@@ -84,18 +96,18 @@ pub struct SingularValues {
 }
 
 impl SingularValues {
-    /// The singular values of a matrix.
-    pub fn of(matrix: DMatrix<f64>) -> Self {
+    /// The singular values of a matrix; `None` where an entry is not finite, or they are not found.
+    pub fn of(matrix: DMatrix<f64>) -> Option<Self> {
         let (rows, columns) = matrix.shape();
-        let count = rows.min(columns);
-        if count == 0 {
+        if rows.min(columns) == 0 {
             let (u, v_t) = (DMatrix::zeros(rows, 0), DMatrix::zeros(0, columns));
-            return Self { u, values: DVector::zeros(0), v_t };
+            return Some(Self { u, values: DVector::zeros(0), v_t });
         }
-        let parts = matrix.svd(true, true);
-        let u = parts.u.unwrap_or_else(|| DMatrix::zeros(rows, count));
-        let v_t = parts.v_t.unwrap_or_else(|| DMatrix::zeros(count, columns));
-        Self { u, values: parts.singular_values, v_t }
+        if !matrix.iter().all(|entry| entry.is_finite()) {
+            return None;
+        }
+        let parts = matrix.try_svd(true, true, 5.0 * f64::EPSILON, MOST_ITERATIONS)?;
+        Some(Self { u: parts.u?, values: parts.singular_values, v_t: parts.v_t? })
     }
 }
 
@@ -162,9 +174,19 @@ mod tests {
             let whole = (&matrix * &x + &right).norm_squared();
             assert!((whole - (&r * &x + &c).norm_squared() - left_over).abs() < 1e-12 * whole, "{x:?}");
         }
-        let parts = SingularValues::of(matrix.clone());
+        let parts = SingularValues::of(matrix.clone()).unwrap();
         let again = &parts.u * DMatrix::from_diagonal(&parts.values) * &parts.v_t;
         assert!((again - matrix).norm() < 1e-14 && parts.values[0] >= parts.values[1]);
+    }
+
+    #[test]
+    fn what_is_not_finite_has_no_known_values() {
+        for number in [f64::NAN, f64::INFINITY] {
+            let matrix = DMatrix::from_row_slice(2, 2, &[1.0, number, number, 1.0]);
+            assert!(SingularValues::of(matrix.clone()).is_none());
+            assert!(symmetric_eigen(matrix.clone()).eigenvalues.iter().all(|value| value.is_nan()));
+            assert!(symmetric_eigenvalues(matrix).iter().all(|value| value.is_nan()));
+        }
     }
 
     #[test]

@@ -22,6 +22,7 @@ use crate::exponentials::exponential_table::{ExponentialKernelError, check_range
 use crate::quadrature::multistep_weights::multistep_weights;
 use crate::transfer::TransferFunction;
 use crate::transfer::multistep_rule::MultistepRule;
+use fvi_core::max_or_nan;
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::PI;
 
@@ -80,7 +81,7 @@ pub fn complex_exponentials(
     check_range(horizon, tolerance)?;
     let rule = rule.into();
     let exact = multistep_weights(transfer, rule, step_size, on_increments, horizon + 1)?;
-    let largest = exact.iter().fold(0.0_f64, |largest, weight| largest.max(weight.abs()));
+    let largest = exact.iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
     let radius = libm::exp(1.0 / horizon as f64);
     let mut best: Option<(usize, ComplexExponentials, Miss)> = None;
     let mut reached = f64::INFINITY;
@@ -203,7 +204,7 @@ fn approximated(
         if !support.iter().chain(&samples).all(|point| point.value.is_finite()) {
             return None;
         }
-        choose_coefficients(&mut support, &samples);
+        choose_coefficients(&mut support, &samples)?;
         let error = |sample: &Point| {
             let sum = |of: fn(Point) -> Complex<f64>| -> Complex<f64> {
                 let term =
@@ -226,8 +227,9 @@ fn approximated(
     }
 }
 
-/// Coefficients w of norm 1 for which Σ_j w_j (f(ζ) − f_j)/(ζ − ζ_j) is least at the samples.
-fn choose_coefficients(support: &mut [Point], samples: &[Point]) {
+/// Coefficients w of norm 1 for which Σ_j w_j (f(ζ) − f_j)/(ζ − ζ_j) is least at the samples; `None` where
+/// they are not found.
+fn choose_coefficients(support: &mut [Point], samples: &[Point]) -> Option<()> {
     let mut columns = Vec::new();
     for point in &*support {
         let quotient =
@@ -247,7 +249,7 @@ fn choose_coefficients(support: &mut [Point], samples: &[Point]) {
     let rows = 2 * samples.len();
     let matrix = DMatrix::from_vec(rows, columns.len() / rows, columns);
     let (triangle, _) = triangle(matrix, &DVector::zeros(rows));
-    let values = SingularValues::of(triangle);
+    let values = SingularValues::of(triangle)?;
     let least: Vec<f64> = values.v_t.row(values.v_t.nrows() - 1).iter().copied().collect();
     let mut place = 0;
     for point in support {
@@ -255,6 +257,7 @@ fn choose_coefficients(support: &mut [Point], samples: &[Point]) {
         point.coefficient = Complex::new(least[place], im);
         place += 1 + usize::from(!point.is_real());
     }
+    Some(())
 }
 
 /// Real parts, then imaginary ones.
@@ -319,7 +322,7 @@ fn residues(poles: &[Complex<f64>], points: &[Point]) -> Option<Vec<[f64; 4]>> {
     let sizes: Vec<f64> = matrix.column_iter_mut().map(|mut column| column.normalize_mut()).collect();
     let right: Vec<f64> = real_rows(points.iter().map(|sample| sample.value)).collect();
     let (triangle, right) = triangle(matrix, &DVector::from_vec(right));
-    let SingularValues { u, values, v_t } = SingularValues::of(triangle);
+    let SingularValues { u, values, v_t } = SingularValues::of(triangle)?;
     let mut turned = u.tr_mul(&right);
     for (number, value) in turned.iter_mut().zip(values.iter()) {
         *number = if *value > NOTHING * values[0] { *number / value } else { 0.0 };

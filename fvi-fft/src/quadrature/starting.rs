@@ -1,5 +1,6 @@
 //! Starting weights: fractional derivatives that are exact on chosen powers of time.
 
+use crate::dense::Factored;
 use crate::quadrature::kernel_defects::KernelDefects;
 use crate::quadrature::starting_defects::PowerDefects;
 use crate::sums::max_or_nan;
@@ -8,7 +9,7 @@ use fvi_core::{
     ActsOn, BdfOrder, Memory, MemoryError, ParameterError, Real, Shape, StateError, StateReader, StateWriter,
     Stateful, check_channels, fingerprint, header_bytes,
 };
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 /// Condition number of the starting system above which its weights have lost half of their digits.
 pub const TRUSTED_CONDITION: f64 = 1e8;
@@ -46,6 +47,10 @@ pub struct StartingCorrection<T, M> {
     defects: Defects,
     /// ν, ascending.
     exponents: Vec<f64>,
+    /// The systems of the starting weights for the smallest exponents: for one, two, … all of them.
+    systems: Vec<Factored>,
+    /// That of the a_ν for all of them; `None` without exponents.
+    interpolation: Option<Factored>,
     /// The first values, one row of channels for each.
     first: Vec<Vec<f64>>,
     /// x_{k−1} of each channel, the sum of increments, until the first values are complete.
@@ -129,10 +134,24 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
                 return refuse("starting exponent", value, "distinct, finite and at least zero");
             }
         }
+        let (mut systems, mut interpolation) = (Vec::new(), None);
+        for (index, &value) in sorted.iter().enumerate() {
+            let matrix = starting_matrix(&sorted[..=index], first_index(&sorted));
+            let transposed = Factored::new(matrix.transpose());
+            let (Some(system), Some(transposed)) = (Factored::new(matrix), transposed) else {
+                let allowed =
+                    "so far from the others that the system of the starting weights is not singular";
+                return refuse("starting exponent", value, allowed);
+            };
+            systems.push(system);
+            interpolation = Some(transposed);
+        }
         let mut this = Self {
             leading: [T::zero()],
             memory,
             defects: defects(&sorted)?,
+            systems,
+            interpolation,
             exponents: sorted,
             first: Vec::new(),
             last: Vec::new(),
@@ -148,11 +167,6 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
         [("channels", self.memory.channels() as u64), ("fingerprint of the starting exponents", exponents)]
     }
 
-    /// Smallest index j of the samples x_j that the corrections use.
-    fn first_index(&self) -> usize {
-        usize::from(self.exponents.first() != Some(&0.0))
-    }
-
     /// D^β t^ν minus its quadrature at step k ≥ 1, for every ν: the quantities to be corrected.
     fn defects(&self) -> Vec<f64> {
         let k = self.memory.len();
@@ -164,19 +178,20 @@ impl<T: Real, M: Memory<T>> StartingCorrection<T, M> {
 
     /// The weights h^{−β} ϖ_{k,j} of the first `count` samples from the defects of the `count` smallest
     /// exponents.
-    fn starting_weights(&self, defects: &[f64], count: usize) -> DVector<f64> {
-        let defects = DVector::from_column_slice(defects.get(..count).unwrap_or(defects));
-        starting_matrix(&self.exponents[..count], self.first_index()).lu().solve(&defects).unwrap_or(defects)
+    fn starting_weights(&self, defects: &[f64], count: usize) -> DMatrix<f64> {
+        let mut weights = DMatrix::from_column_slice(count, 1, &defects[..count]);
+        self.systems[count - 1].solve(&mut weights);
+        weights
     }
 
     /// Computes the a_ν once all samples that they need are known.
     fn interpolate(&mut self) {
         let wanted = self.exponents.len();
-        if wanted > 0 && self.first.len() == wanted {
+        if let Some(system) = self.interpolation.as_ref().filter(|_| self.first.len() == wanted) {
             let channels = self.memory.channels();
-            let samples = DMatrix::from_fn(wanted, channels, |j, channel| self.first[j][channel]);
-            let system = starting_matrix(&self.exponents, self.first_index()).transpose();
-            self.coefficients = system.lu().solve(&samples);
+            let mut numbers = DMatrix::from_fn(wanted, channels, |j, channel| self.first[j][channel]);
+            system.solve(&mut numbers);
+            self.coefficients = Some(numbers);
         }
     }
 
@@ -254,7 +269,7 @@ impl<T: Real, M: Memory<T>> Memory<T> for StartingCorrection<T, M> {
             if self.memory.acts_on() != ActsOn::Values {
                 self.last.clone_from(&value);
             }
-            if k >= self.first_index() {
+            if k >= first_index(&self.exponents) {
                 self.first.push(value);
                 self.interpolate();
             }
@@ -323,6 +338,11 @@ fn power(x: f64, nu: f64) -> f64 {
     if nu == 0.0 { 1.0 } else { libm::pow(x, nu) }
 }
 
+/// Smallest index j of the samples x_j that the corrections for these exponents use.
+fn first_index(exponents: &[f64]) -> usize {
+    usize::from(!exponents.contains(&0.0))
+}
+
 /// j^ν: row ν, column j from `first` on, as many as exponents.
 fn starting_matrix(exponents: &[f64], first: usize) -> DMatrix<f64> {
     DMatrix::from_fn(exponents.len(), exponents.len(), |row, column| {
@@ -336,8 +356,7 @@ pub fn starting_condition(exponents: &[f64]) -> f64 {
     if exponents.is_empty() {
         return 1.0;
     }
-    let first = usize::from(!exponents.contains(&0.0));
-    let mut matrix = starting_matrix(exponents, first);
+    let mut matrix = starting_matrix(exponents, first_index(exponents));
     for mut row in matrix.row_iter_mut() {
         let largest = row.amax();
         row /= largest;
@@ -351,6 +370,7 @@ mod tests {
     use super::*;
     use crate::quadrature::starting_defects::reciprocal_gamma;
     use fvi_core::{ConvolutionWeights, FixedDirect, StateError};
+    use nalgebra::DVector;
 
     /// Γ(ν+1)/Γ(ν+1−β), zero where the derivative of t^ν vanishes.
     fn derivative_factor(nu: f64, beta: f64) -> f64 {
@@ -497,7 +517,9 @@ mod tests {
     fn bad_exponents_are_refused_and_close_ones_ill_conditioned() {
         let table = weights(1, 0.5);
         let single = || FixedDirect::<f64, 1, STEPS>::full_memory(&table, 1.0).unwrap();
-        for exponents in [[0.5, 0.5], [-0.5, 1.0], [f64::NAN, 1.0]] {
+        // 2^ν is the same number for the last two.
+        let next = 0.5_f64.next_up();
+        for exponents in [[0.5, 0.5], [-0.5, 1.0], [f64::NAN, 1.0], [0.5, next]] {
             assert!(
                 StartingCorrection::new(single(), BdfOrder::GRUNWALD_LETNIKOV, 0.5, 0.1, &exponents).is_err()
             );

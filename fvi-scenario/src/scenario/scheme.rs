@@ -3,7 +3,9 @@
 use super::system::{Damping, System};
 use crate::language::document::Table;
 use crate::language::error::{InputError, Problem};
+use fvi_core::min_or_nan;
 use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::quadrature::starting::starting_condition;
 use serde::Serialize;
 
 /// The integrator.
@@ -296,6 +298,11 @@ impl Convolution {
                 if !distinct || exponents.iter().any(|&exponent| exponent < 0.0) {
                     return Err(value.out_of_range("distinct exponents ≥ 0"));
                 }
+                if !starting_condition(&exponents).is_finite() {
+                    let reason =
+                        "exponents so far apart that the system of their starting weights is not singular";
+                    return Err(value.out_of_range(reason));
+                }
                 exponents
             }
             None => Vec::new(),
@@ -313,7 +320,7 @@ impl Convolution {
         let ConvolutionFamily::Bdf { order } = self.family else { return f64::INFINITY };
         let whole = |term: &&Damping| term.transfer.exponent() != Some(0.0);
         let orders = system.damping.iter().filter(whole).map(|term| term.transfer.growth());
-        order as f64 + orders.fold(f64::INFINITY, f64::min)
+        order as f64 + orders.fold(f64::INFINITY, min_or_nan)
     }
 
     /// Refuses larger exponents.

@@ -108,11 +108,12 @@ impl EnergyGuard {
                 SymmetricMatrix::Diagonal(masses.iter().map(|&mass| inverse(mass)).collect())
             }
             SymmetricMatrix::Dense(mass) => {
-                let zero = || nalgebra::DMatrix::zeros(mass.nrows(), mass.nrows());
                 let mut regular = mass.clone();
                 // Momenta of coordinates without mass are zero.
                 scenario.system.massless().into_iter().for_each(|row| regular[(row, row)] = 1.0);
-                SymmetricMatrix::Dense(dense::inverse(regular).unwrap_or_else(zero))
+                // The integrator has factored it: an energy that is no number would show the opposite.
+                let unknown = || nalgebra::DMatrix::from_element(mass.nrows(), mass.nrows(), f64::NAN);
+                SymmetricMatrix::Dense(dense::inverse(regular).unwrap_or_else(unknown))
             }
             // Linear motions that are stable at every step.
             SymmetricMatrix::Sparse(_) if stability::is_unconditional(scenario) => return Self::blind(),

@@ -160,7 +160,7 @@ pub(super) fn minimise<R: Residuals>(
         });
         // R and Qᵀr of a QR factorisation replace the rows.
         let (triangle, right) = triangle(columns, &now.residuals);
-        let parts = SingularValues::of(triangle.clone());
+        let Some(parts) = SingularValues::of(triangle.clone()) else { break End::Stuck };
         let projected = parts.u.tr_mul(&right);
         let cost = now.cost();
         // Decrease that an undamped step would bring if the model were linear.

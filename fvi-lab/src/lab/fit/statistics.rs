@@ -95,7 +95,10 @@ impl Covariance {
         let scaled =
             DMatrix::from_fn(jacobian.nrows(), count, |row, column| jacobian[(row, column)] * scale[column]);
         let (triangle, _) = triangle(scaled, &DVector::zeros(jacobian.nrows()));
-        let SingularValues { values, v_t, .. } = SingularValues::of(triangle);
+        let Some(SingularValues { values, v_t, .. }) = SingularValues::of(triangle) else {
+            let matrix = DMatrix::from_element(count, count, f64::NAN);
+            return Self { matrix, singular_values: Vec::new(), undetermined: Vec::new() };
+        };
         let first = values.iter().copied().fold(0.0, max_or_nan);
         let mut matrix = DMatrix::zeros(count, count);
         let mut undetermined = Vec::new();

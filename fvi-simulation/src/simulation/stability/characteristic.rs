@@ -103,7 +103,9 @@ impl Characteristic {
             DampingForm::Nodes { rule } => Form::Nodes(*rule),
             DampingForm::Stages { matrix } => {
                 let size = matrix.nrows();
-                let inverse = dense::inverse(matrix.clone()).unwrap_or_else(|| DMatrix::zeros(size, size));
+                // A stiffly accurate method has one; without it no motion is found to be stable.
+                let unknown = || DMatrix::from_element(size, size, f64::NAN);
+                let inverse = dense::inverse(matrix.clone()).unwrap_or_else(unknown);
                 Form::Stages { inverse }
             }
         };

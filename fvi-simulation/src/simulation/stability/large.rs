@@ -44,15 +44,13 @@ pub(super) fn check_large(
     let start = &scenario.initial.position;
     model.linearise(instant, start, &mut restoring, &mut stiffness);
     let massless = scenario.system.massless();
-    let fastest = MARGIN * largest_eigenvalue(model, &stiffness, &massless, size);
-    let damping: Vec<(f64, &TransferFunction)> = scenario
-        .system
-        .damping
-        .iter()
-        .map(|term| {
-            (MARGIN * largest_eigenvalue(model, &matrix(&term.coefficient), &massless, size), &term.transfer)
-        })
-        .collect();
+    let largest = |matrix: &Matrix<f64>| Some(MARGIN * largest_eigenvalue(model, matrix, &massless, size)?);
+    let damping = scenario.system.damping.iter();
+    let damping = damping.map(|term| Some((largest(&matrix(&term.coefficient))?, &term.transfer)));
+    let damping: Option<Vec<(f64, &TransferFunction)>> = damping.collect();
+    // What cannot be decided is not stable.
+    let unknown = Verdict::Unstable { largest_stable_step: None };
+    let (Some(fastest), Some(damping)) = (largest(&stiffness), damping) else { return unknown };
     let mut least = None;
     for part in (0..12).map(|halvings| 0.25_f64.powi(halvings)) {
         let one = |entry: f64| DMatrix::from_element(1, 1, entry);
@@ -63,7 +61,7 @@ pub(super) fn check_large(
                 transfer: transfer.clone(),
             })
             .collect();
-        let Ok(system) = LinearSystem::new(&one(1.0), &one(part * fastest), terms) else { continue };
+        let Ok(system) = LinearSystem::new(&one(1.0), &one(part * fastest), terms) else { return unknown };
         if let Verdict::Unstable { largest_stable_step } =
             check_stability(discretisation, &system, step, steps)
         {
@@ -77,8 +75,14 @@ pub(super) fn check_large(
     least.map_or(Verdict::Stable, |largest_stable_step| Verdict::Unstable { largest_stable_step })
 }
 
-/// The largest eigenvalue λ of A x = λ M x by the Lanczos iteration in the inner product of M.
-fn largest_eigenvalue(model: &Model<f64>, matrix: &Matrix<f64>, massless: &[usize], size: usize) -> f64 {
+/// The largest eigenvalue λ of A x = λ M x by the Lanczos iteration in the inner product of M; `None` where
+/// numbers beyond the range occur.
+fn largest_eigenvalue(
+    model: &Model<f64>,
+    matrix: &Matrix<f64>,
+    massless: &[usize],
+    size: usize,
+) -> Option<f64> {
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let mass = model.mass();
     let times = |block: &Matrix<f64>, x: &[f64]| {
@@ -96,6 +100,10 @@ fn largest_eigenvalue(model: &Model<f64>, matrix: &Matrix<f64>, massless: &[usiz
         .collect();
     massless.iter().for_each(|&row| x[row] = 0.0);
     let norm = dot(&x, &times(mass, &x)).sqrt();
+    if norm == 0.0 {
+        // Nothing has mass.
+        return Some(0.0);
+    }
     x.iter_mut().for_each(|x| *x /= norm);
     let mut before = vec![0.0; size];
     let (mut diagonal, mut beside): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
@@ -110,8 +118,13 @@ fn largest_eigenvalue(model: &Model<f64>, matrix: &Matrix<f64>, massless: &[usiz
             *next -= alpha * x + beta * before;
         }
         diagonal.push(alpha);
-        let norm = dot(&next, &times(mass, &next)).max(0.0).sqrt();
-        if norm <= 1e-12 * alpha.abs() || !norm.is_finite() {
+        // Rounding may leave a square below zero.
+        let square = dot(&next, &times(mass, &next));
+        let norm = if square < 0.0 { 0.0 } else { square.sqrt() };
+        if !norm.is_finite() {
+            return None;
+        }
+        if norm <= 1e-12 * alpha.abs() {
             break;
         }
         beside.push(norm);
@@ -124,5 +137,6 @@ fn largest_eigenvalue(model: &Model<f64>, matrix: &Matrix<f64>, massless: &[usiz
         1 => beside[row.min(column)],
         _ => 0.0,
     });
-    symmetric_eigen(tridiagonal).eigenvalues.max().max(0.0)
+    let largest = symmetric_eigen(tridiagonal).eigenvalues.max();
+    largest.is_finite().then_some(if largest > 0.0 { largest } else { 0.0 })
 }
