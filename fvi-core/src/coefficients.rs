@@ -3,8 +3,8 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::error::MatrixError;
-use crate::linear::{all_finite, is_positive_definite, zero_matrix, zero_vector};
-use crate::real::Real;
+use crate::linear::{all_finite, at, is_positive_definite, zero_matrix, zero_vector};
+use crate::real::{Real, max_or_nan};
 use crate::space::{Block, Space};
 
 /// Space of N coordinates, N known at compile time: vectors and matrices are stored in place.
@@ -82,10 +82,7 @@ impl<T: Real, const N: usize> Coefficients<T, N> {
         }
         for row in 0..N {
             for column in 0..row {
-                let entry = |row: usize, column: usize| {
-                    let column = matrix.data.0.get(column);
-                    column.and_then(|column| column.get(row)).copied().unwrap_or_default()
-                };
+                let entry = |row: usize, column: usize| at(matrix.as_slice(), column * N + row);
                 let (lower, upper) = (entry(row, column), entry(column, row));
                 if (lower - upper).abs() > T::of(4.0) * T::EPSILON * lower.abs().max(upper.abs()) {
                     return Err(MatrixError::NotSymmetric { row, column });
@@ -142,7 +139,7 @@ impl<T: Real, const N: usize> Block<T> for Coefficients<T, N> {
         let mut matrix = self.to_matrix();
         let columns = || matrix.data.0.iter().enumerate();
         let diagonal = columns().filter_map(|(index, column)| column.get(index).copied());
-        let largest = diagonal.fold(T::zero(), |largest, entry| largest.max(entry.abs()));
+        let largest = diagonal.map(|entry| entry.abs()).fold(T::zero(), max_or_nan);
         let lift = largest * T::EPSILON * T::from_count(64 * N as u64);
         // An all-zero matrix is semidefinite. Any other semidefinite matrix becomes definite when its
         // diagonal is raised by the rounding error.

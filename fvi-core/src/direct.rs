@@ -5,6 +5,7 @@ use core::marker::PhantomData;
 use heapless::Deque;
 
 use crate::error::ParameterError;
+use crate::linear::at;
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
@@ -173,7 +174,7 @@ where
         }
         let mut leading = [T::zero(); MAX_STAGES * MAX_STAGES];
         for (leading, plane) in leading.iter_mut().zip(vectors(table, table.len() / planes.max(1))) {
-            *leading = plane.first().map_or(T::zero(), |&weight| weight * scale);
+            *leading = at(plane, 0) * scale;
         }
         rings.as_mut().iter_mut().for_each(Ring::clear);
         let (acts_on, len, ring) = (ActsOn::Values, 0, PhantomData);

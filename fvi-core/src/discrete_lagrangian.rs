@@ -4,7 +4,7 @@ use core::marker::PhantomData;
 
 use crate::damping::Damping;
 use crate::linear::all_finite;
-use crate::linear::{add_multiple, combine};
+use crate::linear::{add_multiple, at, combine};
 use crate::newton::{Equations, newton, size};
 use crate::one_node::OneNode;
 use crate::real::Real;
@@ -449,7 +449,7 @@ where
         damping.add_leading(self.stages, self.forces, self.scratch);
         let Some(matrix) = matrix else { return };
         damping.visit_leading(lagrangian.nodes.len(), |i, j, leading, rho| {
-            let weight = lagrangian.weights.get(i).copied().unwrap_or(T::zero());
+            let weight = at(lagrangian.weights, i);
             let tests = vector_at(lagrangian.tests, degree, i);
             let shapes = vector_at(lagrangian.shapes, degree, j);
             for (row, &test) in tests.iter().enumerate() {

@@ -5,6 +5,7 @@ use core::marker::PhantomData;
 
 use crate::direct::{MAX_STAGES, Overflow};
 use crate::error::{ParameterError, check_step_size};
+use crate::linear;
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
@@ -164,7 +165,7 @@ impl<T: Real> ExponentialTable<&[T]> {
         let blocks = vectors(exponentials, block_len(S));
         let terms = blocks.flat_map(|block| {
             (0..LANES).map(move |lane| {
-                let entry = |row: usize| block.get(row * LANES + lane).copied().unwrap_or_default();
+                let entry = |row: usize| linear::at(block, row * LANES + lane);
                 ExponentialTerm {
                     decay: entry(0),
                     output: core::array::from_fn(|a| entry(1 + a)),
@@ -672,7 +673,7 @@ impl<'a, T: Real> NumberStep<'a, T> {
             None => x,
         };
         shift_and_add(pending, self.weights, x);
-        let head = pending.first().copied().unwrap_or_default();
+        let head = linear::at(pending, 0);
         let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
         let mut totals = [head, T::zero(), T::zero(), T::zero()];
         let (pairs, last) = self.exponentials.as_chunks::<2>();
@@ -705,7 +706,7 @@ impl<'a, T: Real> NumberStep<'a, T> {
             None => x,
         };
         shift_and_add(pending, self.weights, x);
-        let head = pending.first().copied().unwrap_or_default();
+        let head = linear::at(pending, 0);
         let mut totals = [head, T::zero(), T::zero(), T::zero()];
         let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
         let third = third.as_chunks_mut::<LANES>().0;
@@ -791,7 +792,7 @@ where
             None => x,
         };
         shift_and_add(parts.pending, step.weights, x);
-        let head = parts.pending.first().copied().unwrap_or_default();
+        let head = linear::at(parts.pending, 0);
         let mut totals = [head, T::zero(), T::zero(), T::zero()];
         let sums = parts.sums.as_chunks_mut::<STATE_BLOCK>().0;
         let third = parts.third.as_chunks_mut::<LANES>().0;
@@ -810,7 +811,7 @@ where
             }
         } else {
             for (index, (block, sums)) in slow.iter().zip(slow_sums.iter_mut()).enumerate() {
-                let third = third.get(index).copied().unwrap_or_default();
+                let third = linear::at(third, index);
                 follow(sums, block, |lane| signal - at(&third, lane), &mut totals);
             }
         }
@@ -898,7 +899,7 @@ where
                         pending.iter_mut().zip(weights).for_each(|(here, &weight)| *here += weight * x);
                     }
                 }
-                *totals = [pending.first().copied().unwrap_or_default(), T::zero(), T::zero(), T::zero()];
+                *totals = [linear::at(pending, 0), T::zero(), T::zero(), T::zero()];
             }
             let mut leaving = [T::zero(); MAX_STAGES];
             let leaving = leaving.get_mut(..stages)?;
@@ -1005,7 +1006,7 @@ where
         if let Some(parts) = self.layout.split(state) {
             let planes = vectors(table.head, self.layout.head);
             for (leading, plane) in parts.leading.iter_mut().zip(planes) {
-                *leading = plane.first().map_or(T::zero(), |&weight| weight * self.scale);
+                *leading = linear::at(plane, 0) * self.scale;
             }
         }
         (self.oldest, self.settling, self.len) = (0, 0, 0);

@@ -2,6 +2,7 @@
 
 use crate::error::ParameterError;
 use crate::kernel::{Kernel, Rule};
+use crate::linear::at;
 use crate::memory::Memory;
 use crate::operator::{FractionalOperator, OperatorError, Pending, Start};
 use crate::real::{Real, sum_and_rest};
@@ -187,7 +188,7 @@ impl<T: Real, M: Memory<T>> FractionalIntegral<T, M> {
 
     /// Change of the next value for a unit of the next sample, h^λ.
     pub fn leading(&self) -> T {
-        let leading = self.derivative.memory().leading().first().copied().unwrap_or(T::zero());
+        let leading = at(self.derivative.memory().leading(), 0);
         self.step_size.map_or(leading, |step| step * leading)
     }
 

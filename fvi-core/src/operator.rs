@@ -2,6 +2,7 @@
 
 use core::fmt;
 
+use crate::linear::at;
 use crate::memory::{ActsOn, Memory, MemoryError};
 use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
@@ -341,7 +342,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// w₀
     #[inline(always)]
     fn leading(&self) -> T {
-        self.memory.leading().first().copied().unwrap_or(T::zero())
+        at(self.memory.leading(), 0)
     }
 
     /// Forgets all samples.

@@ -2,6 +2,7 @@
 
 use crate::direct::Overflow;
 use crate::error::ParameterError;
+use crate::linear::at;
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
@@ -148,7 +149,7 @@ impl<'w, T: Real, const C: usize, const B: usize> Tiled<'w, T, C, B> {
             Overflow::Refuse => weights,
             Overflow::Forget => weights.get(..=TILE * (B - 1)).unwrap_or(weights),
         };
-        let leading = [weights.first().map_or(T::zero(), |&weight| weight * scale)];
+        let leading = [at(weights, 0) * scale];
         let channels = [Channel::empty(); C];
         Ok(Self { weights, scale, leading, channels, overflow, acts_on: ActsOn::Values, len: 0 })
     }
@@ -215,7 +216,7 @@ impl<T: Real, const C: usize, const B: usize> Memory<T> for Tiled<'_, T, C, B> {
             .unwrap_or((self.weights.get(1..).unwrap_or(&[]), &[]));
         for (term, channel) in term.iter_mut().zip(&self.channels) {
             let block = |index: usize| channel.blocks.get(index % B.max(1)).map_or(&[][..], |block| block);
-            let far = channel.present.get(place).copied().unwrap_or(T::zero());
+            let far = at(&channel.present, place);
             // The block before the first contains zeros, by `clear` and `new`.
             let full = near_sum(before, block(tile + B - 1));
             let filling = near_sum(present, block(tile).get(..place).unwrap_or(&[]));

@@ -9,6 +9,9 @@ use crate::runge_kutta::RungeKutta;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
 use crate::space::{part, part_from, parts_mut};
 
+/// A state too short for its table and channels takes no sample. [`VariableStepMemory::new`] refuses it.
+const TOO_SHORT: MemoryError = MemoryError::Full { capacity: 0 };
+
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"rate";
 
@@ -384,10 +387,10 @@ where
         check_channels(self.channels(), term.len())?;
         let length = self.step_length()?;
         let (derivatives, nodes, stride) = (self.derivatives, self.nodes, self.stride());
-        let Some(parts) = self.parts() else { return Ok(()) };
+        let Some(parts) = self.parts() else { return Err(TOO_SHORT) };
         let coordinates = parts.coordinates.chunks_exact_mut(stride);
         for (term, numbers) in term.chunks_exact_mut(R.max(1)).zip(coordinates) {
-            let Some((sums, &mut [x, v])) = coordinate(numbers) else { return Ok(()) };
+            let Some((sums, &mut [x, v])) = coordinate(numbers) else { return Err(TOO_SHORT) };
             // Contribution of a sample that continues the motion unchanged: W₀ (1 x + h c v).
             let stay = nodes.map(|node| match derivatives {
                 Derivatives::None => T::zero(),
@@ -417,10 +420,10 @@ where
         let length = self.step_length()?;
         let (derivatives, stride) = (self.derivatives, self.stride());
         let (inverse, matrix) = (self.inverse, self.matrix);
-        let Some(parts) = self.parts() else { return Ok(()) };
+        let Some(parts) = self.parts() else { return Err(TOO_SHORT) };
         let coordinates = parts.coordinates.chunks_exact_mut(stride);
         for (sample, numbers) in sample.chunks_exact(R.max(1)).zip(coordinates) {
-            let Some((sums, [x, v])) = coordinate(numbers) else { return Ok(()) };
+            let Some((sums, [x, v])) = coordinate(numbers) else { return Err(TOO_SHORT) };
             let mut values = [T::zero(); R];
             for (value, &number) in values.iter_mut().zip(sample) {
                 *value = number;
@@ -438,7 +441,7 @@ where
                 }
             };
             for (block, sums) in parts.operators.chunks_exact(2 * R + 1).zip(sums) {
-                let Some((decrement, operators)) = block.split_last() else { return Ok(()) };
+                let Some((decrement, operators)) = block.split_last() else { return Err(TOO_SHORT) };
                 let mut change = [T::zero(); LANES];
                 for (row, &number) in operators.iter().skip(R).zip(&integrated) {
                     for (change, &factor) in change.iter_mut().zip(row) {
@@ -516,6 +519,7 @@ fn multiply<T: Real, const R: usize>(matrix: &[[T; R]; R], vector: &[T; R]) -> [
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::real::max_or_nan;
     use std::vec;
     use std::vec::Vec;
 
@@ -706,7 +710,7 @@ mod tests {
                 memory.next_term(&mut found).unwrap();
                 for ((found, sample), definition) in found.chunks_mut(R).zip(&sample).zip(&mut definitions) {
                     let expected = definition.derivative(length, *sample);
-                    let size = expected.iter().fold(1.0, |size: f64, number| size.max(number.abs()));
+                    let size = expected.iter().map(|number| number.abs()).fold(1.0, max_or_nan);
                     for ((found, row), expected) in
                         found.iter_mut().zip(memory.leading().chunks(R)).zip(expected)
                     {
