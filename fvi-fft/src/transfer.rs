@@ -72,6 +72,8 @@ enum Form {
         spring: f64,
         is_beside: bool,
         relaxation: bool,
+        /// See [`Cut::strip`].
+        strip: f64,
         /// Of a rational function.
         fractions: Option<Arc<Fractions>>,
         active: Option<Active>,
@@ -263,16 +265,22 @@ impl TransferFunction {
         let fractions = formula.fractions().filter(|fractions| are_of(fractions, &*formula)).map(Arc::new);
         let rational = fractions.as_ref().map(|fractions| fractions.is_relaxation());
         let formula = SharedFormula(formula);
-        let (relaxation, active, is_beside) = (false, None, true);
+        let (relaxation, active, is_beside, strip) = (false, None, true, 0.25 * PI);
         let mut made = Self {
-            form: Form::Formula { formula, growth, spring, is_beside, relaxation, fractions, active },
+            form: Form::Formula { formula, growth, spring, is_beside, relaxation, strip, fractions, active },
         };
-        let (whole, drives) = match &made.form {
-            Form::Formula { formula, .. } if formula.0.is_passive() => (false, None),
-            _ => (rational.unwrap_or_else(|| made.is_made_up_by_its_cut()), made.look_for_activity()),
+        let (found, drives) = match &made.form {
+            Form::Formula { formula, .. } if formula.0.is_passive() => (None, None),
+            _ => {
+                let found = match rational {
+                    Some(is_relaxation) => is_relaxation.then_some(strip),
+                    None => made.strip_of_its_cut(),
+                };
+                (found, made.look_for_activity())
+            }
         };
-        if let Form::Formula { relaxation, active, .. } = &mut made.form {
-            (*relaxation, *active) = (whole, drives);
+        if let Form::Formula { relaxation, active, strip, .. } = &mut made.form {
+            (*relaxation, *active, *strip) = (found.is_some(), drives, found.unwrap_or(*strip));
         }
         Ok(made)
     }
@@ -424,16 +432,11 @@ impl TransferFunction {
                 Some(Cut { start: 0.0, rest: 0.0, power: order, strip: half.min(PI / order - PI) })
             }
             Form::Prony { .. } | Form::Weights(_) | Form::Formula { fractions: Some(_), .. } => None,
-            Form::Formula { .. } => {
+            Form::Formula { strip, .. } => {
                 let size = |d: f64| self.jump(d).abs();
                 let (near, far) = (size(1e-40), size(1e-30));
                 let power = (libm::log10(far) - libm::log10(near)) / 10.0;
-                (power.is_finite() && power > -1.0).then_some(Cut {
-                    start: 0.0,
-                    rest: 0.0,
-                    power,
-                    strip: 0.5 * half,
-                })
+                (power.is_finite() && power > -1.0).then_some(Cut { start: 0.0, rest: 0.0, power, strip })
             }
         }
     }
@@ -521,19 +524,66 @@ impl TransferFunction {
         }
     }
 
-    /// Whether K(s)/s = ∫ (Im K(−x + i0)/π) /(x (s + x)) dx at a few s, that is, whether a formula that grows
-    /// more slowly than s has no singularity off its cut.
-    fn is_made_up_by_its_cut(&self) -> bool {
-        const SPACING: f64 = 0.05;
-        const REACH: i32 = 1840;
-        let jumps: Vec<(f64, f64)> = (-REACH..=REACH)
-            .map(|k| libm::exp(SPACING * f64::from(k)))
-            .map(|x| (x, SPACING * self.jump(x)))
+    /// Half the width of the strip about the real axis in which the jump of a formula is an analytic function
+    /// of ln d, from π/4 down by halves; `None` if the formula has singularities off its cut, or grows like s or
+    /// faster.
+    ///
+    /// The trapezoidal rule in ln x with the spacing for a strip makes up second divided differences of K(s) =
+    /// ∫ s (Im K(−x + i0)/π)/(x (s + x)) dx, at some s:
+    ///
+    /// ```text
+    /// K[s₁, s₂, s₃] = −∫ (Im K(−x + i0)/π)/((s₁ + x)(s₂ + x)(s₃ + x)) dx ,
+    /// ```
+    ///
+    /// which converges like x^{1+ν} at 0 and x^{µ−2} at infinity, where K itself takes x^ν and x^{µ−1}: for
+    /// powers near 0 and 1 these are not small within the numbers there are. Half the spacing squares the
+    /// error of the rule, and leaves that of other singularities.
+    fn strip_of_its_cut(&self) -> Option<f64> {
+        const WIDEST: f64 = 0.25 * PI;
+        // What a spacing that is twice as wide leaves, so that this one leaves less than rounding.
+        const COARSE: f64 = 3e5;
+        if self.growth() >= 1.0 {
+            return None;
+        }
+        let error_for = |strip: f64| self.error_of_its_cut(2.0 * PI * strip / 42.0);
+        let mut before = error_for(2.0 * WIDEST);
+        let mut strip = WIDEST;
+        while strip > NARROWEST {
+            let error = error_for(strip);
+            if error <= 1.0 && before <= COARSE {
+                return Some(strip);
+            }
+            if error.is_nan() || (error > 1.0 && error > 0.9 * before) {
+                return None;
+            }
+            (before, strip) = (error, 0.5 * strip);
+        }
+        None
+    }
+
+    /// The largest difference of a trapezoidal rule over the cut from K, in units of its bound; NaN for values
+    /// that are no numbers.
+    fn error_of_its_cut(&self, spacing: f64) -> f64 {
+        const REACH: f64 = 92.0;
+        const BOUND: f64 = 1e-13;
+        const ROUNDING: f64 = 1e-14;
+        let count = (REACH / spacing) as i32;
+        let jumps: Vec<(f64, f64)> = (-count..=count)
+            .map(|k| libm::exp(spacing * f64::from(k)))
+            .map(|x| (x, spacing * x * self.jump(x)))
             .collect();
-        [1e-4, 0.03, 0.7, 20.0, 1e4].into_iter().all(|s| {
-            let sum: f64 = jumps.iter().map(|(x, jump)| jump / (s + x)).sum();
-            let known = self.value(Complex::new(s, 0.0)).re / s;
-            (sum - known).abs() <= 1e-6 * known.abs()
+        let at = |s: f64| self.value(Complex::new(s, 0.0)).re;
+        (-9..=9).map(|decade| libm::exp10(f64::from(decade))).fold(0.0, |worst, s| {
+            let [first, middle, last] = [s, 4.0 * s, 16.0 * s];
+            let sum: f64 = jumps.iter().map(|(x, jump)| jump / (first + x) / (middle + x) / (last + x)).sum();
+            let values = [at(first), at(middle), at(last)];
+            let slope = |from: usize, ends: [f64; 2]| (values[from + 1] - values[from]) / (ends[1] - ends[0]);
+            let bend = (slope(1, [middle, last]) - slope(0, [first, middle])) / (last - first);
+            // Where K is nearly constant, or nearly linear, its bend has the rounding error of its values.
+            let size = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+            let rounding = (ROUNDING * size + 20.0 * rounding_error(at, s)) / (s * s);
+            let error = (sum + bend).abs() / (BOUND * bend.abs() + rounding);
+            if error.is_nan() || error > worst { error } else { worst }
         })
     }
 
@@ -764,25 +814,42 @@ impl fmt::Display for TransferFunction {
     }
 }
 
+/// Places 10^{±(10 + 5k)} from which limits of a formula are taken.
+const PLACES: usize = 11;
+const APART: f64 = 5.0;
+
 /// K(0) of a formula; 0 if it decays to zero, or to the rounding error of a sum.
 pub(crate) fn value_at_zero(formula: &dyn Formula) -> f64 {
     let at = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).re;
     let (near, far) = (at(-60.0), at(-50.0));
-    let stays = (near - far).abs() <= 1e-9 * near.abs() && near.abs() > 1e-13 * at(0.0).abs();
-    if stays { near } else { 0.0 }
+    let is_large = |value: f64| value.abs() > 1e-13 * at(0.0).abs();
+    if (near - far).abs() <= 1e-9 * near.abs() {
+        return if is_large(near) { near } else { 0.0 };
+    }
+    // Beside low powers of s a constant is not yet alone. Limits from different places agree.
+    let values: Vec<f64> = (0..PLACES).map(|k| at(-10.0 - APART * k as f64)).collect();
+    match [&values[2..], &values[1..PLACES - 1], &values[..PLACES - 2]].map(limit) {
+        [Some(limit), Some(one), Some(other)] => {
+            let agree = (limit - one).abs().max((limit - other).abs()) <= 1e-8 * limit.abs();
+            if agree && is_large(limit) { limit } else { 0.0 }
+        }
+        _ => 0.0,
+    }
 }
 
 /// K(∞) of a formula; `None` if it has no bound.
-///
-/// K(10^e) for equidistant e up to 60: where the last values still differ, as those of low powers of s do,
-/// the limit is that of Wynn's ε-algorithm, which is exact for sums of powers that decay. A difference that
-/// does not decrease belongs to a power that grows, or to a logarithm.
 fn value_at_infinity(formula: &dyn Formula) -> Option<f64> {
-    const VALUES: usize = 11;
-    const APART: f64 = 5.0;
     let at = |k: usize| formula.value(Complex::new(libm::exp10(10.0 + APART * k as f64), 0.0)).re;
-    let values: Vec<f64> = (0..VALUES).map(at).collect();
-    let [.., before, near, far] = values[..] else { return None };
+    limit(&(0..PLACES).map(at).collect::<Vec<f64>>())
+}
+
+/// The limit of values at equidistant exponents; `None` if there is none.
+///
+/// Where the last ones still differ, as those of low powers of s do, the limit is that of Wynn's ε-algorithm,
+/// which is exact for sums of powers that decay. A difference that does not decrease belongs to a power that
+/// grows, or to a logarithm.
+fn limit(values: &[f64]) -> Option<f64> {
+    let &[.., before, near, far] = values else { return None };
     let (change, earlier) = ((far - near).abs(), (near - before).abs());
     if change <= 1e-14 * far.abs() {
         return Some(far);
@@ -794,7 +861,7 @@ fn value_at_infinity(formula: &dyn Formula) -> Option<f64> {
     if far.abs() < 1e-3 * near.abs() {
         return Some(0.0);
     }
-    let (mut odd, mut even) = (vec![0.0; VALUES + 1], values);
+    let (mut odd, mut even) = (vec![0.0; values.len() + 1], values.to_vec());
     let mut limit = far;
     while even.len() > 2 {
         let next = |odd: &[f64], even: &[f64]| -> Vec<f64> {
@@ -823,6 +890,13 @@ fn are_of(fractions: &Fractions, formula: &dyn Formula) -> bool {
         !is_finite || (found - known).norm() <= 1e-11 * fractions.size(s)
     };
     [0.0, 0.9, 1.5].into_iter().all(|angle| (-24..=24).all(|exponent| agree(angle, exponent)))
+}
+
+/// Rounding error of a smooth function near a place: its third differences at distances whose cubes are none.
+fn rounding_error(of: impl Fn(f64) -> f64, place: f64) -> f64 {
+    let values: Vec<f64> = (0..12).map(|k| of(place * (1.0 + 1e-6 * f64::from(k)))).collect();
+    let third = |values: &[f64]| values[3] - 3.0 * values[2] + 3.0 * values[1] - values[0];
+    values.windows(4).map(third).fold(0.0, |worst, error| worst.max(error.abs()))
 }
 
 /// a/b, and what rounding leaves out of it.

@@ -598,9 +598,40 @@ mod tests {
         assert_eq!(whole.spring(), material.spring());
         assert_ne!(whole.key(), material.key());
         assert_eq!(symbol("s^0.5").spring(), 0.0);
+        // Beside powers so low that they have not decayed at the smallest numbers; and those alone.
+        for power in [0.18, 0.1, 0.01, 0.003] {
+            let beside = symbol(&format!("0.5 + s^{power} + s^{}", 2.5 * power));
+            assert!((beside.spring() - 0.5).abs() < 1e-7, "{power}: {:e}", beside.spring());
+            assert_eq!(symbol(&format!("s^{power}")).spring(), 0.0, "{power}");
+            assert_eq!(symbol(&format!("s^{power} + 3*s^{}", 2.5 * power)).spring(), 0.0, "{power}");
+            assert_eq!(symbol(&format!("s^{power}/(1 + s^{power})")).spring(), 0.0, "{power}");
+        }
+        assert_eq!(symbol("1/(1 + log(1 + 1/s))").spring(), 0.0);
         // Poles in addition to the cut.
         assert!(!symbol("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)").is_relaxation());
         assert!(symbol("-1 + s^0.5").active().is_some());
+    }
+
+    #[test]
+    fn the_cut_of_a_symbol_is_as_narrow_as_it_is_and_its_only_singularity() {
+        use std::f64::consts::PI;
+        // 1 + s^x vanishes beyond the cut at the angle π/x.
+        for order in [0.5, 0.8, 0.9, 0.94, 0.98] {
+            let material = symbol(&format!("s^{order}/(1 + s^{order})"));
+            let strip = material.cut().unwrap().strip;
+            assert!(material.is_relaxation() && strip < 1.3 * (PI / order - PI), "{order}: {strip}");
+        }
+        assert!(!symbol("s^0.9999/(1 + s^0.9999)").is_relaxation());
+        for text in
+            ["s^0.001", "s^0.999", "s^0.97 + 0.2*s^0.99", "0.2*s^0.001 + s^0.5/(1 + s^0.5)", "log(1 + s^0.5)"]
+        {
+            assert!(symbol(text).is_relaxation(), "{text}");
+        }
+        // A weak resonance, a resonance far away, and inertia beside a cut.
+        let resonance = "s*(s + 0.1)/((s + 0.1)^2 + 4)";
+        assert!(!symbol(&format!("s^0.5 + 1e-7*{resonance}")).is_relaxation());
+        assert!(!symbol("s^0.5 + 1e3*s*(s + 1e5)/((s + 1e5)^2 + 1e14)").is_relaxation());
+        assert!(!symbol("s^0.5 + s^1.5").is_relaxation());
     }
 
     #[test]

@@ -52,10 +52,10 @@ features! {
         |s| s.system.massless().first().copied();
     GivenWeights: "a kernel by its weights", "system.damping[{i}].kernel.weights",
         |s| s.system.damping.iter().position(|term| term.transfer.table().is_some());
-    OtherKernel: "a kernel whose singularities do not all lie on the negative real axis",
+    OtherKernel: "a kernel that singularities on the negative real axis are not seen to make up",
         "system.damping[{i}].kernel", |s| s.system.damping.iter().position(|term| !term.transfer.is_relaxation());
     MomentumOffset: "a momentum from which an offset is taken off", "output.momentum", momentum_offset;
-    UnknownOffset: "Riemann–Liouville damping from q₀ ≠ 0 by a kernel whose singularities do not all lie on the negative real axis",
+    UnknownOffset: "Riemann–Liouville damping from q₀ ≠ 0 by a kernel that singularities on the negative real axis are not seen to make up",
         "system.damping[{i}].kernel", |s| jump(s, |term| !term.transfer.is_relaxation());
     TrapezoidalJump: "Riemann–Liouville damping from q₀ ≠ 0 by the trapezoidal rule, and a kernel that grows",
         "system.damping[{i}].derivative", |s| match s.convolution.family {
