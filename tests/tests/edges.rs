@@ -1,5 +1,7 @@
 //! Laws at the edges of their parameters.
 
 mod creep;
+mod kernel_forms;
+mod laws;
 mod poles;
 mod tolerance;

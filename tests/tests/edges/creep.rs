@@ -124,7 +124,7 @@ fn kernels() -> Vec<Kernel> {
 }
 
 /// Inverse transforms of a vector at a time t > 0, on Talbot's contour.
-fn talbot(time: f64, of: impl Fn(Complex<f64>) -> DVector<Complex<f64>>) -> Vec<f64> {
+pub(super) fn talbot(time: f64, of: impl Fn(Complex<f64>) -> DVector<Complex<f64>>) -> Vec<f64> {
     const POINTS: usize = 44;
     let count = POINTS as f64;
     let term = |k: usize| {
@@ -511,6 +511,95 @@ fn loads_that_begin_later_act_at_once_too() {
                         &format!("{}{scheme}{time}", solid.system("later")),
                     );
                 }
+            }
+        }
+    }
+}
+
+/// A chain of springs and memories, all of it or each second node without mass, with matrices in files.
+fn chain(kernel: &Kernel, all: bool, is_sparse: bool) -> Scenario {
+    const SIZE: usize = 120;
+    let file = |own: f64| {
+        let own = (1..=SIZE).map(|row| format!("{row} {row} {own}\n"));
+        let beside = (2..=SIZE).map(|row| format!("{row} {} -1\n", row - 1));
+        let count = 2 * SIZE - 1;
+        let entries: String = own.chain(beside).collect();
+        format!("%%MatrixMarket matrix coordinate real symmetric\n{SIZE} {SIZE} {count}\n{entries}")
+    };
+    let full = |own: f64| {
+        let entry = |row: usize, column: usize| match row.abs_diff(column) {
+            0 => own,
+            1 => -1.0,
+            _ => 0.0,
+        };
+        let row = |row: usize| (0..SIZE).map(|column| entry(row, column)).collect::<Vec<f64>>();
+        format!("{:?}", (0..SIZE).map(row).collect::<Vec<_>>())
+    };
+    let mass: Vec<f64> = (0..SIZE).map(|node| if all { 0.0 } else { (node % 2) as f64 }).collect();
+    let force: Vec<String> = (0..SIZE).map(|node| format!("{}", 1 + node % 3)).collect();
+    let [stiffness, coefficient] =
+        if is_sparse { ["'K.mtx'", "'R.mtx'"].map(String::from) } else { [full(2.5), full(4.0)] };
+    let text = format!(
+        "[system]\nmass = {mass:?}\nstiffness = {stiffness}\nforce = {force:?}\n[[system.damping]]\nkernel = {}\n\
+         coefficient = {coefficient}\n[time]\nstep = 0.01\nsteps = 40\n[output]\ncoordinates = [0]\n",
+        kernel.keys
+    );
+    let document = Document::new("chain.toml", Path::new("."), &text);
+    let document = document.with_attached("K.mtx", file(2.5)).with_attached("R.mtx", file(4.0));
+    Scenario::from_document(document).unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn states_of(scenario: &Scenario, precision: Precision) -> Vec<GridState> {
+    let mut motion = Motion::start(scenario, precision).unwrap_or_else(|error| panic!("{error}"));
+    let mut states = vec![motion.state().clone()];
+    while !motion.is_done() {
+        motion.advance().unwrap_or_else(|failure| panic!("{}", failure.reason));
+        states.push(motion.state().clone());
+    }
+    states
+}
+
+/// Largest difference of positions, relative to the largest.
+fn difference(some: &[GridState], others: &[GridState]) -> f64 {
+    let (mut worst, mut largest) = (0.0_f64, 0.0_f64);
+    for (some, other) in some.iter().zip(others) {
+        for (one, other) in some.position.iter().zip(&other.position) {
+            let off = (one - other).abs();
+            (worst, largest) = (if off <= worst { worst } else { off }, largest.max(other.abs()));
+        }
+    }
+    worst / largest
+}
+
+#[test]
+fn sparse_solids_creep_like_full_ones_and_in_single_precision() {
+    for kernel in [maxwell(0.6, 0.0, 0.3), havriliak_negami(0.7, 0.5, 1.0), prony(&[1.0, 2.0], &[0.1, 3.0])] {
+        for all in [true, false] {
+            let sparse = chain(&kernel, all, true);
+            let states = states_of(&sparse, Precision::F64);
+            assert!(states[0].position[0] > 0.01, "{}: it begins at the glass modulus", kernel.keys);
+            let off = difference(&states, &states_of(&chain(&kernel, all, false), Precision::F64));
+            assert!(off < 1e-12, "{}, {all}: {off:e}", kernel.keys);
+            let off = difference(&states_of(&sparse, Precision::F32), &states);
+            assert!(off < 2e-5, "{}, {all}, single precision: {off:e}", kernel.keys);
+        }
+    }
+}
+
+#[test]
+fn creep_goes_on_from_a_saved_state_with_the_same_bits() {
+    for all in [true, false] {
+        let scenario = chain(&maxwell(0.6, 0.0, 0.3), all, true);
+        let whole = states_of(&scenario, Precision::F64);
+        for at in [0, 1, 17] {
+            let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+            (0..at).for_each(|_| assert!(motion.advance().is_ok()));
+            let (saved, gathered) = (motion.save().unwrap(), motion.gathered());
+            let mut later = Motion::start(&scenario, Precision::F64).unwrap();
+            later.go_on(at, &saved, gathered, None).unwrap();
+            for state in &whole[at + 1..] {
+                later.advance().unwrap();
+                assert_eq!(later.state().position, state.position, "from step {at}");
             }
         }
     }
