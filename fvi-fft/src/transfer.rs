@@ -525,11 +525,11 @@ impl TransferFunction {
     }
 
     /// Half the width of the strip about the real axis in which the jump of a formula is an analytic function
-    /// of ln d, from π/4 down by halves; `None` if the formula has singularities off its cut, or grows like s or
-    /// faster.
+    /// of ln d, from π/4 down by halves; `None` if the formula has singularities off its cut, or grows like s
+    /// or faster.
     ///
-    /// The trapezoidal rule in ln x with the spacing for a strip makes up second divided differences of K(s) =
-    /// ∫ s (Im K(−x + i0)/π)/(x (s + x)) dx, at some s:
+    /// The trapezoidal rule in ln x with the spacing for a strip makes up second divided differences of
+    /// K(s) = ∫ s (Im K(−x + i0)/π)/(x (s + x)) dx, at some s:
     ///
     /// ```text
     /// K[s₁, s₂, s₃] = −∫ (Im K(−x + i0)/π)/((s₁ + x)(s₂ + x)(s₃ + x)) dx ,
@@ -561,8 +561,8 @@ impl TransferFunction {
         None
     }
 
-    /// The largest difference of a trapezoidal rule over the cut from K, in units of its bound; NaN for values
-    /// that are no numbers.
+    /// The largest difference of a trapezoidal rule over the cut from K, in units of its bound; NaN for
+    /// values that are no numbers.
     fn error_of_its_cut(&self, spacing: f64) -> f64 {
         const REACH: f64 = 92.0;
         const BOUND: f64 = 1e-13;

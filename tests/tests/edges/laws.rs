@@ -123,8 +123,8 @@ fn energy_is_what_there_is_and_what_memories_store_and_dissipate() {
     wrong.none(DRAWS);
 }
 
-/// Energies that a Maxwell element (1, 1) has stored and dissipated at t = 2, by a Runge–Kutta method for q̈ = −q
-/// − e/2, ė = q̇ − e, S = e²/4, Ḋ = e²/2.
+/// Energies that a Maxwell element (1, 1) has stored and dissipated at t = 2, by a Runge–Kutta method for
+/// q̈ = −q − e/2, ė = q̇ − e, S = e²/4, Ḋ = e²/2.
 fn of_a_maxwell_element() -> [f64; 2] {
     const STEPS: usize = 2000;
     let slope = |[q, p, e, _]: [f64; 4]| [p, -q - 0.5 * e, p - e, 0.5 * e * e];
@@ -183,7 +183,7 @@ fn position_momentum_and_energy_have_the_order_of_the_scheme() {
         let kernel = draw(index, &mut numbers);
         let (scheme, order) = SCHEMES[index / FORMS % SCHEMES.len()];
         let riemann_liouville = index % 2 == 1;
-        // A jump is one that stages of order 2 follow to 3 − µ, where their sums are of the variational scheme.
+        // Stages of order 2 follow a jump to the order 3 − µ, where their sums are of the variational scheme.
         let order = if riemann_liouville && scheme == SCHEMES[1].0 { order - kernel.growth } else { order };
         let oscillator = Oscillator { rho: 0.4, position: 0.8, velocity: 0.3, riemann_liouville, kernel };
         let exact = oscillator.exact(2.0);
