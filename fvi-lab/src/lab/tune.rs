@@ -148,7 +148,8 @@ fn range(plant: &Plant, law: &Law, about: f64) -> Result<Range, String> {
     let lowest = lowest.max(1e-30 * about);
     let count = 40 * libm::log10(highest / lowest) as usize;
     let grid = (0..=count).map(|k| lowest * libm::pow(highest / lowest, k as f64 / count as f64));
-    let crossing = grid.filter(|&omega| size(omega).is_nan() || size(omega) > ENDS_AT).fold(lowest, max_or_nan);
+    let crossing =
+        grid.filter(|&omega| size(omega).is_nan() || size(omega) > ENDS_AT).fold(lowest, max_or_nan);
     let contour = Contour { lowest, highest, crossing: 1.2 * crossing, dead_time, shift: 0.0 };
     Ok(Range { contour, from: lowest * 1e2, to: highest })
 }
