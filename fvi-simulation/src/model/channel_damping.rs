@@ -164,13 +164,14 @@ impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
     ) -> Result<Self, DampingError> {
         let count = copies * directions.count();
         let size = terms.first().map_or(0, |term| term.rho.size());
+        let channels = memory.channels();
         Ok(Self {
             channels: DampedMotion::new(&AnySpace::dense(count), kernels, derivative, memory)?,
             from: vec![T::zero(); count],
             behind: Vec::new(),
             increments: Vec::new(),
-            known: Vec::new(),
-            scratch: Vec::new(),
+            known: vec![T::zero(); channels * terms.len()],
+            scratch: vec![T::zero(); channels + count],
             vector: vec![T::zero(); copies * size],
             terms,
             directions,
@@ -183,44 +184,18 @@ impl<T: Real, M: Memory<T>> ChannelDamping<T, M> {
         self.terms.first().map_or(0, |term| term.rho.size())
     }
 
-    /// Resizes the buffers, and applies G to the sample unless G is the identity.
+    /// Applies G to the sample unless G is the identity.
     fn take(&mut self, sample: &Sample<'_, T>) {
-        let (count, nodes) = (self.count, sample.fractions.len());
-        if self.scratch.len() != count * (nodes + 1) {
-            self.known.resize(count * nodes * self.terms.len(), T::zero());
-            self.scratch.resize(count * (nodes + 1), T::zero());
-        }
         if !self.directions.are_all() {
             let coordinates = self.coordinates();
             self.directions.take(sample.from, coordinates, &mut self.from);
             take_each(&self.directions, sample.behind, coordinates, &mut self.behind);
         }
     }
-}
 
-/// Applies G to vectors of N numbers one after another.
-fn take_each<T: Real>(directions: &Directions<T>, vectors: &[T], coordinates: usize, out: &mut Vec<T>) {
-    out.resize(vectors.len() / coordinates.max(1) * directions.count(), T::zero());
-    directions.take(vectors, coordinates, out);
-}
-
-impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
-    fn check(&self, _: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
-        self.channels.check(self.count, nodes, step_size)
-    }
-
-    fn begin(&mut self, position: &[T], velocity: &[T]) {
-        let mut start = vec![T::zero(); self.count];
-        self.directions.take(position, self.coordinates(), &mut self.from);
-        self.directions.take(velocity, self.coordinates(), &mut start);
-        self.channels.begin(&self.from, &start);
-    }
-
-    fn begin_at(&mut self, time: T) {
-        self.channels.begin_at(time);
-    }
-
-    fn add_known(&mut self, sample: &Sample<'_, T>, known: &mut [T], _: &mut [T]) -> Result<(), MemoryError> {
+    /// [`add_known`](Damping::add_known) for any directions and nodes.
+    #[inline(never)]
+    fn add_known_of_any(&mut self, sample: &Sample<'_, T>, known: &mut [T]) -> Result<(), MemoryError> {
         self.take(sample);
         let Self {
             terms, directions, count, channels, from, behind, known: of_terms, scratch, vector, ..
@@ -247,13 +222,10 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
         Ok(())
     }
 
-    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
+    /// [`add_leading`](Damping::add_leading) for any terms and nodes.
+    #[inline(never)]
+    fn add_leading_of_any(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
         let coordinates = self.vector.len().max(1);
-        if let (Directions::All(_), true, [term]) =
-            (&self.directions, increments.len() == coordinates, &self.terms[..])
-        {
-            return term.rho.multiply_add(self.channels.leading(0, 1, 0, 0), increments, force);
-        }
         let nodes = increments.len() / coordinates;
         let sum = &mut scratch[..coordinates];
         for (kernel, term) in self.terms.iter().enumerate() {
@@ -269,6 +241,64 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
         }
     }
 
+    /// [`push`](Damping::push) for directions other than all coordinates.
+    #[inline(never)]
+    fn push_some(&mut self, sample: &Sample<'_, T>, increments: &[T]) -> Result<(), MemoryError> {
+        self.take(sample);
+        take_each(&self.directions, increments, self.coordinates(), &mut self.increments);
+        let of_channels = Sample { from: &self.from, behind: &self.behind, ..*sample };
+        self.channels.push(&of_channels, &self.increments, &mut self.scratch)
+    }
+}
+
+/// Applies G to vectors of N numbers one after another.
+fn take_each<T: Real>(directions: &Directions<T>, vectors: &[T], coordinates: usize, out: &mut Vec<T>) {
+    out.resize(vectors.len() / coordinates.max(1) * directions.count(), T::zero());
+    directions.take(vectors, coordinates, out);
+}
+
+impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
+    fn check(&self, _: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
+        self.channels.check(self.count, nodes, step_size)
+    }
+
+    fn begin(&mut self, position: &[T], velocity: &[T]) {
+        let mut start = vec![T::zero(); self.count];
+        self.directions.take(position, self.coordinates(), &mut self.from);
+        self.directions.take(velocity, self.coordinates(), &mut start);
+        self.channels.begin(&self.from, &start);
+    }
+
+    fn begin_at(&mut self, time: T) {
+        self.channels.begin_at(time);
+    }
+
+    #[inline(always)]
+    fn add_known(&mut self, sample: &Sample<'_, T>, known: &mut [T], _: &mut [T]) -> Result<(), MemoryError> {
+        if !self.directions.are_all() || sample.fractions.len() != 1 {
+            return self.add_known_of_any(sample, known);
+        }
+        let Self { terms, channels, known: of_terms, .. } = self;
+        channels.memory_terms(sample, of_terms)?;
+        // As many numbers as coordinates: where these are known, so are those.
+        let numbers = of_terms.chunks_exact_mut(sample.from.len().max(1));
+        for (kernel, (term, numbers)) in terms.iter().zip(numbers).enumerate() {
+            channels.complete(kernel, sample, numbers);
+            term.rho.multiply_add(T::one(), numbers, known);
+        }
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
+        match (&self.directions, &self.terms[..]) {
+            (Directions::All(_), [term]) if increments.len() == self.vector.len() => {
+                term.rho.multiply_add(self.channels.leading(0, 1, 0, 0), increments, force);
+            }
+            _ => self.add_leading_of_any(increments, force, scratch),
+        }
+    }
+
     fn visit_leading(&self, nodes: usize, mut visit: impl FnMut(usize, usize, T, &Matrix<T>)) {
         for (kernel, term) in self.terms.iter().enumerate() {
             self.channels.visit_leading(kernel, nodes, |i, j, weight| visit(i, j, weight, &term.rho));
@@ -279,14 +309,12 @@ impl<T: Real, M: Memory<T>> Damping<T, AnySpace> for ChannelDamping<T, M> {
         self.channels.memory().leading_is_constant()
     }
 
+    #[inline(always)]
     fn push(&mut self, sample: &Sample<'_, T>, increments: &[T], _: &mut [T]) -> Result<(), MemoryError> {
-        self.take(sample);
-        if self.directions.are_all() {
-            return self.channels.push(sample, increments, &mut self.scratch);
+        match self.directions {
+            Directions::All(_) => self.channels.push(sample, increments, &mut self.scratch),
+            _ => self.push_some(sample, increments),
         }
-        take_each(&self.directions, increments, self.coordinates(), &mut self.increments);
-        let of_channels = Sample { from: &self.from, behind: &self.behind, ..*sample };
-        self.channels.push(&of_channels, &self.increments, &mut self.scratch)
     }
 }
 

@@ -48,6 +48,8 @@ pub struct Model<T> {
     is_linear: bool,
     /// Whether the restoring force is that of a constant matrix from files, or rows, alone.
     is_constant: bool,
+    /// Whether the restoring force is that of one expression alone, without jumps and kinks as switches.
+    is_of_expression: bool,
     /// Forces that are rough in time, with exact moments.
     rough: Option<RoughForces>,
     /// Potentials and forces supplied as code.
@@ -247,6 +249,7 @@ impl<T: Elementary> Model<T> {
             linear,
             potential,
             is_constant,
+            is_of_expression: false,
             forced: !force.is_zero(),
             is_linear: false,
             rough,
@@ -266,6 +269,7 @@ impl<T: Elementary> Model<T> {
             force_sides: force_sides.map(SidedPoint::new),
         };
         model.is_linear = model.has_constant_stiffness();
+        model.is_of_expression = model.has_forces_of_expression();
         model.take_sides_at(&scenario.initial.position);
         Ok(model)
     }
@@ -339,11 +343,12 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         &self.mass
     }
 
-    #[inline]
+    #[inline(always)]
     fn velocity(&self, momentum: &[T], velocity: &mut [T]) {
         self.write_velocity(momentum, velocity);
     }
 
+    #[inline(always)]
     fn drift(&self, momentum: &[T], velocity: &mut [T]) {
         match &self.inverse_mass {
             InverseMass::Matrix(_) => self.write_velocity(momentum, velocity),
@@ -355,25 +360,18 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         }
     }
 
+    #[inline(always)]
     fn restoring_force(&mut self, instant: Instant<T>, position: &Vec<T>, restoring: &mut [T]) {
-        self.quadratic_restoring_force(position, restoring);
+        if !self.is_of_expression {
+            return self.restoring_force_of_any(instant, position, restoring);
+        }
+        self.restoring_force_of_expression(position, restoring);
         if let Some(potential) = &self.potential {
-            let point = sided(&mut self.potential_sides, position);
-            potential.add_rest_gradient_again(&mut self.restoring_registers, point, restoring);
-        }
-        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, restoring));
-        self.subtract_loads(instant, restoring);
-        if self.forced {
-            let position = with_velocity(&mut self.moving, position);
-            let point = sided(&mut self.force_sides, position);
-            self.force.value(moment(instant), point, &mut self.registers, &mut self.pushed);
-            restoring.iter_mut().zip(&self.pushed).for_each(|(restoring, &force)| *restoring -= force);
-        }
-        if let Some(own) = &mut self.own {
-            own.add_restoring_force(moment(instant), position, restoring);
+            potential.add_rest_gradient_again(&mut self.restoring_registers, position, restoring);
         }
     }
 
+    #[inline(always)]
     fn linearise(
         &mut self,
         instant: Instant<T>,
@@ -381,47 +379,15 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
         restoring: &mut [T],
         stiffness: &mut Matrix<T>,
     ) {
-        let Matrix::Sparse(stiffness) = stiffness else {
-            return self.restoring_force(instant, position, restoring);
+        let (true, Matrix::Sparse(stiffness)) = (self.is_of_expression, &mut *stiffness) else {
+            return self.linearise_any(instant, position, restoring, stiffness);
         };
-        self.quadratic_restoring_force(position, restoring);
-        if self.is_constant {
-            stiffness.values = self.constant.values.clone();
-            return self.subtract_loads(instant, restoring);
-        }
+        self.restoring_force_of_expression(position, restoring);
         let values = stiffness.values.own();
         values.copy_from_slice(&self.constant.values);
         if let Some(potential) = &self.potential {
-            let places = (self.hessian_slots.as_slice(), &mut *values);
-            let point = sided(&mut self.potential_sides, position);
-            potential.add_rest_derivatives_again(&mut self.rest_registers, point, restoring, places);
-        }
-        if let Some(own) = &mut self.own {
-            own.add_linearisation(moment(instant), position, restoring, values);
-        }
-        for elements in &mut self.elements {
-            elements.add_rest_derivatives(position, restoring, values);
-        }
-        self.subtract_loads(instant, restoring);
-        if !self.forced {
-            return;
-        }
-        let (registers, pushed) = (&mut self.registers, &mut self.pushed);
-        let jacobian = &mut self.entries[..self.jacobian_slots.len()];
-        let position = with_velocity(&mut self.moving, position);
-        let point = sided(&mut self.force_sides, position);
-        self.force.derivatives(moment(instant), point, registers, pushed, jacobian);
-        restoring.iter_mut().zip(pushed).for_each(|(restoring, force)| *restoring -= *force);
-        if self.resistance_slots.is_empty() {
-            for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {
-                values[slot] -= entry;
-            }
-        } else {
-            for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {
-                if slot != NOWHERE {
-                    values[slot] -= entry;
-                }
-            }
+            let places = (self.hessian_slots.as_slice(), values);
+            potential.add_rest_derivatives_again(&mut self.rest_registers, position, restoring, places);
         }
     }
 
@@ -674,12 +640,115 @@ impl<T: Elementary> Model<T> {
         potential.map_or(T::zero(), |potential| potential.value(position, &mut self.registers))
     }
 
+    /// K q + b of the potential alone.
+    #[inline(always)]
+    fn restoring_force_of_expression(&self, position: &[T], restoring: &mut [T]) {
+        // As many numbers as the force has: where these are known, so are those.
+        let position = &position[..restoring.len()];
+        restoring.fill(T::zero());
+        if let Some(quadratic) = &self.quadratic {
+            quadratic.multiply_add(T::one(), position, restoring);
+        }
+        for &(coordinate, entry) in &self.linear {
+            restoring[coordinate] += entry;
+        }
+    }
+
+    /// Whether the restoring force is that of the potential's expression alone.
+    fn has_forces_of_expression(&self) -> bool {
+        let is_loaded = !self.loads.is_empty() || !self.cases.is_empty();
+        let is_more = self.base.is_some() || self.own.is_some() || !self.elements.is_empty();
+        !(is_loaded || is_more || self.forced || self.moving.is_some() || self.potential_sides.is_some())
+    }
+
+    /// [`restoring_force`](Mechanics::restoring_force) with all there may be.
+    #[inline(never)]
+    fn restoring_force_of_any(&mut self, instant: Instant<T>, position: &[T], restoring: &mut [T]) {
+        self.quadratic_restoring_force(position, restoring);
+        if let Some(potential) = &self.potential {
+            let point = sided(&mut self.potential_sides, position);
+            potential.add_rest_gradient_again(&mut self.restoring_registers, point, restoring);
+        }
+        self.elements.iter_mut().for_each(|elements| elements.add_rest_gradient(position, restoring));
+        self.subtract_loads(instant, restoring);
+        if self.forced {
+            let position = with_velocity(&mut self.moving, position);
+            let point = sided(&mut self.force_sides, position);
+            self.force.value(moment(instant), point, &mut self.registers, &mut self.pushed);
+            restoring.iter_mut().zip(&self.pushed).for_each(|(restoring, &force)| *restoring -= force);
+        }
+        if let Some(own) = &mut self.own {
+            own.add_restoring_force(moment(instant), position, restoring);
+        }
+    }
+
+    /// [`linearise`](Mechanics::linearise) with all there may be.
+    #[inline(never)]
+    fn linearise_any(
+        &mut self,
+        instant: Instant<T>,
+        position: &[T],
+        restoring: &mut [T],
+        stiffness: &mut Matrix<T>,
+    ) {
+        let Matrix::Sparse(stiffness) = stiffness else {
+            return self.restoring_force_of_any(instant, position, restoring);
+        };
+        self.quadratic_restoring_force(position, restoring);
+        if self.is_constant {
+            stiffness.values = self.constant.values.clone();
+            return self.subtract_loads(instant, restoring);
+        }
+        let values = stiffness.values.own();
+        values.copy_from_slice(&self.constant.values);
+        if let Some(potential) = &self.potential {
+            let places = (self.hessian_slots.as_slice(), &mut *values);
+            let point = sided(&mut self.potential_sides, position);
+            potential.add_rest_derivatives_again(&mut self.rest_registers, point, restoring, places);
+        }
+        if let Some(own) = &mut self.own {
+            own.add_linearisation(moment(instant), position, restoring, values);
+        }
+        for elements in &mut self.elements {
+            elements.add_rest_derivatives(position, restoring, values);
+        }
+        self.subtract_loads(instant, restoring);
+        if !self.forced {
+            return;
+        }
+        let (registers, pushed) = (&mut self.registers, &mut self.pushed);
+        let jacobian = &mut self.entries[..self.jacobian_slots.len()];
+        let position = with_velocity(&mut self.moving, position);
+        let point = sided(&mut self.force_sides, position);
+        self.force.derivatives(moment(instant), point, registers, pushed, jacobian);
+        restoring.iter_mut().zip(pushed).for_each(|(restoring, force)| *restoring -= *force);
+        if self.resistance_slots.is_empty() {
+            for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {
+                values[slot] -= entry;
+            }
+        } else {
+            for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {
+                if slot != NOWHERE {
+                    values[slot] -= entry;
+                }
+            }
+        }
+    }
+
     /// M⁻¹ p.
+    #[inline(always)]
     fn write_velocity(&self, momentum: &[T], velocity: &mut [T]) {
         match &self.inverse_mass {
             InverseMass::Matrix(Matrix::Diagonal(inverse)) if inverse.len() == momentum.len() => {
                 combine_two(velocity, inverse, momentum, |_, inverse, p| inverse * p);
             }
+            _ => self.write_velocity_of_any(momentum, velocity),
+        }
+    }
+
+    #[inline(never)]
+    fn write_velocity_of_any(&self, momentum: &[T], velocity: &mut [T]) {
+        match &self.inverse_mass {
             InverseMass::Matrix(inverse) => {
                 velocity.fill(T::zero());
                 inverse.multiply_add(T::one(), momentum, velocity);

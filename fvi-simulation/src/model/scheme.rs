@@ -6,7 +6,7 @@ use super::matrices::Matrix;
 use super::small::Small;
 use super::space::{AnyEquations, AnyFactors, AnySpace};
 use fvi_core::{
-    Block, CachedFactor, CollocationTables, Damping, DiscreteLagrangian, ExplicitEuler, Galerkin,
+    Block, CachedFactor, CollocationTables, Damping, DiscreteLagrangian, Equations, ExplicitEuler, Galerkin,
     ImplicitEuler, Mechanics, ParameterError, Real, RungeKutta, Sampling, Scheme, Space, State, Step,
     StepError, Tables, Workspace, add_multiple, gauss_rule, lobatto_rule,
 };
@@ -210,6 +210,15 @@ impl Rule {
 
 /// Workspace of a step, and data that a linear system reuses between steps.
 pub struct Room<T: Real> {
+    numbers: Numbers<T>,
+    /// Buffers for coordinates without mass at the ends of steps.
+    settling: Settling<T>,
+    matrix: AnyEquations<T>,
+    kept: CachedFactor<AnyFactors<T>, T>,
+}
+
+/// The vectors and matrices of a step apart from its equations.
+struct Numbers<T: Real> {
     increments: Vec<T>,
     residual: Vec<T>,
     stages: Vec<T>,
@@ -222,13 +231,9 @@ pub struct Room<T: Real> {
     /// Lengths of the first and the second of these parts.
     behind: usize,
     pulled: usize,
-    /// Buffers for coordinates without mass at the ends of steps.
-    settling: Settling<T>,
     moment_correction: Vec<T>,
     point: Vec<T>,
     stiffness: Matrix<T>,
-    matrix: AnyEquations<T>,
-    kept: CachedFactor<AnyFactors<T>, T>,
 }
 
 impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
@@ -243,30 +248,32 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         // For a linear system there is no guess.
         let guessed = !mechanics.is_linear() && of_one_point(&self.view()).is_some();
         Room {
-            increments: numbers(degree),
-            residual: numbers(degree),
-            stages: numbers(points),
-            forces: numbers(points),
-            known: numbers(samples),
-            scratch: numbers(samples + 1),
-            moment_correction: numbers(degree + 1),
-            carried: vec![T::zero(); (behind + usize::from(guessed)) * size + self.massless.carried()],
-            behind: behind * size,
-            pulled: usize::from(guessed) * size,
+            numbers: Numbers {
+                increments: numbers(degree),
+                residual: numbers(degree),
+                stages: numbers(points),
+                forces: numbers(points),
+                known: numbers(samples),
+                scratch: numbers(samples + 1),
+                moment_correction: numbers(degree + 1),
+                carried: vec![T::zero(); (behind + usize::from(guessed)) * size + self.massless.carried()],
+                behind: behind * size,
+                pulled: usize::from(guessed) * size,
+                point: numbers(1),
+                stiffness: mechanics.stiffness(),
+            },
             settling: Settling::new(&self.massless, mechanics),
-            point: numbers(1),
-            stiffness: mechanics.stiffness(),
             matrix: space.equations(degree),
             kept: CachedFactor::nothing(AnyFactors::default()),
         }
     }
 
     fn carried(room: &Room<T>) -> &[T] {
-        &room.carried
+        &room.numbers.carried
     }
 
     fn carried_mut(room: &mut Room<T>) -> &mut [T] {
-        &mut room.carried
+        &mut room.numbers.carried
     }
 
     fn sampling(&self) -> Sampling<'_, T> {
@@ -284,36 +291,65 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
-        room.settling.begin(&self.massless, &state.position);
-        let iterations = match (of_one_point(&self.view()), state.position.len()) {
-            (Some(line), 1) => room.step_of_few::<1, _, _>(&line, self.form, mechanics, damping, step, state),
-            (Some(line), 2) => room.step_of_few::<2, _, _>(&line, self.form, mechanics, damping, step, state),
-            (Some(line), 3) => room.step_of_few::<3, _, _>(&line, self.form, mechanics, damping, step, state),
-            (Some(line), 4) => room.step_of_few::<4, _, _>(&line, self.form, mechanics, damping, step, state),
-            (line, _) => self.step_of_any(line, room, mechanics, damping, step, state),
+        if !self.massless.is_empty() {
+            room.settling.begin(&self.massless, &state.position);
+        }
+        // On a straight line with one node.
+        let few = if self.shapes.len() == 1 { state.position.len() } else { 0 };
+        let iterations = match few {
+            1 => self.step_of_few::<1, _, _>(room, mechanics, damping, step, state),
+            2 => self.step_of_few::<2, _, _>(room, mechanics, damping, step, state),
+            3 => self.step_of_few::<3, _, _>(room, mechanics, damping, step, state),
+            4 => {
+                let Room { numbers, matrix, kept, .. } = room;
+                numbers.step_of_known::<4, _, _, _>(self, (matrix, kept), mechanics, damping, step, state)
+            }
+            _ => self.step_of_any(room, mechanics, damping, step, state),
         }?;
         if !self.massless.is_empty() {
+            let Room { numbers: room, settling, .. } = room;
             let (behind, rest) = room.carried.split_at_mut(room.behind);
             let (_, means) = rest.split_at_mut(room.pulled);
             let found = Found { weights: &self.weights, stages: &room.stages };
             let carried = Carried { behind, means, increments: &mut room.increments };
-            room.settling.end(&self.massless, mechanics, step, &found, carried, state);
+            settling.end(&self.massless, mechanics, step, &found, carried, state);
         }
         Ok(iterations)
     }
 }
 
 impl<T: Real> AnyScheme<T> {
-    /// The step for any number of coordinates; `line` is the scheme if it is a straight line with one node.
-    fn step_of_any<G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
+    /// The step on a straight line with one node for N coordinates.
+    #[inline(never)]
+    fn step_of_few<const N: usize, G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
         &self,
-        line: Option<DiscreteLagrangian<'_, T>>,
         room: &mut Room<T>,
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
+        let Room { numbers, matrix, kept, .. } = &mut *room;
+        match matrix.few::<N>() {
+            Some(mut few) => {
+                numbers.step_of_known::<N, _, _, _>(self, (&mut few, kept), mechanics, damping, step, state)
+            }
+            None => self.step_of_any(room, mechanics, damping, step, state),
+        }
+    }
+
+    /// The step for any number of coordinates.
+    #[inline(never)]
+    fn step_of_any<G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
+        &self,
+        room: &mut Room<T>,
+        mechanics: &mut G,
+        damping: &mut D,
+        step: &Step<'_, T>,
+        state: &mut State<Vec<T>>,
+    ) -> Result<u32, StepError> {
+        let Room { numbers: room, matrix, kept, .. } = room;
+        let line = of_one_point(&self.view());
         let (behind, rest) = room.carried.split_at_mut(room.behind);
         let mut work = Workspace::<T, AnySpace, _> {
             increments: &mut room.increments,
@@ -327,8 +363,8 @@ impl<T: Real> AnyScheme<T> {
             moment_correction: &mut room.moment_correction,
             point: &mut room.point,
             stiffness: &mut room.stiffness,
-            matrix: &mut room.matrix,
-            kept: &mut room.kept,
+            matrix,
+            kept,
         };
         match (self.form, line) {
             (Form::MainNodes, Some(line)) => {
@@ -352,20 +388,25 @@ impl<T: Real> AnyScheme<T> {
     }
 }
 
-impl<T: Real> Room<T> {
+impl<T: Real> Numbers<T> {
     /// The step on a straight line with one node for N coordinates, compiled for them: without loops over
     /// vectors of any length, with the same bits.
-    #[inline(never)]
-    fn step_of_few<const N: usize, G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
+    #[inline(always)]
+    fn step_of_known<const N: usize, E, G, D>(
         &mut self,
-        line: &DiscreteLagrangian<'_, T>,
-        form: Form,
+        scheme: &AnyScheme<T>,
+        (matrix, kept): (&mut E, &mut CachedFactor<E::Factor, T>),
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
-    ) -> Result<u32, StepError> {
-        let line = of_one_point(line).expect("one point");
+    ) -> Result<u32, StepError>
+    where
+        E: Equations<T, Matrix<T>>,
+        G: Mechanics<T, AnySpace>,
+        D: Damping<T, AnySpace>,
+    {
+        let line = of_one_point(&scheme.view()).expect("one point");
         let (behind, rest) = self.carried.split_at_mut(self.behind);
         let mut work = Workspace::<T, Small<N>, _> {
             increments: few_mut::<T, N>(&mut self.increments),
@@ -379,10 +420,10 @@ impl<T: Real> Room<T> {
             moment_correction: &mut self.moment_correction,
             point: &mut self.point,
             stiffness: &mut self.stiffness,
-            matrix: &mut self.matrix,
-            kept: &mut self.kept,
+            matrix,
+            kept,
         };
-        match form {
+        match scheme.form {
             Form::MainNodes => {
                 work.behind = &mut [];
                 line.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
@@ -396,7 +437,7 @@ impl<T: Real> AnyScheme<T> {
     /// The solution of the last step: with the state at its beginning it determines
     /// [`interpolate`](Self::interpolate).
     pub fn solution(room: &Room<T>) -> &[T] {
-        &room.increments
+        &room.numbers.increments
     }
 
     /// Moves position and momentum from the beginning of a step, of the given length, to the given fraction
