@@ -54,7 +54,7 @@ pub trait Damping<T: Real, X: Space<T>>: Stateful {
     /// Calls `visit(i, j, W_ij, ρ_m)` for every nonzero W_ij ρ_m, for a sample of `nodes` nodes.
     fn visit_leading(&self, nodes: usize, visit: impl FnMut(usize, usize, T, &X::Block));
 
-    /// Whether the leading weights of all later steps are those of the step to come.
+    /// True if the leading weights of all later steps are those of the step to come.
     fn leading_is_constant(&self) -> bool;
 
     /// Stores the sample, whose `increments` e_1, …, e_R are known now. `scratch` has R·N numbers, and N more

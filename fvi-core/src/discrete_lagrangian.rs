@@ -54,7 +54,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         self.control_points.len()
     }
 
-    /// Whether no force enters the equation for q_{k+1}, so that the position drifts: a straight line with ℓ₀
+    /// True if no force enters the equation for q_{k+1}, so that the position drifts: a straight line with ℓ₀
     /// = 0 at every node.
     #[inline(always)]
     fn drifts(&self) -> bool {

@@ -251,9 +251,9 @@ pub struct ExponentialSum<T, C, B> {
     acts_on: ActsOn,
     /// Samples so far; see [`advance`](ExponentialSum::advance).
     len: u64,
-    /// Whether the memory goes on past the horizon of the table.
+    /// True if the memory goes on past the horizon of the table.
     forgets: bool,
-    /// Whether samples are differences of a signal that jumps: then slow sums are stored as their difference
+    /// True if samples are differences of a signal that jumps: then slow sums are stored as their difference
     /// from the signal.
     jumps: bool,
     /// The sum of the samples that have reached the exponentials, in two parts.

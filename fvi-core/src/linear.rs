@@ -13,7 +13,7 @@ use crate::real::Real;
 /// arithmetic.
 const LANES: usize = 8;
 
-/// Whether to process several numbers at a time: microcontrollers have no vector registers for them.
+/// True if to process several numbers at a time: microcontrollers have no vector registers for them.
 const IN_ROWS: bool = cfg!(target_pointer_width = "64");
 
 /// The first `len` numbers as rows of [`LANES`], and the remainder.
@@ -161,7 +161,7 @@ pub(crate) fn fold<T: Real>(numbers: &[T], start: T, join: impl Fn(T, T) -> T) -
     rest.iter().fold(joined, |joined, &number| join(joined, number))
 }
 
-/// Whether every number of the slice is finite.
+/// True if every number of the slice is finite.
 #[inline]
 pub(crate) fn all_finite<T: Real>(numbers: &[T]) -> bool {
     // Zero times an infinity or not-a-number is not a number, and stays so in sums.
@@ -397,7 +397,7 @@ pub fn invert_factored<T: Real>(factors: &[T], pivots: &[usize], columns: &mut [
     }
 }
 
-/// Whether the symmetric matrix of n×n numbers is positive definite to working precision: all pivots of its
+/// True if the symmetric matrix of n×n numbers is positive definite to working precision: all pivots of its
 /// elimination stay above rounding. The elimination is left in its place.
 pub fn is_positive_definite_in_place<T: Real>(matrix: &mut [T], n: usize) -> bool {
     for column in 0..n {
@@ -429,7 +429,7 @@ pub(crate) fn zero_matrix<T: Real, const N: usize>() -> SMatrix<T, N, N> {
     SMatrix::from([[T::zero(); N]; N])
 }
 
-/// Whether a symmetric matrix is positive definite to working precision.
+/// True if a symmetric matrix is positive definite to working precision.
 pub(crate) fn is_positive_definite<T: Real, const N: usize>(matrix: &SMatrix<T, N, N>) -> bool {
     let mut copy = matrix.data.0;
     is_positive_definite_in_place(copy.as_flattened_mut(), N)

@@ -81,7 +81,7 @@ pub trait Memory<T>: Stateful {
     /// Leading weight W₀, S×S numbers, row by row, of each kernel.
     fn leading(&self) -> &[T];
 
-    /// Whether W₀ stays the same for all later samples as long as the step does: false where starting weights
+    /// True if W₀ stays the same for all later samples as long as the step does: false where starting weights
     /// correct the first few.
     fn leading_is_constant(&self) -> bool {
         true
@@ -90,7 +90,7 @@ pub trait Memory<T>: Stateful {
     /// Number of samples pushed so far, k.
     fn len(&self) -> usize;
 
-    /// Whether no sample has been pushed yet.
+    /// True if no sample has been pushed yet.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -36,13 +36,13 @@ pub trait Equations<T: Real, B: Block<T>> {
     /// [`Singular`].
     fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular>;
 
-    /// Whether [`solve`](Equations::solve) has left factors for [`solve_again`](Equations::solve_again).
+    /// True if [`solve`](Equations::solve) has left factors for [`solve_again`](Equations::solve_again).
     #[inline(always)]
     fn has_factors(&self) -> bool {
         false
     }
 
-    /// Whether factorisation is so much more expensive than a solution that the factors of the first
+    /// True if factorisation is so much more expensive than a solution that the factors of the first
     /// correction are reused as long as corrections shrink fast enough.
     #[inline(always)]
     fn spares_factors(&self) -> bool {
@@ -63,14 +63,14 @@ pub trait Equations<T: Real, B: Block<T>> {
     /// Replaces `vector` by the solution, with what [`keep`](Equations::keep) prepared.
     fn solve_kept(&mut self, kept: &Self::Factor, vector: &mut [T]);
 
-    /// Whether one correction by [`solve_kept`](Equations::solve_kept) suffices: the prepared solution is
+    /// True if one correction by [`solve_kept`](Equations::solve_kept) suffices: the prepared solution is
     /// exact for a matrix that differs from this one only by a symmetric change of the mass of rounding size.
     #[inline(always)]
     fn is_solved_at_once(&self, _kept: &Self::Factor) -> bool {
         false
     }
 
-    /// Whether the residual left by [`solve_kept`](Equations::solve_kept), with these increments on this
+    /// True if the residual left by [`solve_kept`](Equations::solve_kept), with these increments on this
     /// position, needs another correction. Negligible parts of it may be set to zero.
     ///
     /// Rounding errors in factors are the same at every step. Where they are not symmetric, energy grows or
@@ -222,10 +222,10 @@ pub(crate) struct Corrections<T> {
     previous: Option<T>,
     again: bool,
     sparing: bool,
-    /// Whether a correction with the factors of the one before it was much smaller, so that the slope hardly
+    /// True if a correction with the factors of the one before it was much smaller, so that the slope hardly
     /// changes.
     proven: bool,
-    /// Whether reused factors were no good, so that each correction has its own.
+    /// True if reused factors were no good, so that each correction has its own.
     fresh: bool,
     /// How often a correction with its own factors was no smaller than the one before it.
     stalls: u32,
@@ -264,7 +264,7 @@ impl<T: Real> Corrections<T> {
         Self { sparing, ..self }
     }
 
-    /// Whether the next correction reuses the factors of the last one.
+    /// True if the next correction reuses the factors of the last one.
     #[inline(always)]
     pub(crate) fn takes_factors_again(&self) -> bool {
         self.again

@@ -581,7 +581,7 @@ where
         }
     }
 
-    /// Whether the output is set by hand.
+    /// True if the output is set by hand.
     pub fn is_manual(&self) -> bool {
         self.state.mode == Mode::Manual
     }

@@ -44,7 +44,7 @@ impl<T: Real> PidGains<T> {
         }
     }
 
-    /// Whether there is a derivative.
+    /// True if there is a derivative.
     pub(crate) fn differentiates(&self) -> bool {
         match *self {
             Self::Parallel { derivative, .. } => derivative != T::zero(),

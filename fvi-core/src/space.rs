@@ -10,7 +10,7 @@ use crate::real::Real;
 /// storage. [`Fixed`](crate::Fixed) stores everything in place and needs no allocator. A host adds a space
 /// whose N is known at run time only.
 pub trait Space<T: Real>: Clone {
-    /// Whether N is known at compile time. Steps are then inlined for it; otherwise they consist of calls,
+    /// True if N is known at compile time. Steps are then inlined for it; otherwise they consist of calls,
     /// which cost little beside loops over many coordinates and are compiled once.
     const KNOWN_SIZE: bool;
 

@@ -83,7 +83,7 @@ pub trait Potential<T, const N: usize> {
     fn gradient(&self, position: &SVector<T, N>) -> SVector<T, N>;
     /// ∂²U/∂q².
     fn hessian(&self, position: &SVector<T, N>) -> SMatrix<T, N, N>;
-    /// Whether U is a quadratic polynomial, so that the Hessian is the same everywhere. With a force that
+    /// True if U is a quadratic polynomial, so that the Hessian is the same everywhere. With a force that
     /// does not depend on the position every step then solves a linear system with one matrix, factored once.
     fn is_quadratic(&self) -> bool {
         false
@@ -236,12 +236,12 @@ pub trait Force<T: Real, const N: usize> {
         zero_matrix()
     }
 
-    /// Whether F depends on the position at all.
+    /// True if F depends on the position at all.
     fn depends_on_position(&self) -> bool {
         true
     }
 
-    /// Whether F depends on the velocity: then schemes call the `_in_motion` methods and `velocity_jacobian`.
+    /// True if F depends on the velocity: then schemes call the `_in_motion` methods and `velocity_jacobian`.
     fn depends_on_velocity(&self) -> bool {
         false
     }
@@ -391,7 +391,7 @@ pub trait Mechanics<T: Real, X: Space<T>> {
         stiffness: &mut X::Block,
     );
 
-    /// Whether F depends on the velocity. Then schemes call the three methods that follow in place of the two
+    /// True if F depends on the velocity. Then schemes call the three methods that follow in place of the two
     /// above.
     #[inline(always)]
     fn depends_on_velocity(&self) -> bool {
@@ -437,7 +437,7 @@ pub trait Mechanics<T: Real, X: Space<T>> {
     ) {
     }
 
-    /// Whether [`moment_correction`](Mechanics::moment_correction) has to be called at all.
+    /// True if [`moment_correction`](Mechanics::moment_correction) has to be called at all.
     #[inline(always)]
     fn is_rough(&self) -> bool {
         true
@@ -462,7 +462,7 @@ pub trait Mechanics<T: Real, X: Space<T>> {
     /// A matrix for [`linearise`](Mechanics::linearise) to write to.
     fn stiffness(&self) -> X::Block;
 
-    /// Whether the stiffness, and the resistance if there is one, is the same at every position, velocity and
+    /// True if the stiffness, and the resistance if there is one, is the same at every position, velocity and
     /// time.
     fn is_linear(&self) -> bool;
 

@@ -102,7 +102,7 @@ pub struct MemoryRequest<'a> {
     pub motions: usize,
     /// Number of samples in the run: one for each step, and one before the first.
     pub samples: usize,
-    /// Whether the samples are given values and not solved increments: then the memory acts on values, and
+    /// True if the samples are given values and not solved increments: then the memory acts on values, and
     /// its error is that of the plain sum for any samples.
     pub given: bool,
     /// The requested engine, and its settings.
@@ -276,7 +276,7 @@ impl MemoryRequest<'_> {
         }
     }
 
-    /// Whether the kernel may share a memory with another one, as far as this depends on the kernels: both
+    /// True if the kernel may share a memory with another one, as far as this depends on the kernels: both
     /// have exponentials, and act on the same kind of samples.
     pub fn may_share_with(&self, other: &Self) -> bool {
         let fractional = |request: &Self| {
@@ -384,7 +384,7 @@ impl MemoryRequest<'_> {
         fvi_core::Kernel::matrix_weights(transfer.growth(), R, weights.leading_determinant(), step_size)
     }
 
-    /// Whether the memory takes steps of any length.
+    /// True if the memory takes steps of any length.
     fn any_step(&self) -> bool {
         self.end.is_some() || self.history.engine == Some(Engine::AnyStep)
     }
@@ -416,7 +416,7 @@ impl MemoryRequest<'_> {
         }
     }
 
-    /// Whether its weights are matrices, those of a Runge–Kutta method.
+    /// True if its weights are matrices, those of a Runge–Kutta method.
     fn is_staged(&self) -> bool {
         !matches!(self.family, ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal)
     }
@@ -530,7 +530,7 @@ impl MemoryRequest<'_> {
         })
     }
 
-    /// Whether exponentials in complex pairs may take the place of real ones: where they are asked for, with
+    /// True if exponentials in complex pairs may take the place of real ones: where they are asked for, with
     /// a tolerance, since they are not exact to rounding, and states are not to be in single precision.
     fn may_oscillate(&self, engine: Engine) -> bool {
         let asked = (self.history.engine, self.history.tolerance.is_some(), self.history.states);

@@ -105,7 +105,7 @@ pub trait Formula: fmt::Debug + Send + Sync {
     fn fractions(&self) -> Option<Fractions> {
         None
     }
-    /// Whether its passivity is known from its form.
+    /// True if its passivity is known from its form.
     fn is_passive(&self) -> bool {
         false
     }
@@ -587,7 +587,7 @@ impl TransferFunction {
         })
     }
 
-    /// Whether the kernel is determined by cut and poles: its response is a sum of decaying exponentials.
+    /// True if the kernel is determined by cut and poles: its response is a sum of decaying exponentials.
     pub fn is_relaxation(&self) -> bool {
         !matches!(self.form, Form::Formula { relaxation: false, .. } | Form::Weights(_))
     }
@@ -878,7 +878,7 @@ fn limit(values: &[f64]) -> Option<f64> {
     Some(limit)
 }
 
-/// Whether partial fractions are those of a formula: they agree on rays into the right half-plane, relative
+/// True if partial fractions are those of a formula: they agree on rays into the right half-plane, relative
 /// to their terms.
 fn are_of(fractions: &Fractions, formula: &dyn Formula) -> bool {
     let agree = |angle: f64, exponent: i32| {

@@ -34,7 +34,7 @@ pub struct Claim {
     pub found: f64,
     /// Relation of the two values if the statement holds.
     pub relation: Relation,
-    /// Whether `found` is a rounding error of transforms, which depends on the vector units of the machine.
+    /// True if `found` is a rounding error of transforms, which depends on the vector units of the machine.
     pub is_rounding: bool,
 }
 
@@ -48,7 +48,7 @@ pub enum Relation {
 }
 
 impl Claim {
-    /// Whether the statement holds for the computed value.
+    /// True if the statement holds for the computed value.
     pub fn holds(&self) -> bool {
         match self.relation {
             Relation::AtMost => self.found <= self.stated,

@@ -379,12 +379,12 @@ impl Scenario {
         self.ending_after(steps.map_err(refused)?)
     }
 
-    /// Whether there is no reference, or it can be compared at one grid point or more.
+    /// True if there is no reference, or it can be compared at one grid point or more.
     pub fn meets_reference(&self) -> bool {
         self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time, &self.output))
     }
 
-    /// Whether the motion is needed between grid points.
+    /// True if the motion is needed between grid points.
     pub fn is_looked_into(&self) -> bool {
         !self.output.times.is_empty() || !self.events.is_empty()
     }
@@ -427,7 +427,7 @@ impl Scenario {
         self.document.error_at(path.copied().unwrap_or_default(), problem)
     }
 
-    /// Whether a force that changes inside a step acts from that time on.
+    /// True if a force that changes inside a step acts from that time on.
     pub(crate) fn acts_inside_steps(&self) -> bool {
         self.scheme_descriptor().takes_inputs_inside
             && self.system.force_quadrature == ForceQuadrature::Moments

@@ -112,7 +112,7 @@ pub fn first_place(numbers: &[f64], wanted: f64) -> Option<usize> {
     Some(start + within)
 }
 
-/// Whether all numbers are finite.
+/// True if all numbers are finite.
 pub fn is_finite(numbers: &[f64]) -> bool {
     // Zero times an infinity or not-a-number is not a number, and stays so in sums.
     fold(numbers, 0.0, |sum, number| sum + 0.0 * number) == 0.0

@@ -102,7 +102,7 @@ trait Stepper: Stateful {
     fn read(&mut self, state: &mut GridState);
     /// Writes the energies of the motions under load cases, whose sum was read last.
     fn energies(&self, energies: &mut Vec<f64>);
-    /// Whether the steps of a grid compute the energy only where a row is written.
+    /// True if the steps of a grid compute the energy only where a row is written.
     fn has_energies_of_rows_only(&self) -> bool;
     fn engines(&self) -> Vec<Engine>;
     /// Time from which rough points of forces may have been overlooked.
@@ -219,7 +219,7 @@ impl Simulation {
         Ok(Self { stepper, engines, shared, precision, solver, warning })
     }
 
-    /// Whether no motion near the start grows at the step of the scenario, according to the check of the
+    /// True if no motion near the start grows at the step of the scenario, according to the check of the
     /// step.
     ///
     /// # Errors
@@ -432,7 +432,7 @@ fn bad_mass(scenario: &Scenario, error: &MatrixError) -> InputError {
 struct TypedSimulation<T: Elementary + Memories> {
     integrator: Integrator<T, AnySpace, Model<T>, AnyScheme<T>, DampingTerms<T>>,
     input: Vec<T>,
-    /// Whether the input of the last step was nonzero.
+    /// True if the input of the last step was nonzero.
     pushed: bool,
     /// The reported momentum if it is not that of the state: the mean of the momenta before and after the
     /// last kick, or the momentum without the offset.

@@ -18,7 +18,7 @@ pub(crate) struct Blocks {
     pub(crate) row_starts: Vec<usize>,
     pub(crate) rows: Vec<u32>,
     pub(crate) number_starts: Vec<usize>,
-    /// Whether each row of the pattern stands for two, the second with a negative pivot.
+    /// True if each row of the pattern stands for two, the second with a negative pivot.
     pub(crate) in_pairs: bool,
     /// Subtrees of the elimination tree that are solved separately.
     pub(crate) subtrees: Subtrees,

@@ -16,7 +16,7 @@ const ROWS: usize = 64;
 pub(crate) struct Products {
     a: Vec<[f64; TILE.0]>,
     b: Vec<[f64; TILE.1]>,
-    /// Whether every second column of A and B has a negative sign in the product.
+    /// True if every second column of A and B has a negative sign in the product.
     signed: bool,
 }
 

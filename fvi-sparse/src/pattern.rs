@@ -113,7 +113,7 @@ impl Pattern {
         self.columns.len()
     }
 
-    /// Whether there is no place at all.
+    /// True if there is no place at all.
     pub fn is_empty(&self) -> bool {
         self.columns.is_empty()
     }
@@ -123,7 +123,7 @@ impl Pattern {
         self.band
     }
 
-    /// Whether the columns of every row are its neighbours and itself, for two or more rows.
+    /// True if the columns of every row are its neighbours and itself, for two or more rows.
     pub fn is_chain(&self) -> bool {
         self.is_chain
     }

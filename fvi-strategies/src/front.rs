@@ -135,7 +135,7 @@ impl Agreement {
     }
 }
 
-/// Whether the best of all runs are the same; `Some(false)` if they are so up to ties of each run.
+/// True if the best of all runs are the same; `Some(false)` if they are so up to ties of each run.
 fn agree(runs: &[(Vec<&str>, Vec<&str>)]) -> Option<bool> {
     let all = || runs.iter().flat_map(|(best, _)| best);
     if runs.iter().all(|(best, _)| all().all(|name| best.contains(name))) {

@@ -16,7 +16,7 @@ pub(crate) struct Kernel {
     pub(crate) source: Source,
     pub(crate) order: BdfOrder,
     pub(crate) step: f64,
-    /// Whether the samples are differences, as in a run, and the weights act on these.
+    /// True if the samples are differences, as in a run, and the weights act on these.
     pub(crate) on_increments: bool,
 }
 

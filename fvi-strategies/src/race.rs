@@ -284,7 +284,7 @@ fn add(row: &mut Row, timed: &Timed, setup_ns: f64, clock: f64) {
     row.setup_ns = row.setup_ns.min(setup_ns);
 }
 
-/// Whether a race needs no further round: the fewest are made, and every median stands, the time is over, or
+/// True if a race needs no further round: the fewest are made, and every median stands, the time is over, or
 /// there are no more rounds.
 pub(crate) fn is_over(race: &RaceRecord, conditions: &Conditions<'_>) -> bool {
     let (fewest, most) = conditions.rounds;
@@ -329,7 +329,7 @@ impl Median {
         }
     }
 
-    /// Whether it is known to 5 %; of fewer than six numbers no interval holds the median with 95 %.
+    /// True if it is known to 5 %; of fewer than six numbers no interval holds the median with 95 %.
     fn stands(self) -> bool {
         self.count >= 6 && 0.5 * (self.high - self.low) <= STANDS * self.middle
     }

@@ -48,11 +48,11 @@ pub struct Row {
     pub strategy: String,
     /// Largest |r_k − sum| / Σ|w||x| over the signals, in units of u of the precision.
     pub error_u: f64,
-    /// Whether `error_u` is within the tolerance, or rounding.
+    /// True if `error_u` is within the tolerance, or rounding.
     pub within: bool,
-    /// Whether the method has an error bound, so that it should be within the tolerance.
+    /// True if the method has an error bound, so that it should be within the tolerance.
     pub promised: bool,
-    /// Whether the strategy sums weights of its own, with which it is then compared.
+    /// True if the strategy sums weights of its own, with which it is then compared.
     pub own_weights: bool,
     /// The terms that the run which is timed ends with, and how far from them a repetition may be.
     pub last: Vec<(f64, f64)>,
@@ -62,7 +62,7 @@ pub struct Row {
     pub mean_ns: f64,
     /// 95 % confidence interval of `mean_ns`; of fewer than six rounds, the range.
     pub between_ns: (f64, f64),
-    /// Whether there are six rounds at least and half of that interval is at most 5 % of the median.
+    /// True if there are six rounds at least and half of that interval is at most 5 % of the median.
     pub stands: bool,
     /// Median of the times of single steps, the smallest of all rounds.
     pub p50_ns: f64,
@@ -105,7 +105,7 @@ pub enum Kind {
 }
 
 impl RaceRecord {
-    /// Whether this is the race with these parameters.
+    /// True if this is the race with these parameters.
     fn is_of(
         &self,
         kernel: &str,
@@ -119,13 +119,13 @@ impl RaceRecord {
             && self.tolerance == tolerance
     }
 
-    /// Whether this is the race for `task`.
+    /// True if this is the race for `task`.
     pub(crate) fn is_for(&self, task: &Task) -> bool {
         let Task { length, channels, precision, tolerance, .. } = *task;
         self.is_of(&task.kernel.name, length, channels, precision, tolerance)
     }
 
-    /// Whether the races differ in their tolerance at most.
+    /// True if the races differ in their tolerance at most.
     pub(crate) fn is_of_group(&self, other: &Self) -> bool {
         self.is_of(&other.kernel, other.length, other.channels, other.precision, self.tolerance)
     }

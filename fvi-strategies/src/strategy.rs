@@ -181,7 +181,7 @@ pub(crate) type Maker = Arc<dyn Fn(&Task) -> Result<Made, Declined> + Send + Syn
 pub struct Strategy {
     pub(crate) name: String,
     pub(crate) description: String,
-    /// Whether the method has an error bound, so that its error should be within the tolerance.
+    /// True if the method has an error bound, so that its error should be within the tolerance.
     pub(crate) promises: bool,
     pub(crate) make: Maker,
 }

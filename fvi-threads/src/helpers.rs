@@ -82,7 +82,7 @@ impl Helpers {
         Some(Self(group))
     }
 
-    /// Whether the threads that would be borrowed are awake.
+    /// True if the threads that would be borrowed are awake.
     pub(crate) fn are_awake(threads: usize) -> bool {
         let awake = |group: &Group| group.watch.awake.load(Ordering::Relaxed) == threads;
         idle().is_some_and(|idle| idle.groups.iter().rfind(|group| group.has(threads)).is_some_and(awake))

@@ -72,7 +72,7 @@ pub fn share<I: Send>(threads: usize, parts: impl IntoIterator<Item = I>, work: 
     });
 }
 
-/// Whether the threads that would [`share`] a piece of work are still awake from the last one. Then work of
+/// True if the threads that would [`share`] a piece of work are still awake from the last one. Then work of
 /// some ten microseconds is worth sharing; to wake a thread up may take 80 µs.
 pub fn are_awake(threads: usize) -> bool {
     threads > 1 && Helpers::are_awake(threads - 1)

@@ -127,7 +127,7 @@ mod tests {
 
     use fvi_core::DoubleDouble;
 
-    /// Whether each exponential of a kernel with the head `head` is not negligible at lag 34.
+    /// True if each exponential of a kernel with the head `head` is not negligible at lag 34.
     fn lasting<const S: usize>(head: &[f64], terms: &[(f64, [f64; S], [f64; S])]) -> Vec<bool> {
         let term = |&(decay, output, input): &(f64, [f64; S], [f64; S])| {
             Exponential::new(ExponentialTerm { decay, output, input })

@@ -55,7 +55,7 @@ pub struct VectorVariableSteps<T: Scalar, const R: usize> {
     /// The term of the next step for every coordinate, valid if that step is as long as the previous one.
     terms: Vec<[T; R]>,
     terms_are_known: bool,
-    /// Whether the current step is as long as the previous one.
+    /// True if the current step is as long as the previous one.
     steady: bool,
     /// Time of the samples so far, and its rounding error.
     elapsed: [T; 2],

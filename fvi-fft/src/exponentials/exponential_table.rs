@@ -409,7 +409,7 @@ impl ExponentialKernel {
         self.horizon
     }
 
-    /// Whether the weights are those of a memory on increments.
+    /// True if the weights are those of a memory on increments.
     pub fn on_increments(&self) -> bool {
         self.on_increments
     }
@@ -502,7 +502,7 @@ trait Source {
     /// The exact first weights.
     fn exact(&self, step_size: f64, count: usize) -> Result<Vec<f64>, ParameterError>;
 
-    /// Whether the weights are those of a memory on increments.
+    /// True if the weights are those of a memory on increments.
     fn on_increments(&self) -> bool;
 
     /// The factor of all coefficients for a step size other than that of the rule.

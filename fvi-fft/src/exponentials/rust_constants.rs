@@ -4,7 +4,7 @@ use crate::exponentials::exponential_table::{ENDLESS, ExponentialKernel};
 use fvi_core::Real;
 use std::fmt::LowerExp;
 
-/// Whether a constant of Rust and C may have this name: letters, digits and underscores, beginning with a
+/// True if a constant of Rust and C may have this name: letters, digits and underscores, beginning with a
 /// letter.
 pub fn is_identifier(name: &str) -> bool {
     let mut characters = name.chars();
@@ -12,7 +12,7 @@ pub fn is_identifier(name: &str) -> bool {
     begins && characters.all(|character| character.is_ascii_alphanumeric() || character == '_')
 }
 
-/// Whether all numbers of a table are finite in the precision of T, and none that is not zero underflows to
+/// True if all numbers of a table are finite in the precision of T, and none that is not zero underflows to
 /// zero.
 pub fn table_fits<T: Real>(kernel: &ExponentialKernel) -> bool {
     let smallest = T::SMALLEST_NORMAL.to_f64();

@@ -73,7 +73,7 @@ impl ConvolutionFamily {
         }
     }
 
-    /// Whether the scheme is a Runge–Kutta family, with stages.
+    /// True if the scheme is a Runge–Kutta family, with stages.
     pub fn is_staged(&self) -> bool {
         self.staged().is_some()
     }

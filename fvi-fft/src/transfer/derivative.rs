@@ -108,7 +108,7 @@ impl TransferDerivative {
         self.growth
     }
 
-    /// Whether the exponent with which K grows depends on θ: then ∂K/∂θ is larger than K by a logarithm.
+    /// True if the exponent with which K grows depends on θ: then ∂K/∂θ is larger than K by a logarithm.
     pub fn changes_growth_of(&self, transfer: &TransferFunction) -> bool {
         let ratio = |exponent: f64| {
             let s = Complex::new(libm::exp10(exponent), 0.0);

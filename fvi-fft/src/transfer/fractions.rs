@@ -26,7 +26,7 @@ pub const SAME: f64 = 1e-13;
 /// Highest degree of a polynomial that is read: beyond, its coefficients do not tell its roots.
 const HIGHEST: usize = 40;
 
-/// Whether two places are one up to rounding.
+/// True if two places are one up to rounding.
 pub fn is_same(one: Complex<f64>, other: Complex<f64>) -> bool {
     (one - other).norm() <= SAME * one.norm().max(other.norm())
 }
@@ -85,7 +85,7 @@ impl Fractions {
         self
     }
 
-    /// Whether all poles are simple and on the negative real axis: K is a sum of relaxations.
+    /// True if all poles are simple and on the negative real axis: K is a sum of relaxations.
     pub fn is_relaxation(&self) -> bool {
         let relaxes =
             |pole: &PoleOfOrder| pole.coefficients.len() == 1 && pole.place.im == 0.0 && pole.place.re < 0.0;
@@ -177,7 +177,7 @@ impl Quotient {
         power.is_readable().then_some(power)
     }
 
-    /// Whether its degrees are small enough, and its numbers finite.
+    /// True if its degrees are small enough, and its numbers finite.
     pub fn is_readable(&self) -> bool {
         let degree = self.below.iter().map(Vec::len).sum::<usize>().max(self.above.len());
         degree <= 2 * HIGHEST && self.above.iter().chain(self.below.iter().flatten()).all(|x| x.is_finite())

@@ -29,7 +29,7 @@ impl MultistepRule {
         }
     }
 
-    /// Whether Re γ ≥ 0 in |z| ≤ 1 and arg γ ∈ [−π/2, 0] on the upper half of the circle: the hypothesis of
+    /// True if Re γ ≥ 0 in |z| ≤ 1 and arg γ ∈ [−π/2, 0] on the upper half of the circle: the hypothesis of
     /// the theorem on passive kernels (book/src/theory/kernels.md).
     pub fn is_passive(self) -> bool {
         self.order() <= 2

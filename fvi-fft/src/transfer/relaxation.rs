@@ -19,7 +19,7 @@ pub struct Relaxation {
     /// t and G, one after the other.
     rows: Vec<f64>,
     decay: Option<f64>,
-    /// Whether the kernel is an entry of a matrix, for which passivity is a property of the whole.
+    /// True if the kernel is an entry of a matrix, for which passivity is a property of the whole.
     part: bool,
 }
 
@@ -56,7 +56,7 @@ impl Relaxation {
         })
     }
 
-    /// Whether G falls, is convex, and ends at or above zero: then it is passive (Pólya).
+    /// True if G falls, is convex, and ends at or above zero: then it is passive (Pólya).
     fn is_convex(&self) -> bool {
         let (_, end) = self.last();
         let after = self.decay.map_or(0.0, |decay| -end / decay);

@@ -35,9 +35,9 @@ pub struct RunOptions {
     pub format: Option<Format>,
     /// How often checkpoints are written.
     pub checkpoints: CheckpointEvery,
-    /// Whether the run continues from the directory's checkpoint, if there is one.
+    /// True if the run continues from the directory's checkpoint, if there is one.
     pub resume: bool,
-    /// Whether it continues even if rounding may differ between this machine or program version and that of
+    /// True if it continues even if rounding may differ between this machine or program version and that of
     /// the checkpoint.
     pub accept_other_machine: bool,
 }
@@ -454,7 +454,7 @@ fn small_beside_scale(scenario: &Scenario, largest: &Largest) -> Option<String> 
 pub struct Run<'s> {
     scenario: &'s Scenario,
     motion: Motion<'s>,
-    /// Whether the current state has been passed to the caller.
+    /// True if the current state has been passed to the caller.
     seen: bool,
     begin: Instant,
     preparation_seconds: f64,
@@ -699,7 +699,7 @@ impl<'s> Run<'s> {
         self.ended.as_ref().unwrap_or(self.motion.state())
     }
 
-    /// Whether an event has ended it.
+    /// True if an event has ended it.
     fn is_ended(&self) -> bool {
         self.ended.is_some()
     }

@@ -154,7 +154,7 @@ fn range(plant: &Plant, law: &Law, about: f64) -> Result<Range, String> {
     Ok(Range { contour, from: lowest * 1e2, to: highest })
 }
 
-/// Whether the loop in continuous time is stable.
+/// True if the loop in continuous time is stable.
 fn check(plant: &Plant, law: &Law, about: f64) -> Result<(), String> {
     let range = range(plant, law, about)?;
     match growing_motions(&range.contour, &|s| open_loop(plant, law, s))? {

@@ -91,7 +91,7 @@ impl GrowingFile {
         Ok(this)
     }
 
-    /// Whether the part file, or the file that `whole` opens, contains the marked bytes. Changes nothing.
+    /// True if the part file, or the file that `whole` opens, contains the marked bytes. Changes nothing.
     pub(crate) fn can_resume(
         destination: &Path,
         head: u64,
@@ -207,7 +207,7 @@ fn open_part(destination: &Path, write: bool) -> Option<(PathBuf, File)> {
     Some((part, file))
 }
 
-/// Whether a file contains the marked bytes.
+/// True if a file contains the marked bytes.
 fn holds(file: &mut impl Read, head: u64, mark: &Mark) -> io::Result<bool> {
     let skipped = io::copy(&mut file.by_ref().take(head), &mut io::sink())?;
     let mut rest = file.take(mark.length);

@@ -31,7 +31,7 @@ impl Levels {
         self.origin
     }
 
-    /// Whether values read from a file are valid for a quantisation.
+    /// True if values read from a file are valid for a quantisation.
     pub(super) fn is_sound(&self) -> bool {
         self.origin.is_none_or(|origin| origin.abs() <= LARGEST) && self.rung >= 0.0 && self.rung <= LARGEST
     }
@@ -73,7 +73,7 @@ pub(super) fn moved(level: Level, ratio: f64) -> Level {
     if level == BEYOND { BEYOND } else { (f64::from(level) * ratio).round_ties_even() as Level }
 }
 
-/// Whether a number is small enough to have a level.
+/// True if a number is small enough to have a level.
 pub(super) fn has_level(number: f64) -> bool {
     number.abs() <= LARGEST
 }

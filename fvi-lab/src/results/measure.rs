@@ -90,7 +90,7 @@ impl ReferenceErrors {
         })
     }
 
-    /// Whether anything was compared.
+    /// True if anything was compared.
     pub fn any(&self) -> bool {
         self.position.compared + self.momentum.compared + self.energy.compared > 0
     }

@@ -124,7 +124,7 @@ impl Array {
     }
 }
 
-/// Whether part files or archive contain the marked rows of the arrays with these names.
+/// True if part files or archive contain the marked rows of the arrays with these names.
 pub(crate) fn can_resume(path: &Path, names: &[impl AsRef<str>], marks: &[Mark]) -> bool {
     let is_there = |(mark, name): (&Mark, &str)| {
         GrowingFile::can_resume(&array_path(path, name), HEAD, mark, || member(path, name))

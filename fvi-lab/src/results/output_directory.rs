@@ -64,7 +64,7 @@ impl OutputDirectory {
         fs::create_dir_all(path).map_err(FileError::at(path))
     }
 
-    /// Whether an error means that this path cannot be used: it is not a directory, or another process writes
+    /// True if an error means that this path cannot be used: it is not a directory, or another process writes
     /// to it.
     pub fn refuses(error: &FileError) -> bool {
         matches!(error.source.kind(), io::ErrorKind::ResourceBusy | io::ErrorKind::NotADirectory)

@@ -140,7 +140,7 @@ fn chart(scenario: &Scenario, x: Axis, y: Axis) -> Chart {
 /// Number of decades of time beyond which the time axis is logarithmic.
 const MOST_DECADES: f64 = 3.0;
 
-/// Whether the grid spans so many decades that the time axis is logarithmic.
+/// True if the grid spans so many decades that the time axis is logarithmic.
 fn over_decades(scenario: &Scenario) -> bool {
     scenario.time.grid.is_some() && (scenario.time.end() / first_time(scenario)).log10() > MOST_DECADES
 }

@@ -25,7 +25,7 @@ impl RunTraces {
         }
     }
 
-    /// Whether traces read from a file are valid for a run with `coordinates` drawn coordinates.
+    /// True if traces read from a file are valid for a run with `coordinates` drawn coordinates.
     pub(crate) fn is_sound(&self, coordinates: usize) -> bool {
         (1..=coordinates).contains(&self.coordinates.len())
             && self.coordinates.iter().chain(&self.columns).all(Envelope::is_sound)

@@ -26,7 +26,7 @@ impl Snapshots {
         Ok(Self { every: every.max(1), rows })
     }
 
-    /// Whether the marked rows still exist. Changes nothing.
+    /// True if the marked rows still exist. Changes nothing.
     pub(crate) fn can_resume(path: &Path, marks: &[Mark]) -> bool {
         let names = npz_rows::states(0).map(|array| array.name);
         npz_rows::can_resume(path, &names, marks)

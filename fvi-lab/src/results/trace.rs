@@ -132,7 +132,7 @@ impl Envelope {
         Self { levels: Levels::default(), intervals: Vec::new(), width: 1, open: None, filled: 0 }
     }
 
-    /// Whether a trace read from a file is valid.
+    /// True if a trace read from a file is valid.
     pub(crate) fn is_sound(&self) -> bool {
         self.levels.is_sound()
             && self.intervals.len() <= Self::MOST_INTERVALS
@@ -284,7 +284,7 @@ impl PathTrace {
         Self::default()
     }
 
-    /// Whether a path read from a file is valid.
+    /// True if a path read from a file is valid.
     pub(crate) fn is_sound(&self) -> bool {
         self.levels.iter().all(Levels::is_sound)
             && self.beginning.len() <= Self::MOST_POINTS
@@ -394,7 +394,7 @@ impl PathTrace {
         (reach(high.0 - low.0), reach(high.1 - low.1))
     }
 
-    /// Whether the middle of the path is missing.
+    /// True if the middle of the path is missing.
     pub fn interrupted(&self) -> bool {
         self.interrupted
     }
@@ -412,7 +412,7 @@ impl PathTrace {
     }
 }
 
-/// Whether two points are less than `reach` apart in both directions.
+/// True if two points are less than `reach` apart in both directions.
 #[inline(always)]
 fn are_within(reach: (f64, f64), a: (f64, f64), b: (f64, f64)) -> bool {
     (a.0 - b.0).abs() < reach.0 && (a.1 - b.1).abs() < reach.1
@@ -424,7 +424,7 @@ mod tests {
     use fvi_core::min_or_nan;
     use fvi_fft::sums::max_or_nan;
 
-    /// Whether curves are visually indistinguishable, in a square with sides of this length.
+    /// True if curves are visually indistinguishable, in a square with sides of this length.
     fn look_alike(found: &[(f64, f64)], expected: &[(f64, f64)], side: f64) -> bool {
         let close = |a: f64, b: f64| (a - b).abs() <= side / 16_000.0;
         found.len() == expected.len()

@@ -61,7 +61,7 @@ pub struct TrajectoryWriter {
     every: usize,
     /// Index of the next grid point.
     index: usize,
-    /// Whether the newest row is in the file.
+    /// True if the newest row is in the file.
     written: bool,
     /// Buffer for a row of text.
     line: String,
@@ -163,7 +163,7 @@ impl TrajectoryWriter {
         Self { rows, every: every.max(1), index, written, line: String::new() }
     }
 
-    /// Whether the marked rows still exist. Changes nothing.
+    /// True if the marked rows still exist. Changes nothing.
     pub(crate) fn can_resume(directory: &Path, mark: &TrajectoryMark) -> bool {
         let path = directory.join(mark.format.file());
         match (mark.format, mark.files.as_slice()) {

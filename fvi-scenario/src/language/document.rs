@@ -192,7 +192,7 @@ impl Document {
         InputError::new(&self.name, &self.text, path, value, located, problem)
     }
 
-    /// Whether the document has a value at `path`.
+    /// True if the document has a value at `path`.
     pub fn has(&self, path: &str) -> bool {
         DeTable::parse(&self.text).is_ok_and(|root| locate(root.get_ref(), path).is_some())
     }
@@ -368,17 +368,17 @@ impl<'a> Value<'a> {
         Ok(array.iter().enumerate().map(element).collect())
     }
 
-    /// Whether the value is a list.
+    /// True if the value is a list.
     pub fn is_list(&self) -> bool {
         self.value.get_ref().is_array()
     }
 
-    /// Whether the value is a text.
+    /// True if the value is a text.
     pub(crate) fn is_text(&self) -> bool {
         self.value.get_ref().is_str()
     }
 
-    /// Whether the value is a table.
+    /// True if the value is a table.
     pub fn is_table(&self) -> bool {
         self.value.get_ref().is_table()
     }

@@ -34,7 +34,7 @@ struct SourcePlace {
     span: Range<usize>,
     line: usize,
     column: usize,
-    /// Whether the surrounding lines are short enough to be shown.
+    /// True if the surrounding lines are short enough to be shown.
     showable: bool,
 }
 

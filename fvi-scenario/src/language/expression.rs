@@ -248,7 +248,7 @@ impl Expression {
         Self { root, text: self.text.clone() }
     }
 
-    /// Whether any variable occurs in it (after constants are folded).
+    /// True if any variable occurs in it (after constants are folded).
     pub fn has_variables(&self) -> bool {
         self.root.varies()
     }

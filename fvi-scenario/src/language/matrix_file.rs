@@ -13,7 +13,7 @@ pub(crate) struct FileMatrix {
     pub(crate) columns: usize,
     /// (row, column, entry), from 0.
     pub(crate) entries: Vec<(u32, u32, f64)>,
-    /// Whether the file stores one triangle of a symmetric matrix.
+    /// True if the file stores one triangle of a symmetric matrix.
     pub(crate) half: bool,
 }
 

@@ -82,7 +82,7 @@ impl SkewMatrix {
         Ok(Self { entries, size, source })
     }
 
-    /// Whether the matrix was read from a file.
+    /// True if the matrix was read from a file.
     pub fn is_from_file(&self) -> bool {
         self.source.is_some()
     }

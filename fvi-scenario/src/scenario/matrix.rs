@@ -69,7 +69,7 @@ impl SymmetricMatrix {
         }
     }
 
-    /// Whether every entry is zero.
+    /// True if every entry is zero.
     pub fn is_zero(&self) -> bool {
         match self {
             Self::Diagonal(entries) => entries.iter().all(|&entry| entry == 0.0),

@@ -12,7 +12,7 @@ pub trait OwnTerms: Send {
     /// U(q).
     fn potential(&mut self, position: &[f64]) -> f64;
 
-    /// Whether ∇U − F depends on the position. With a force of time alone large systems stay sparse.
+    /// True if ∇U − F depends on the position. With a force of time alone large systems stay sparse.
     fn depends_on_position(&self) -> bool {
         true
     }
@@ -36,7 +36,7 @@ pub trait OwnTerms: Send {
         stiffness: &mut [f64],
     );
 
-    /// Whether F depends on the velocity. Then the following two methods are called instead of the two above;
+    /// True if F depends on the velocity. Then the following two methods are called instead of the two above;
     /// all terms count as depending on the position, with a full matrix.
     fn depends_on_velocity(&self) -> bool {
         false
@@ -81,17 +81,17 @@ impl SharedTerms {
         Self(Arc::new(Mutex::new(terms)))
     }
 
-    /// Whether the terms depend on the position; terms that depend on the velocity count too.
+    /// True if the terms depend on the position; terms that depend on the velocity count too.
     pub fn depend_on_position(&self) -> bool {
         self.with(|terms| terms.depends_on_position() || terms.depends_on_velocity())
     }
 
-    /// Whether the terms depend on the velocity.
+    /// True if the terms depend on the velocity.
     pub fn depend_on_velocity(&self) -> bool {
         self.with(|terms| terms.depends_on_velocity())
     }
 
-    /// Whether they make the equations of a step dense: they depend on the position without stating the
+    /// True if they make the equations of a step dense: they depend on the position without stating the
     /// places, or on the velocity.
     pub fn are_full(&self) -> bool {
         self.with(|terms| {
@@ -99,7 +99,7 @@ impl SharedTerms {
         })
     }
 
-    /// Whether the terms depend on the position and state the places of their derivatives.
+    /// True if the terms depend on the position and state the places of their derivatives.
     pub fn are_sparse(&self) -> bool {
         !self.are_full() && self.depend_on_position()
     }

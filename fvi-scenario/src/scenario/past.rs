@@ -94,7 +94,7 @@ impl Past {
         self.positions.len() / (self.coordinates * self.rows_of_step)
     }
 
-    /// Whether the past was read from a file.
+    /// True if the past was read from a file.
     pub fn is_from_file(&self) -> bool {
         self.source.is_some()
     }

@@ -180,7 +180,7 @@ fn branch(base: &Node, what: &str) -> Result<(), String> {
     }
 }
 
-/// Whether a denominator depends on s.
+/// True if a denominator depends on s.
 fn divides(node: &Node) -> bool {
     node.any(&|part| match part.kind() {
         Kind::Chain(_, operands) => {

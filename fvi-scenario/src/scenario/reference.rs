@@ -123,7 +123,7 @@ impl Reference {
         }
     }
 
-    /// Whether position, momentum and energy are known at one time or more.
+    /// True if position, momentum and energy are known at one time or more.
     pub fn knows(&self) -> [bool; 3] {
         match &self.source {
             ReferenceSource::Expressions { position, momentum, energy } => {
@@ -182,7 +182,7 @@ impl Reference {
         Some(ReferenceRow { time, position, momentum, energy, undefined })
     }
 
-    /// Whether a value may be known at a grid point or a time of the output; always true for expressions.
+    /// True if a value may be known at a grid point or a time of the output; always true for expressions.
     pub(super) fn meets(&self, grid: &TimeGrid, output: &OutputOptions) -> bool {
         let ReferenceSource::Table { rows, .. } = &self.source else { return true };
         rows.iter().any(|row| grid.index_of(row.time).is_some() || output.has(row.time))

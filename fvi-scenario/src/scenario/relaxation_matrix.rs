@@ -31,7 +31,7 @@ pub struct RelaxationMatrix {
 pub(super) type Pair = ((usize, usize), [TransferFunction; 2]);
 
 impl RelaxationMatrix {
-    /// Whether the value of `relaxation` has this form: rows with names of files.
+    /// True if the value of `relaxation` has this form: rows with names of files.
     pub(super) fn is_one(value: &Value<'_>) -> bool {
         let has_text =
             |row: &Value<'_>| row.is_list() && row.list("").is_ok_and(|row| row.iter().any(Value::is_text));

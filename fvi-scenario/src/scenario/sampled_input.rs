@@ -78,7 +78,7 @@ impl SampledInput {
         Self { times, samples, first_steps: Vec::new() }
     }
 
-    /// Whether a sample has a nonzero force on a coordinate.
+    /// True if a sample has a nonzero force on a coordinate.
     pub fn pushes(&self, coordinate: usize) -> bool {
         self.samples.iter().any(|sample| sample.get(coordinate).is_some_and(|&push| push != 0.0))
     }

@@ -14,19 +14,19 @@ pub struct SchemeDescriptor {
     pub order: usize,
     /// Order in h of velocities inside a step.
     pub order_inside: usize,
-    /// Whether the momentum inside a step has that order too.
+    /// True if the momentum inside a step has that order too.
     pub has_momentum_inside: bool,
-    /// Whether the scheme is variational: a step makes a discrete action stationary.
+    /// True if the scheme is variational: a step makes a discrete action stationary.
     pub is_variational: bool,
-    /// Whether an undamped motion loses energy by the scheme.
+    /// True if an undamped motion loses energy by the scheme.
     pub is_dissipative: bool,
-    /// Whether it takes the impulse of a time-dependent force by exact moments instead of values at grid
+    /// True if it takes the impulse of a time-dependent force by exact moments instead of values at grid
     /// points.
     pub takes_moments: bool,
-    /// Whether an input that changes inside a step acts from that time on instead of from the next grid
+    /// True if an input that changes inside a step acts from that time on instead of from the next grid
     /// point.
     pub takes_inputs_inside: bool,
-    /// Whether the momentum reported by default is the computed one instead of the mean of the momenta before
+    /// True if the momentum reported by default is the computed one instead of the mean of the momenta before
     /// and after the kick of the damping.
     pub reports_own_momentum: bool,
 }

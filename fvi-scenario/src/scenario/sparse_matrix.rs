@@ -168,13 +168,13 @@ impl SparseMatrix {
         self
     }
 
-    /// Whether places and entries are the same.
+    /// True if places and entries are the same.
     fn has_entries_of(&self, other: &Self) -> bool {
         (Arc::ptr_eq(&self.values, &other.values) || self.values == other.values)
             && (Arc::ptr_eq(&self.pattern, &other.pattern) || self.pattern == other.pattern)
     }
 
-    /// Whether the matrix is `other` times a number ≥ 0, to rounding.
+    /// True if the matrix is `other` times a number ≥ 0, to rounding.
     fn is_multiple_of(&self, other: &Self) -> bool {
         let Some(largest) = other.values.iter().copied().max_by(|a, b| a.abs().total_cmp(&b.abs())) else {
             return false;
@@ -311,7 +311,7 @@ impl KnownMatrices {
         self.with(|known| known.definite.iter().any(|other| other.has_entries_of(matrix)))
     }
 
-    /// Whether the matrix is a multiple of a known semidefinite matrix.
+    /// True if the matrix is a multiple of a known semidefinite matrix.
     fn is_semidefinite(&self, matrix: &SparseMatrix) -> bool {
         self.with(|known| known.semidefinite.iter().any(|other| matrix.is_multiple_of(other)))
     }

@@ -81,7 +81,7 @@ pub struct Damping {
 #[derive(Clone, Debug, PartialEq)]
 struct Part {
     whole: Arc<RelaxationMatrix>,
-    /// Whether the part replaces the term in the scenario.
+    /// True if the part replaces the term in the scenario.
     stands_for_it: bool,
 }
 
@@ -235,19 +235,19 @@ impl System {
         self.mass.size()
     }
 
-    /// Whether a force depends on the velocity, as an expression or in code.
+    /// True if a force depends on the velocity, as an expression or in code.
     pub fn has_forces_of_velocity(&self) -> bool {
         self.force_in_words_depends_on_velocity()
             || self.own_terms.as_ref().is_some_and(SharedTerms::depend_on_velocity)
     }
 
-    /// Whether a force given as expressions depends on the velocity.
+    /// True if a force given as expressions depends on the velocity.
     pub fn force_in_words_depends_on_velocity(&self) -> bool {
         let count = self.coordinates();
         self.force.iter().flatten().any(|component| component.root().has_variable_from(count))
     }
 
-    /// Whether the scenario uses any of the keys for large systems.
+    /// True if the scenario uses any of the keys for large systems.
     pub fn is_large(&self) -> bool {
         self.stiffness.is_some()
             || !self.elements.is_empty()
@@ -256,12 +256,12 @@ impl System {
             || self.has_sparse_terms()
     }
 
-    /// Whether there are terms in code that state the places of their derivatives.
+    /// True if there are terms in code that state the places of their derivatives.
     pub fn has_sparse_terms(&self) -> bool {
         self.own_terms.as_ref().is_some_and(SharedTerms::are_sparse)
     }
 
-    /// Whether mass, stiffness or damping are sparse matrices.
+    /// True if mass, stiffness or damping are sparse matrices.
     pub fn has_sparse_matrices(&self) -> bool {
         let coefficients = self.damping.iter().map(|term| &term.coefficient);
         let mut matrices = self.stiffness.iter().chain(coefficients).chain([&self.mass]);

@@ -27,7 +27,7 @@ pub struct TimeGrid {
     pub steps: usize,
     /// The grid with different steps; `None` for equal steps.
     pub grid: Option<Grid>,
-    /// Whether to run although the step is known to be unstable.
+    /// True if to run although the step is known to be unstable.
     pub allow_unstable: bool,
     /// Reaction to energy that grows without work done on the system; absent: the run stops, unless
     /// `allow_unstable`.
@@ -447,7 +447,7 @@ pub struct OutputOptions {
     /// points.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub times: Vec<f64>,
-    /// Whether the energies stored in the memories of damping and dissipated by them are columns of the
+    /// True if the energies stored in the memories of damping and dissipated by them are columns of the
     /// trajectory.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub memory_energy: bool,
@@ -523,7 +523,7 @@ impl OutputOptions {
         Ok(Self { times, ..output })
     }
 
-    /// Whether a row is written at a time, up to rounding.
+    /// True if a row is written at a time, up to rounding.
     pub(super) fn has(&self, time: f64) -> bool {
         let near = |&other: &f64| (time - other).abs() <= same_time(time, 0.0);
         let after = self.times.partition_point(|&other| other < time);

@@ -155,7 +155,7 @@ impl Scenario {
     }
 }
 
-/// Whether an expression contains a jump whose argument varies and passes a test.
+/// True if an expression contains a jump whose argument varies and passes a test.
 fn jumps(node: &Node, test: &dyn Fn(&Node) -> bool) -> bool {
     node.any(&|part| match part.kind() {
         Kind::Call(Function::Step | Function::Sign, argument) => argument.varies() && test(argument),

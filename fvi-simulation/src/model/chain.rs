@@ -16,7 +16,7 @@ pub(super) struct Chain<T> {
 pub struct ChainFactors<T> {
     /// Each row: the entry of L, the reciprocal of that of D, the entry of U.
     rows: Vec<[T; 3]>,
-    /// Whether A is symmetric and definite, and its diagonal at most twice that of its mass part.
+    /// True if A is symmetric and definite, and its diagonal at most twice that of its mass part.
     one_solve_suffices: bool,
 }
 
@@ -125,7 +125,7 @@ impl<T: Real> ChainFactors<T> {
         }
     }
 
-    /// Whether solutions are exact for a matrix A + E where E is as small as rounding of the entries of the
+    /// True if solutions are exact for a matrix A + E where E is as small as rounding of the entries of the
     /// mass.
     ///
     /// For a symmetric matrix L and U are bitwise transposes of each other, so that E is symmetric, and if

@@ -81,7 +81,7 @@ impl<T: Real> Directions<T> {
         }
     }
 
-    /// Whether G is the identity.
+    /// True if G is the identity.
     fn are_all(&self) -> bool {
         matches!(self, Self::All(_))
     }

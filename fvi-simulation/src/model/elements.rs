@@ -49,7 +49,7 @@ impl<T: Elementary> Elements<T> {
         }
     }
 
-    /// Whether the potential is a quadratic polynomial.
+    /// True if the potential is a quadratic polynomial.
     pub fn is_quadratic(&self) -> bool {
         self.potential.is_quadratic()
     }

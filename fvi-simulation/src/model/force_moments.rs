@@ -189,7 +189,7 @@ impl ForceMoments {
         rough.then_some(self.total.as_slice())
     }
 
-    /// Whether the whole run is smooth for steps of this length, as far as a limited number of checks shows.
+    /// True if the whole run is smooth for steps of this length, as far as a limited number of checks shows.
     fn is_smooth_everywhere(&mut self, step: f64) -> bool {
         let mut cells = vec![(0.0, self.end)];
         for _ in 0..CELLS {
@@ -206,7 +206,7 @@ impl ForceMoments {
         cells.is_empty()
     }
 
-    /// Whether no curved argument changes its sign, and no term is narrow, in the largest dyadic part of the
+    /// True if no curved argument changes its sign, and no term is narrow, in the largest dyadic part of the
     /// run around this step for which that can be decided. The result does not depend on earlier calls.
     fn is_in_smooth_cell(&mut self, start: f64, length: f64) -> bool {
         if self.lengths != StepLengths::Equal {
@@ -238,7 +238,7 @@ impl ForceMoments {
         false
     }
 
-    /// Whether no curved argument changes its sign in a range of time and no term is narrow for steps of this
+    /// True if no curved argument changes its sign in a range of time and no term is narrow for steps of this
     /// length.
     pub(super) fn is_smooth_cell(&mut self, (from, to): (f64, f64), length: f64) -> bool {
         let rough = &self.rough;

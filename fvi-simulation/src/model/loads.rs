@@ -40,7 +40,7 @@ impl<T: Elementary> Loads<T> {
         Self { patterns, expressions, records, amplitudes, registers: Vec::new() }
     }
 
-    /// Whether there are no loads.
+    /// True if there are no loads.
     pub fn is_empty(&self) -> bool {
         self.patterns.is_empty()
     }

@@ -40,7 +40,7 @@ pub(crate) struct MasslessRows {
 }
 
 impl MasslessRows {
-    /// Whether there are no coordinates without mass.
+    /// True if there are no coordinates without mass.
     pub(crate) fn is_empty(&self) -> bool {
         self.all.is_empty()
     }

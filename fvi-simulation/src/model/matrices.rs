@@ -61,7 +61,7 @@ impl<T: Real> Sparse<T> {
         }
     }
 
-    /// Whether the matrix is tridiagonal with all its entries stored.
+    /// True if the matrix is tridiagonal with all its entries stored.
     pub(super) fn is_tridiagonal(&self) -> bool {
         self.pattern.is_chain()
     }
@@ -341,7 +341,7 @@ pub struct DenseEquations<T> {
     band: usize,
     coordinates: usize,
     pivots: Vec<usize>,
-    /// Whether the last solution has left factors.
+    /// True if the last solution has left factors.
     has_factors: bool,
 }
 
@@ -381,7 +381,7 @@ impl<T: Real> DenseEquations<T> {
         self.entries.resize(size * size, T::zero());
     }
 
-    /// Whether elimination within the band has fewer operations.
+    /// True if elimination within the band has fewer operations.
     fn is_banded(&self) -> bool {
         is_banded(self.pivots.len(), self.band)
     }
@@ -424,7 +424,7 @@ impl<T: Real> DenseEquations<T> {
 /// Number of rows up to which a matrix is never banded.
 const NEVER_BANDED: usize = 3;
 
-/// Whether elimination within a band has fewer operations than in the full matrix of `size` rows.
+/// True if elimination within a band has fewer operations than in the full matrix of `size` rows.
 fn is_banded(size: usize, band: usize) -> bool {
     size > NEVER_BANDED && 3 * band < size
 }

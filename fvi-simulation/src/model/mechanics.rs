@@ -42,13 +42,13 @@ pub struct Model<T> {
     quadratic: Option<Matrix<T>>,
     linear: Vec<(usize, T)>,
     force: CompiledForce<T>,
-    /// Whether there is a force at all.
+    /// True if there is a force at all.
     forced: bool,
-    /// Whether the stiffness is the same at every position and time.
+    /// True if the stiffness is the same at every position and time.
     is_linear: bool,
-    /// Whether the restoring force is that of a constant matrix from files, or rows, alone.
+    /// True if the restoring force is that of a constant matrix from files, or rows, alone.
     is_constant: bool,
-    /// Whether the restoring force is that of one expression alone, without jumps and kinks as switches.
+    /// True if the restoring force is that of one expression alone, without jumps and kinks as switches.
     is_of_expression: bool,
     /// Forces that are rough in time, with exact moments.
     rough: Option<RoughForces>,
@@ -79,7 +79,7 @@ pub struct Model<T> {
 /// Data for forces that depend on the velocity.
 #[derive(Clone, Debug)]
 struct Moving<T> {
-    /// Whether expressions depend on the velocity.
+    /// True if expressions depend on the velocity.
     in_words: bool,
     /// The constant part of the resistance −∂F/∂v, by slot; empty if it is zero.
     constant: Vec<T>,
@@ -593,7 +593,7 @@ impl<T: Elementary> Switched for Model<T> {
 }
 
 impl<T: Elementary> Model<T> {
-    /// Whether the energy has the form ½ Σ p_i²/m_i + U(q) with one expression for U.
+    /// True if the energy has the form ½ Σ p_i²/m_i + U(q) with one expression for U.
     pub fn has_plain_energy(&self) -> bool {
         let diagonal = matches!(self.inverse_mass, InverseMass::Matrix(Matrix::Diagonal(_)));
         diagonal
@@ -626,7 +626,7 @@ impl<T: Elementary> Model<T> {
         }
     }
 
-    /// Whether the stiffness is the same at every position and time.
+    /// True if the stiffness is the same at every position and time.
     fn has_constant_stiffness(&self) -> bool {
         self.own.as_ref().is_none_or(|own| !own.depends_on_position())
             && self.potential.as_ref().is_none_or(CompiledPotential::is_quadratic)
@@ -654,7 +654,7 @@ impl<T: Elementary> Model<T> {
         }
     }
 
-    /// Whether the restoring force is that of the potential's expression alone.
+    /// True if the restoring force is that of the potential's expression alone.
     fn has_forces_of_expression(&self) -> bool {
         let is_loaded = !self.loads.is_empty() || !self.cases.is_empty();
         let is_more = self.base.is_some() || self.own.is_some() || !self.elements.is_empty();

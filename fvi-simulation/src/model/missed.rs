@@ -109,7 +109,7 @@ impl Nodes<'_> {
         low
     }
 
-    /// Whether the nodes of a step miss most of the force's impulse over it.
+    /// True if the nodes of a step miss most of the force's impulse over it.
     fn misses(
         &mut self,
         step: usize,

@@ -42,7 +42,7 @@ pub fn channels_of(term: &scenario::Damping, copies: usize) -> usize {
     for_one * copies
 }
 
-/// Whether the memories of two terms would store the same samples, so that they may share one.
+/// True if the memories of two terms would store the same samples, so that they may share one.
 pub fn follow_alike<T: Elementary>(one: &scenario::Damping, other: &scenario::Damping) -> bool {
     let same_derivative = one.derivative == other.derivative
         && (derivative(one) == Derivative::RiemannLiouville

@@ -3,7 +3,7 @@
 use fvi_scenario::scenario::{ForceQuadrature, Load, Scenario};
 use std::ops::Range;
 
-/// Whether the scheme of a scenario supports exact moments of forces of time.
+/// True if the scheme of a scenario supports exact moments of forces of time.
 pub(crate) fn takes_moments(scenario: &Scenario) -> bool {
     scenario.system.force_quadrature == ForceQuadrature::Moments && scenario.scheme_descriptor().takes_moments
 }

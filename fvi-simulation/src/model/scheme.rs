@@ -162,7 +162,7 @@ impl<T: Real> AnyScheme<T> {
         (self.form == Form::Collocation).then_some(&self.square)
     }
 
-    /// Whether the fractional force acts in the new momentum only.
+    /// True if the fractional force acts in the new momentum only.
     pub fn kicks_at_main_nodes(&self) -> bool {
         self.form == Form::MainNodes
     }

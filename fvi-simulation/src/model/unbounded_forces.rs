@@ -74,7 +74,7 @@ impl UnboundedForces {
     }
 }
 
-/// Whether the nodes of a scenario's scheme include the beginning of a step, and any of its ends.
+/// True if the nodes of a scenario's scheme include the beginning of a step, and any of its ends.
 fn touched(scenario: &Scenario) -> [bool; 2] {
     if scenario.scheme == Scheme::Collocation {
         return [true; 2];

@@ -48,7 +48,7 @@ pub(crate) struct AdaptiveSteps<'s> {
     share_inside: [f64; 2],
     /// Order of the error inside a step in its length.
     order_inside: f64,
-    /// Whether the simulation is at the end of the pair while its second half has not been returned yet.
+    /// True if the simulation is at the end of the pair while its second half has not been returned yet.
     ahead: bool,
     /// Iterations of Newton's method in that half.
     iterations_ahead: u32,
@@ -65,7 +65,7 @@ pub struct Progress {
     /// Largest values so far of position and momentum.
     largest: [Vec<f64>; 2],
     pub(crate) counts: Counts,
-    /// Whether the next pair begins at a break.
+    /// True if the next pair begins at a break.
     at_break: bool,
     standing: Option<Standing>,
 }
@@ -179,7 +179,7 @@ impl<'s> AdaptiveSteps<'s> {
         }))
     }
 
-    /// Whether the end has been reached.
+    /// True if the end has been reached.
     pub(crate) fn is_done(&self) -> bool {
         self.progress.second.is_none() && self.progress.time >= self.rule.end
     }

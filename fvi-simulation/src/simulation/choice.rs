@@ -178,12 +178,12 @@ pub(super) fn sparse_space(
     Ok(Some(AnySpace::sparse(plan).times(scenario.copies()).on_threads(scenario.history.threads())))
 }
 
-/// Whether the number of coordinates is small enough for full matrices.
+/// True if the number of coordinates is small enough for full matrices.
 pub(super) fn is_of_few(scenario: &Scenario, choice: SolverChoice) -> bool {
     choice == SolverChoice::Automatic && scenario.cases.is_empty() && scenario.coordinates() <= MANY
 }
 
-/// Whether the number of coordinates is so large that eigenvalues of full matrices take longer than short
+/// True if the number of coordinates is so large that eigenvalues of full matrices take longer than short
 /// runs.
 pub(super) fn are_several(scenario: &Scenario) -> bool {
     scenario.coordinates() > SEVERAL

@@ -65,7 +65,7 @@ impl Columns {
         self.groups.iter().map(|group| group.quantities.len() * group.members).sum()
     }
 
-    /// Whether there are no columns.
+    /// True if there are no columns.
     pub fn is_empty(&self) -> bool {
         self.groups.is_empty()
     }

@@ -69,7 +69,7 @@ pub(crate) fn control(
     }))
 }
 
-/// Whether outputs may begin to act inside steps.
+/// True if outputs may begin to act inside steps.
 pub(crate) fn acts_inside_steps(scenario: &Scenario) -> bool {
     let step = scenario.time.step;
     scenario.controllers.iter().any(|controller| controller.delay_in_steps(step).1 != 0.0)

@@ -48,11 +48,11 @@ pub(super) struct Standing {
 /// Result of trying both sides at the beginning of a pair of steps.
 #[derive(Clone, Copy, Debug, Default)]
 struct Trial {
-    /// Whether the motion moves to the assumed side: below, above.
+    /// True if the motion moves to the assumed side: below, above.
     goes: [Option<bool>; 2],
     /// Rate at which it does, as the change of the argument divided by the square of the time.
     rate: [f64; 2],
-    /// Whether the side is decided, independently of the first evaluation.
+    /// True if the side is decided, independently of the first evaluation.
     settled: bool,
 }
 

@@ -49,7 +49,7 @@ pub struct EnergyGuard {
     reaction: OnEnergyGrowth,
     start: f64,
     inverse_mass: SymmetricMatrix,
-    /// Whether the inverse is that of the larger, diagonal mass instead of the system's.
+    /// True if the inverse is that of the larger, diagonal mass instead of the system's.
     is_lumped: bool,
     /// Forces that the initial state exerts through the memory: ρ x, K(s) and j, with the force ρ x
     /// L⁻¹[K(s)/s^{1+j}](t).
@@ -59,7 +59,7 @@ pub struct EnergyGuard {
     lowest_potential: f64,
     /// Kinetic energy at the start, and the energy in damping terms of order 0, which are springs.
     stored: f64,
-    /// Whether forces or the initial state can do work; if not, positions and velocities are not stored.
+    /// True if forces or the initial state can do work; if not, positions and velocities are not stored.
     is_driven: bool,
     work: f64,
     time: f64,
@@ -296,7 +296,7 @@ impl EnergyGuard {
         true
     }
 
-    /// Whether no further check is needed.
+    /// True if no further check is needed.
     fn is_done(&self) -> bool {
         self.reaction == OnEnergyGrowth::Ignore || self.warning.is_some()
     }
@@ -307,7 +307,7 @@ impl EnergyGuard {
         self.stored + self.first_potential.abs().max(fall) + self.work
     }
 
-    /// Whether the energies of states are unknown and are requested only if needed.
+    /// True if the energies of states are unknown and are requested only if needed.
     pub(crate) fn asks_for_energies(&self) -> bool {
         self.is_lumped
     }

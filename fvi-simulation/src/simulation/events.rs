@@ -16,7 +16,7 @@ const MOST_STEPS: usize = 200;
 pub struct Happened {
     /// Index of the event in the scenario, from 0.
     pub event: usize,
-    /// Whether its function was rising.
+    /// True if its function was rising.
     pub rising: bool,
     /// Its time.
     pub time: f64,
@@ -126,7 +126,7 @@ impl Watch {
         watch
     }
 
-    /// Whether there are no events.
+    /// True if there are no events.
     pub fn is_idle(&self) -> bool {
         self.watched.is_empty()
     }
@@ -240,7 +240,7 @@ fn place(variables: &mut Vec<f64>, state: &GridState) {
     variables.extend(state.position.iter().chain(&state.momentum));
 }
 
-/// Whether a value is negative; `None` if it is zero or not a number.
+/// True if a value is negative; `None` if it is zero or not a number.
 fn sign(value: f64) -> Option<bool> {
     if value < 0.0 {
         Some(true)

@@ -30,7 +30,7 @@ fn schemes() -> Vec<(Value, Value, bool)> {
     all
 }
 
-/// Whether it is one of Euler's methods, which evaluate forces at grid points only.
+/// True if it is one of Euler's methods, which evaluate forces at grid points only.
 fn is_euler(scheme: &Value) -> bool {
     scheme["kind"].as_str().is_some_and(|kind| kind.ends_with("euler"))
 }
@@ -109,7 +109,7 @@ fn grids(scheme: &(Value, Value, bool), end: f64) -> Vec<Value> {
     grids
 }
 
-/// Whether a scheme supports moments of forces.
+/// True if a scheme supports moments of forces.
 fn takes_moments(scheme: &Value) -> bool {
     !is_euler(scheme) && scheme.get("kappa").is_none_or(|kappa| *kappa != 0.0)
 }

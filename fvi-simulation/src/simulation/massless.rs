@@ -43,7 +43,7 @@ struct Held {
 pub(super) struct Placed<'a> {
     /// The scenario, with its position at t = 0+ as the initial one.
     pub(super) scenario: Cow<'a, Scenario>,
-    /// Whether this differs from the given position, at which memories are at rest.
+    /// True if this differs from the given position, at which memories are at rest.
     pub(super) jumps: bool,
     /// The coordinates without mass.
     pub(super) rows: MasslessRows,

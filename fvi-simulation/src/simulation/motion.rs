@@ -381,7 +381,7 @@ impl<'s> Motion<'s> {
         Ok(())
     }
 
-    /// Whether the end has been reached.
+    /// True if the end has been reached.
     pub fn is_done(&self) -> bool {
         match &self.adaptive {
             Some(adaptive) => adaptive.is_done(),

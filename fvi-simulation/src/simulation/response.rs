@@ -31,13 +31,13 @@ pub struct Linearised {
     equations: Equations,
     scheme: Result<StepEquations, String>,
     step: f64,
-    /// Whether K changes with time.
+    /// True if K changes with time.
     changes: bool,
-    /// Whether the forces have no derivative at the point.
+    /// True if the forces have no derivative at the point.
     kink: bool,
 }
 
-/// Whether forces, given with their derivatives by `linearised_at`, have none at a position: the difference
+/// True if forces, given with their derivatives by `linearised_at`, have none at a position: the difference
 /// of the forces at q ± δ is not δ (K₊ + K₋), or K₊ and K₋ differ, by 10⁻³. Of smooth forces both hold to
 /// O(δ).
 fn has_kink(position: &[f64], mut linearised_at: impl FnMut(&[f64]) -> (Vec<f64>, Matrix<f64>)) -> bool {
@@ -138,12 +138,12 @@ impl Linearised {
         Ok(Self { size, transfers, equations, scheme, step: scenario.time.step, changes, kink })
     }
 
-    /// Whether ∂²U/∂q² − ∂F/∂q changes with time; the response is then that of t = 0.
+    /// True if ∂²U/∂q² − ∂F/∂q changes with time; the response is then that of t = 0.
     pub fn changes_with_time(&self) -> bool {
         self.changes
     }
 
-    /// Whether the forces have no derivative at the position, as ∂|q|/∂q at q = 0 has none; the response is
+    /// True if the forces have no derivative at the position, as ∂|q|/∂q at q = 0 has none; the response is
     /// then that of the stiffness on one side of it, or of none.
     pub fn is_at_a_kink(&self) -> bool {
         self.kink

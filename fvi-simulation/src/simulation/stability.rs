@@ -259,7 +259,7 @@ pub fn check_stability(
     Verdict::Unstable { largest_stable_step: if others { check.largest_stable_step(step) } else { None } }
 }
 
-/// Whether a part is stable at every step.
+/// True if a part is stable at every step.
 ///
 /// A free motion is. So is the midpoint rule, undamped or with BDF 1 or 2 at its node: with w = (2/h)(1 −
 /// z)/(1 + z) the equation divided by w, multiplied by v*, is
@@ -287,7 +287,7 @@ fn is_always_stable(discretisation: &Discretisation, part: &Part) -> bool {
     midpoint && (passive || !part.is_damped()) && part.growth_rate() == 0.0
 }
 
-/// Whether the motions of a part with coordinates without mass may grow at any rate, as with repulsive
+/// True if the motions of a part with coordinates without mass may grow at any rate, as with repulsive
 /// forces.
 fn may_grow_at_any_rate(part: &Part) -> bool {
     part.mass.is_some() && part.growth_rate() > 0.0
@@ -304,7 +304,7 @@ impl Check {
         self.finds_none(step) == Some(true)
     }
 
-    /// Whether no motion grows; `None` if that would take too much work.
+    /// True if no motion grows; `None` if that would take too much work.
     fn finds_none(&self, step: f64) -> Option<bool> {
         let margin = (libm::log(GROWTH) * step / self.end).clamp(MARGINS.0, MARGINS.1);
         for part in &self.parts {

@@ -171,7 +171,7 @@ impl StepBatch {
         self.len
     }
 
-    /// Whether there are no states.
+    /// True if there are no states.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -208,7 +208,7 @@ impl StepBatch {
         (self.energies_every > 1).then(|| self.multiples(self.energies_every))
     }
 
-    /// Whether the last state is not among those [`with_energy`](Self::with_energy).
+    /// True if the last state is not among those [`with_energy`](Self::with_energy).
     pub fn lacks_last_energy(&self) -> bool {
         self.with_energy().is_some_and(|known| known.last() != self.len.checked_sub(1))
     }

@@ -46,15 +46,15 @@ pub(super) struct StepControl {
     proposed: f64,
     /// Length and error of the last accepted step.
     before: Option<(f64, f64)>,
-    /// Whether the next step begins at a break, after which earlier errors are irrelevant.
+    /// True if the next step begins at a break, after which earlier errors are irrelevant.
     at_break: bool,
     /// The length that would have been right after the last break.
     after_break: Option<f64>,
-    /// Whether the last attempt was rejected.
+    /// True if the last attempt was rejected.
     rejected: bool,
     /// e/h^k of the last rejection, with decay.
     hardest: f64,
-    /// Whether e/h^k of the last step was small relative to it.
+    /// True if e/h^k of the last step was small relative to it.
     low: bool,
 }
 

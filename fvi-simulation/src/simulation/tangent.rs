@@ -55,10 +55,10 @@ pub(crate) struct Tangent {
     start: f64,
     step: f64,
     scheme: AnyScheme<f64>,
-    /// Whether damping acts in the new momentum only, and whether memories store main nodes.
+    /// True if damping acts in the new momentum only, and whether memories store main nodes.
     kicks: bool,
     at_main_nodes: bool,
-    /// Whether half of the last kick is part of the reported momentum.
+    /// True if half of the last kick is part of the reported momentum.
     mean: bool,
     model: Model<f64>,
     /// ∂²U − ∂F; constant for a linear system.

@@ -77,7 +77,7 @@ pub(crate) struct Timer {
     stride: usize,
     /// How long writing the last checkpoint took.
     cost: Duration,
-    /// Whether a checkpoint was written.
+    /// True if a checkpoint was written.
     written: bool,
 }
 
@@ -96,12 +96,12 @@ impl Timer {
         Self { every, last: now, looked: now, left: 1, stride: 1, cost: Duration::ZERO, written: false }
     }
 
-    /// Whether a checkpoint was written.
+    /// True if a checkpoint was written.
     pub(crate) fn has_written(&self) -> bool {
         self.written
     }
 
-    /// Whether a checkpoint is due after `steps` steps; to be called at every step after which one may be
+    /// True if a checkpoint is due after `steps` steps; to be called at every step after which one may be
     /// written.
     pub(crate) fn is_due(&mut self, steps: usize) -> bool {
         match self.every {
@@ -112,7 +112,7 @@ impl Timer {
         }
     }
 
-    /// Whether `interval` has passed since the last checkpoint, as of the last reading of the clock.
+    /// True if `interval` has passed since the last checkpoint, as of the last reading of the clock.
     #[inline]
     fn has_passed(&mut self, interval: impl Fn(&Self) -> Duration) -> bool {
         self.left -= 1;

@@ -18,7 +18,7 @@ pub struct FittedModel {
     /// Its name, where there are several.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Whether the search ended at a minimum.
+    /// True if the search ended at a minimum.
     pub converged: bool,
     /// How it ended, in words.
     pub end: &'static str,
@@ -37,7 +37,7 @@ pub struct FittedModel {
     pub degrees_of_freedom: usize,
     /// χ² over these.
     pub reduced_chi2: Option<f64>,
-    /// Whether the size of the deviations is "known" or "estimated" from the residuals.
+    /// True if the size of the deviations is "known" or "estimated" from the residuals.
     pub deviations: &'static str,
     /// The factor by which deviations are multiplied: 1, or √reduced χ² where it is estimated.
     pub deviation_factor: Option<f64>,

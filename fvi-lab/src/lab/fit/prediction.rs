@@ -130,7 +130,7 @@ impl<'f> Predictions<'f> {
         self.reasons[parameter].as_deref()
     }
 
-    /// Whether all derivatives are exact ones of the discrete motion.
+    /// True if all derivatives are exact ones of the discrete motion.
     pub(super) fn are_all_exact(&self) -> bool {
         self.exact.iter().all(|&exact| exact)
             && self.records.iter().all(|record| record.domain == Domain::Time)
@@ -221,7 +221,7 @@ impl<'f> Predictions<'f> {
         self.model.free.iter().zip(point).map(nudge).collect()
     }
 
-    /// Whether the predictions for a table of data depend on a parameter.
+    /// True if the predictions for a table of data depend on a parameter.
     fn concerns(&self, parameter: usize, record: usize) -> bool {
         self.model.free[parameter].record.is_none_or(|own| own == record)
     }

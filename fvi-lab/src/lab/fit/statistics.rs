@@ -142,7 +142,7 @@ impl Covariance {
         Self { matrix, singular_values: values.iter().copied().collect(), undetermined }
     }
 
-    /// Whether a parameter has a component in a direction that is not determined.
+    /// True if a parameter has a component in a direction that is not determined.
     pub(super) fn is_undetermined(&self, index: usize) -> bool {
         self.undetermined.iter().any(|direction| direction[index].abs() > 1e-3)
     }

@@ -144,7 +144,7 @@ impl Axis {
         }
     }
 
-    /// Whether its values are numbers.
+    /// True if its values are numbers.
     pub(super) fn is_numeric(&self) -> bool {
         match &self.values {
             Values::List(values) => values.iter().all(|value| number(value).is_some()),
@@ -152,7 +152,7 @@ impl Axis {
         }
     }
 
-    /// Whether a picture shows the axis on a logarithmic scale.
+    /// True if a picture shows the axis on a logarithmic scale.
     #[cfg(feature = "pictures")]
     pub(super) fn is_logarithmic(&self) -> bool {
         matches!(self.values, Values::Range { spacing: Spacing::Logarithmic, .. })

@@ -438,7 +438,7 @@ impl Sweep {
         self.settled
     }
 
-    /// Whether the trajectory of each run goes into a file.
+    /// True if the trajectory of each run goes into a file.
     pub fn keeps_trajectories(&self) -> bool {
         self.trajectories
     }

@@ -338,12 +338,12 @@ impl ScenarioPlant {
         &self.load
     }
 
-    /// Whether its stiffness changes with time.
+    /// True if its stiffness changes with time.
     pub fn changes_with_time(&self) -> bool {
         self.linearised.changes_with_time()
     }
 
-    /// Whether its forces have no derivative at the position about which it is linearised.
+    /// True if its forces have no derivative at the position about which it is linearised.
     pub fn is_at_a_kink(&self) -> bool {
         self.linearised.is_at_a_kink()
     }

@@ -39,12 +39,12 @@ pub enum Terms {
 }
 
 impl Terms {
-    /// Whether the controller has an integral term I^λ.
+    /// True if the controller has an integral term I^λ.
     pub fn integrates(self) -> bool {
         self != Self::Pd
     }
 
-    /// Whether the controller has a derivative term D^μ.
+    /// True if the controller has a derivative term D^μ.
     pub fn differentiates(self) -> bool {
         self != Self::Pi
     }
@@ -113,7 +113,7 @@ pub struct Crossover {
     pub crossover: f64,
     /// φ_m in degrees.
     pub phase_margin: f64,
-    /// Whether the phase is flat there, d arg L/dω = 0.
+    /// True if the phase is flat there, d arg L/dω = 0.
     pub flat_phase: bool,
     /// Bounds on |S|.
     pub sensitivity: Vec<Limit>,

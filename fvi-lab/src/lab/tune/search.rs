@@ -538,7 +538,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Whether the dead time turns the phase of L too often within a band to be resolved by points.
+/// True if the dead time turns the phase of L too often within a band to be resolved by points.
 fn turns_too_often(plant: &Plant, limit: &Limit) -> bool {
     plant.dead_time() * (limit.to - limit.from) > MOST_TURNS
 }

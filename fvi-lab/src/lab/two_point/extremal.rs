@@ -120,7 +120,7 @@ pub struct Solution {
 }
 
 impl Solution {
-    /// Whether all its numbers are finite. If an intermediate result has overflowed, it is not a solution.
+    /// True if all its numbers are finite. If an intermediate result has overflowed, it is not a solution.
     pub(super) fn is_finite(&self) -> bool {
         let numbers = self.positions.iter().chain(&self.velocities).chain(&self.history).chain(&self.value);
         let measures = [self.relative_residual, self.residual, self.rounding_level];

@@ -18,7 +18,7 @@ use std::time::Instant;
 /// The record of a problem's solution, `summary.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct ExtremalSummary {
-    /// Whether the positions are an extremal or only the best iterate.
+    /// True if the positions are an extremal or only the best iterate.
     pub status: Status,
     /// Version of the program.
     pub version: &'static str,

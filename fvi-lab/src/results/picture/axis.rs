@@ -42,7 +42,7 @@ impl Axis {
         self
     }
 
-    /// Whether a number is too large for the axis.
+    /// True if a number is too large for the axis.
     pub(super) fn overflows(&self, value: f64) -> bool {
         value.is_finite() && self.scale == Scale::Linear && self.place(value).is_none()
     }

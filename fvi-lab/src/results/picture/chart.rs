@@ -134,7 +134,7 @@ pub struct PictureError(String);
 /// Points that a line joins.
 type Piece = Vec<(f64, f64)>;
 
-/// Whether a character may stand in a document of XML 1.0, escaped or not.
+/// True if a character may stand in a document of XML 1.0, escaped or not.
 fn belongs_in_xml(letter: char) -> bool {
     matches!(letter, '\t' | '\n' | '\r' | ' '..='\u{fffd}' | '\u{10000}'..)
 }

@@ -9,7 +9,7 @@ pub struct ColourMap {
     pub(super) quantity: Axis,
     /// ((x, y), value).
     pub(super) values: Vec<((f64, f64), f64)>,
-    /// Whether each value fills the cell around it; discs otherwise.
+    /// True if each value fills the cell around it; discs otherwise.
     pub(super) cells: bool,
 }
 

@@ -73,7 +73,7 @@ impl Function {
         }
     }
 
-    /// Whether the function jumps, so that the side from which its argument is approached matters.
+    /// True if the function jumps, so that the side from which its argument is approached matters.
     pub(super) fn jumps(self) -> bool {
         matches!(self, Self::Step | Self::Sign)
     }

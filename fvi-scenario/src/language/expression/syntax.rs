@@ -125,12 +125,12 @@ pub enum ExpressionFault {
     TooDeep,
 }
 
-/// Whether a name can begin with the character.
+/// True if a name can begin with the character.
 pub(super) fn starts_name(letter: char) -> bool {
     letter.is_alphabetic() || letter == '_'
 }
 
-/// Whether a name can continue with the character.
+/// True if a name can continue with the character.
 pub(super) fn continues_name(letter: char) -> bool {
     letter.is_alphanumeric() || letter == '_'
 }

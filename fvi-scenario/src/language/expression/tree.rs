@@ -8,7 +8,7 @@ use super::jet::Jet;
 #[derive(Clone, Debug)]
 pub struct Node {
     kind: Kind,
-    /// Whether a variable occurs in it. Parts without variables are evaluated as plain numbers: that is
+    /// True if a variable occurs in it. Parts without variables are evaluated as plain numbers: that is
     /// cheap, and t^2.5 or sqrt(t) at t = 0 then have no derivative that could be infinite.
     varies: bool,
 }
@@ -51,7 +51,7 @@ pub enum Operator {
 }
 
 impl Operator {
-    /// Whether it joins the terms of a sum rather than the factors of a product.
+    /// True if it joins the terms of a sum rather than the factors of a product.
     pub fn is_additive(self) -> bool {
         matches!(self, Self::Add | Self::Subtract)
     }
@@ -90,7 +90,7 @@ impl Node {
         Self { kind: Kind::Chain(Box::new(left), vec![(operator, right)]), varies }.folded()
     }
 
-    /// Whether [`join`](Self::join) extends the chain and does not make the tree deeper. A chain that begins
+    /// True if [`join`](Self::join) extends the chain and does not make the tree deeper. A chain that begins
     /// without variables is kept as a separate part, which is evaluated as a plain number.
     pub(super) fn takes(&self, operator: Operator, right: &Self) -> bool {
         match &self.kind {
@@ -120,7 +120,7 @@ impl Node {
         Self { kind: Kind::Choice(function, Box::new([left, right])), varies }.folded()
     }
 
-    /// Whether a variable occurs in it.
+    /// True if a variable occurs in it.
     pub fn varies(&self) -> bool {
         self.varies
     }
@@ -130,7 +130,7 @@ impl Node {
         &self.kind
     }
 
-    /// Whether a test holds for the node or one of its descendants.
+    /// True if a test holds for the node or one of its descendants.
     pub fn any(&self, test: &dyn Fn(&Self) -> bool) -> bool {
         test(self)
             || match &self.kind {
@@ -143,17 +143,17 @@ impl Node {
             }
     }
 
-    /// Whether the variable of this index occurs in it.
+    /// True if the variable of this index occurs in it.
     pub fn has_variable(&self, index: usize) -> bool {
         self.any(&|node| matches!(node.kind, Kind::Variable(own) if own == index))
     }
 
-    /// Whether a variable of this index or a higher one occurs in it.
+    /// True if a variable of this index or a higher one occurs in it.
     pub fn has_variable_from(&self, first: usize) -> bool {
         self.any(&|node| matches!(node.kind, Kind::Variable(own) if own >= first))
     }
 
-    /// Whether it has jumps or kinks in its variables: `step`, `sign`, `abs`, `min` or `max` of them.
+    /// True if it has jumps or kinks in its variables: `step`, `sign`, `abs`, `min` or `max` of them.
     pub fn has_kinks(&self) -> bool {
         self.any(&|node| match &node.kind {
             Kind::Call(Function::Step | Function::Sign | Function::Abs, argument) => argument.varies,

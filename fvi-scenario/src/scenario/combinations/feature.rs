@@ -138,12 +138,12 @@ impl Feature {
         self.definition().1.replace("{i}", "i")
     }
 
-    /// Whether it is a use of a scenario and not a part of it.
+    /// True if it is a use of a scenario and not a part of it.
     pub fn is_use(self) -> bool {
         self.definition().1.is_empty()
     }
 
-    /// Whether a scenario has it.
+    /// True if a scenario has it.
     pub fn is_in(self, scenario: &Scenario) -> bool {
         self.find(scenario).is_some()
     }
@@ -188,7 +188,7 @@ fn jump(s: &Scenario, suits: impl Fn(&Damping) -> bool) -> Option<usize> {
     s.system.damping.iter().position(is_jump)
 }
 
-/// Whether the reported momentum differs from that of the scheme, with damping at several nodes.
+/// True if the reported momentum differs from that of the scheme, with damping at several nodes.
 fn momentum_offset(s: &Scenario) -> Option<usize> {
     on(matches!(s.convolution.family, ConvolutionFamily::Bdf { order: 3.. })
         && s.convolution.at == DampedAt::Nodes
@@ -202,7 +202,7 @@ fn unrefinable(s: &Scenario) -> Option<usize> {
     on(!(matches!(grid.rule(), GridRule::Graded { .. }) && grid.must_hit().is_empty()))
 }
 
-/// Whether the velocities at the nodes follow from the unknowns of a step: nodes as many as the degree, none
+/// True if the velocities at the nodes follow from the unknowns of a step: nodes as many as the degree, none
 /// at the beginning of the step.
 fn has_velocities(s: &Scenario) -> bool {
     match (s.scheme, s.convolution.family) {
@@ -213,7 +213,7 @@ fn has_velocities(s: &Scenario) -> bool {
     }
 }
 
-/// Whether the equations of a step determine coordinates without mass: the forces balance at Gauss points.
+/// True if the equations of a step determine coordinates without mass: the forces balance at Gauss points.
 fn determines_massless(s: &Scenario) -> bool {
     match s.scheme {
         Scheme::Collocation => true,
@@ -223,7 +223,7 @@ fn determines_massless(s: &Scenario) -> bool {
     }
 }
 
-/// Whether it is the midpoint rule damped at its node by a rule of order 1 or 2.
+/// True if it is the midpoint rule damped at its node by a rule of order 1 or 2.
 fn has_balance(s: &Scenario) -> bool {
     let midpoint = match s.scheme {
         Scheme::LowOrder { kappa } => kappa == 0.5,

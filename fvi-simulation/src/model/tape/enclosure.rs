@@ -64,17 +64,17 @@ impl Bounds {
         if self.low.is_nan() || self.high.is_nan() { Self::WHOLE } else { self }
     }
 
-    /// Whether zero is in the interval.
+    /// True if zero is in the interval.
     pub(super) fn contains_zero(self) -> bool {
         self.low <= 0.0 && self.high >= 0.0
     }
 
-    /// Whether the interval is the number zero.
+    /// True if the interval is the number zero.
     pub(super) fn is_zero(self) -> bool {
         self == Self::ZERO
     }
 
-    /// Whether both bounds are finite.
+    /// True if both bounds are finite.
     pub(super) fn is_finite(self) -> bool {
         self.low.is_finite() && self.high.is_finite()
     }
@@ -168,7 +168,7 @@ impl Bounds {
         self.through(|x| power(x, n))
     }
 
-    /// Whether the interval may contain place + k·2π for some integer k.
+    /// True if the interval may contain place + k·2π for some integer k.
     fn meets(self, place: f64) -> bool {
         let slack = 1e-9;
         ((self.high + slack - place) / TAU).floor() >= ((self.low - slack - place) / TAU).ceil()

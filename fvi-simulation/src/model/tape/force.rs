@@ -82,27 +82,27 @@ impl<T: Elementary> CompiledForce<T> {
         (!values.is_empty()).then(|| Program::new(&graph, 0, &values, &[]))
     }
 
-    /// Whether there is no force at all.
+    /// True if there is no force at all.
     pub fn is_zero(&self) -> bool {
         self.is_constant() && self.constant.is_empty()
     }
 
-    /// Whether the force depends neither on the time nor on the position.
+    /// True if the force depends neither on the time nor on the position.
     pub fn is_constant(&self) -> bool {
         !self.depends_on_time() && !self.depends_on_position()
     }
 
-    /// Whether the force depends on the time.
+    /// True if the force depends on the time.
     pub fn depends_on_time(&self) -> bool {
         self.timed.is_some() || self.rest.as_ref().is_some_and(|rest| rest.depends_on_time)
     }
 
-    /// Whether the force depends on the position.
+    /// True if the force depends on the position.
     pub fn depends_on_position(&self) -> bool {
         !self.linear.is_empty() || self.rest.is_some()
     }
 
-    /// Whether its dependence on the position, if any, is a constant matrix: [`linear`](Self::linear).
+    /// True if its dependence on the position, if any, is a constant matrix: [`linear`](Self::linear).
     pub fn is_affine(&self) -> bool {
         self.rest.is_none()
     }

@@ -35,7 +35,7 @@ impl Graph {
         self.origins.len()
     }
 
-    /// Whether the time occurs in it.
+    /// True if the time occurs in it.
     pub(super) fn knows_time(&self) -> bool {
         self.origins.iter().any(|origin| matches!(origin, Origin::Time | Origin::SidedTime))
     }
@@ -216,7 +216,7 @@ impl Graph {
     }
 }
 
-/// Whether division by the number equals multiplication by its reciprocal, bit by bit, in single precision
+/// True if division by the number equals multiplication by its reciprocal, bit by bit, in single precision
 /// too.
 fn is_power_of_two(number: f64) -> bool {
     const MANTISSA: u64 = (1 << 52) - 1;

@@ -62,7 +62,7 @@ impl Polynomial {
         if !self.quadratic.is_empty() { 2 } else { usize::from(!self.linear.is_empty()) }
     }
 
-    /// Whether all coefficients are finite; those of a product may overflow.
+    /// True if all coefficients are finite; those of a product may overflow.
     pub(super) fn is_finite(&self) -> bool {
         self.constant.is_finite()
             && self.linear.values().all(|x| x.is_finite())

@@ -117,7 +117,7 @@ impl<T: Elementary> CompiledPotential<T> {
         &self.quadratic
     }
 
-    /// Whether there is no remainder.
+    /// True if there is no remainder.
     pub fn is_quadratic(&self) -> bool {
         self.rest.is_none()
     }

@@ -302,7 +302,7 @@ impl<T: Elementary> Program<T> {
         self.plan.runs.iter().map(|run| run.count).sum::<usize>() + self.plan.sums.len()
     }
 
-    /// Whether outputs for the same place of `sums` are added in the given order.
+    /// True if outputs for the same place of `sums` are added in the given order.
     pub(super) fn keeps_the_order_of_sums(&self) -> bool {
         self.plan.windows.len() == 1
     }

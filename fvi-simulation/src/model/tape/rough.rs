@@ -30,7 +30,7 @@ const HALVINGS: i32 = 63;
 pub struct RoughArgument {
     /// Its zero, if it is linear in t.
     pub zero: Option<f64>,
-    /// Whether it is under a root, a logarithm or a power with a noninteger exponent, with which the force is
+    /// True if it is under a root, a logarithm or a power with a noninteger exponent, with which the force is
     /// rough near the zero too and not only across it.
     pub root: bool,
 }
@@ -81,7 +81,7 @@ impl RoughArguments {
         &self.arguments
     }
 
-    /// Whether an argument has a constant sign over the range, or is zero.
+    /// True if an argument has a constant sign over the range, or is zero.
     pub fn keeps_sign(&self, index: usize, from: f64, to: f64) -> bool {
         let found = Enclosure::centred(&self.nodes[index], from, to);
         !found.value.contains_zero() || found.slope.is_zero()

@@ -47,7 +47,7 @@ impl SideArguments {
         Self { coordinates, ..self }
     }
 
-    /// Whether the sides of a jump or kink with this argument are inputs.
+    /// True if the sides of a jump or kink with this argument are inputs.
     pub(super) fn take(&self, node: &Node) -> bool {
         node.varies() && !node.has_variable_from(self.positions)
     }

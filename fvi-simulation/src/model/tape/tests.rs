@@ -37,7 +37,7 @@ fn dual<T: Elementary, const N: usize>(text: &str, q: [T; N]) -> (T, SVector<T, 
     parse(text, N).hessian(Moment::inside(T::zero()), &SVector::from(q))
 }
 
-/// Whether two numbers are equal, to `tolerance` of the largest number of the result, or are the same special
+/// True if two numbers are equal, to `tolerance` of the largest number of the result, or are the same special
 /// value.
 fn agree(found: f64, expected: f64, tolerance: f64) -> bool {
     found == expected || (found.is_nan() && expected.is_nan()) || (found - expected).abs() <= tolerance

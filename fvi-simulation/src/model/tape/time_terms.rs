@@ -118,7 +118,7 @@ impl TimeTerms {
         pieces.iter().map(|piece| piece.3).sum()
     }
 
-    /// Whether nodes at distance `step` resolve every term all over a range of several steps.
+    /// True if nodes at distance `step` resolve every term all over a range of several steps.
     pub fn is_described(&mut self, (from, to): (f64, f64), step: f64) -> bool {
         let Self { terms, floor, registers, .. } = self;
         terms.iter().all(|term| {
@@ -163,7 +163,7 @@ impl TimeTerms {
         })
     }
 
-    /// Whether a quadrature of many nodes resolves every term within a piece of a step. A term may jump
+    /// True if a quadrature of many nodes resolves every term within a piece of a step. A term may jump
     /// within `slack` of its ends.
     pub fn is_described_in_piece(&mut self, from: f64, to: f64, slack: f64) -> bool {
         let (from, to) = (from + slack, to - slack);
@@ -207,7 +207,7 @@ impl TimeTerms {
         if good > from { good } else { to }
     }
 
-    /// Whether the eighths of a step resolve every term.
+    /// True if the eighths of a step resolve every term.
     fn is_visible(&mut self, from: f64, to: f64, floor: f64) -> bool {
         let Self { terms, registers, .. } = self;
         let eighth = 0.125 * (to - from);

@@ -32,7 +32,7 @@ const MOST_LOOKS: usize = 20_000;
 const SMALLEST: f64 = 1e-27;
 
 impl Singularity {
-    /// Whether the function is integrable there.
+    /// True if the function is integrable there.
     pub fn has_integral(&self) -> bool {
         self.exponents.iter().all(|&exponent| exponent > SMALLEST_EXPONENT)
     }

@@ -74,7 +74,7 @@ pub(super) fn poles_of(part: &Part, transfers: &[TransferFunction]) -> Result<Ve
     Ok(found.into_iter().map(|place| SystemPole { place }).collect())
 }
 
-/// Whether every pole of a kernel is known, so that zeros beside them are counted.
+/// True if every pole of a kernel is known, so that zeros beside them are counted.
 pub(super) fn is_known(transfer: &TransferFunction) -> bool {
     transfer.fractions().is_some() || transfer.is_relaxation()
 }
@@ -162,7 +162,7 @@ impl<'a> Search<'a> {
         self.taken_out.iter().any(|(place, _)| (s - place).norm() <= 1e-14 * place.norm())
     }
 
-    /// Whether a zero is real up to rounding: beside the real axis zeros come in conjugate pairs.
+    /// True if a zero is real up to rounding: beside the real axis zeros come in conjugate pairs.
     fn is_real(&self, s: Complex<f64>, index: usize, all: &[Complex<f64>]) -> bool {
         if s.re < 0.0 && libm::log(s.norm()) >= self.cut {
             return s.im.abs() <= 1e-11 * s.re.abs();

@@ -15,7 +15,7 @@ const ITERATIONS: usize = 40;
 /// Margin for the largest eigenvalue, which the iteration never overestimates.
 const MARGIN: f64 = 1.02;
 
-/// Whether the scheme is stable at every step for any stiffness and damping: the midpoint rule, damped at its
+/// True if the scheme is stable at every step for any stiffness and damping: the midpoint rule, damped at its
 /// node by BDF 1 or 2.
 pub(super) fn is_unconditional(discretisation: &Discretisation, damped: bool) -> bool {
     let midpoint = discretisation.degree == 1 && discretisation.nodes == [0.5];

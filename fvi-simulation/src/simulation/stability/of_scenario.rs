@@ -76,7 +76,7 @@ pub(crate) fn check_large_step(scenario: &Scenario) -> Result<(), InputError> {
     }
 }
 
-/// Whether no motion of the scenario grows at any step: a linear one with an unconditionally stable scheme.
+/// True if no motion of the scenario grows at any step: a linear one with an unconditionally stable scheme.
 pub(crate) fn is_unconditional(scenario: &Scenario) -> bool {
     let system = &scenario.system;
     let damped = !system.damping.is_empty();
@@ -89,7 +89,7 @@ pub(crate) fn is_unconditional(scenario: &Scenario) -> bool {
         && discretisation(scenario).is_some_and(|scheme| large::is_unconditional(&scheme, damped))
 }
 
-/// Whether no linear motion with gyroscopic forces grows at any step: for the midpoint rule, and without
+/// True if no linear motion with gyroscopic forces grows at any step: for the midpoint rule, and without
 /// damping for as many Gauss points as the degree, which is Gauss collocation.
 pub(crate) fn takes_gyroscopic(scenario: &Scenario) -> bool {
     let damped = !scenario.system.damping.is_empty();
@@ -99,7 +99,7 @@ pub(crate) fn takes_gyroscopic(scenario: &Scenario) -> bool {
     !may_drive(scenario) && (unconditional || (gauss && !damped))
 }
 
-/// Whether a kernel is not passive: then motions may grow at any step.
+/// True if a kernel is not passive: then motions may grow at any step.
 fn may_drive(scenario: &Scenario) -> bool {
     scenario.system.damping.iter().any(|term| term.active().is_some())
 }

@@ -29,7 +29,7 @@ impl Part {
         self.stiffness.nrows()
     }
 
-    /// Whether any term acts on it.
+    /// True if any term acts on it.
     pub(crate) fn is_damped(&self) -> bool {
         self.damping.iter().any(|term| term.amax() > 0.0)
     }
@@ -43,7 +43,7 @@ impl Part {
         if -smallest > rounding { -smallest } else { 0.0 }
     }
 
-    /// Whether velocity-dependent forces act on it.
+    /// True if velocity-dependent forces act on it.
     pub(crate) fn is_resisted(&self) -> bool {
         self.resistance.as_ref().is_some_and(|resistance| resistance.amax() > 0.0)
     }

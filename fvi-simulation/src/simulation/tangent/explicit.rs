@@ -25,7 +25,7 @@ pub(super) struct Expressions {
     value: f64,
     potential: Option<CompiledPotential<f64>>,
     force: Option<CompiledForce<f64>>,
-    /// Whether the force depends on the velocity.
+    /// True if the force depends on the velocity.
     moves: bool,
     elements: Vec<(CompiledPotential<f64>, Vec<Vec<usize>>)>,
     loads: Vec<(fvi_scenario::language::expression::Expression, Vec<(u32, f64)>)>,
