@@ -10,6 +10,7 @@ pub mod laplace;
 pub mod multistep_rule;
 pub mod relaxation;
 
+use crate::sums::max_or_nan;
 pub use active::Active;
 use algebra::{Algebra, Series};
 use fractions::{Fractions, PoleOfOrder};
@@ -580,7 +581,7 @@ impl TransferFunction {
             let slope = |from: usize, ends: [f64; 2]| (values[from + 1] - values[from]) / (ends[1] - ends[0]);
             let bend = (slope(1, [middle, last]) - slope(0, [first, middle])) / (last - first);
             // Where K is nearly constant, or nearly linear, its bend has the rounding error of its values.
-            let size = values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+            let size = values.iter().map(|value| value.abs()).fold(0.0, max_or_nan);
             let rounding = (ROUNDING * size + 20.0 * rounding_error(at, s)) / (s * s);
             let error = (sum + bend).abs() / (BOUND * bend.abs() + rounding);
             if error.is_nan() || error > worst { error } else { worst }

@@ -7,6 +7,7 @@ mod channel_damping;
 mod elements;
 mod energies;
 mod few;
+mod few_equations;
 mod force_moments;
 mod loads;
 mod massless;

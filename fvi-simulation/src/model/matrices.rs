@@ -5,7 +5,6 @@ use super::band::{self, BandFactors};
 use super::chain::{Chain, ChainFactors};
 use super::few::{few, few_mut};
 use super::shared::Shared;
-use super::space::AnyFactors;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular, max_or_nan};
 use fvi_core::{add_multiple, combine_four, combine_two, is_positive_definite_in_place};
 use fvi_core::{keep_factors, substitute, substitute_kept};
@@ -111,7 +110,7 @@ impl<T: Real> Matrix<T> {
 
     /// The stored entries.
     #[inline]
-    fn numbers(&self) -> &[T] {
+    pub(super) fn numbers(&self) -> &[T] {
         match self {
             Self::Diagonal(entries) | Self::Dense(entries) => entries,
             Self::Sparse(sparse) => &sparse.values,
@@ -386,12 +385,12 @@ impl<T: Real> DenseEquations<T> {
         is_banded(self.pivots.len(), self.band)
     }
 
-    /// The equations as arrays, if they are N in a full matrix.
+    /// Rows and pivots as arrays, if the equations are N in a full matrix.
     #[inline(always)]
-    pub(super) fn few<const N: usize>(&mut self) -> Option<FewEquations<'_, T, N>> {
+    pub(super) fn arrays<const N: usize>(&mut self) -> Option<(&mut [[T; N]; N], &mut [usize; N])> {
         let Self { chain: None, entries, pivots, .. } = self else { return None };
         let (rows, []) = entries.as_chunks_mut() else { return None };
-        Some(FewEquations { rows: rows.try_into().ok()?, pivots: pivots.as_mut_slice().try_into().ok()? })
+        Some((rows.try_into().ok()?, pivots.as_mut_slice().try_into().ok()?))
     }
 
     /// Copies the entries of a chain to the full matrix.
@@ -546,117 +545,5 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
 
     fn is_solved_at_once(&self, kept: &DenseFactors<T>) -> bool {
         matches!(kept, DenseFactors::Chain(factors) if factors.one_solve_suffices())
-    }
-}
-
-/// [`DenseEquations`] of N unknowns, N known to the compiler: elimination in them costs less than its loops.
-pub(super) struct FewEquations<'a, T, const N: usize> {
-    rows: &'a mut [[T; N]; N],
-    pivots: &'a mut [usize; N],
-}
-
-impl<T: Real, const N: usize> Equations<T, Matrix<T>> for FewEquations<'_, T, N> {
-    type Factor = AnyFactors<T>;
-
-    #[inline(always)]
-    fn clear(&mut self) {
-        *self.rows = [[T::zero(); N]; N];
-    }
-
-    #[inline(always)]
-    fn add(&mut self, row: usize, column: usize, factor: T, block: &Matrix<T>) {
-        match (&mut self.rows[..], block.numbers()) {
-            // One unknown: one number, without a search for its place.
-            ([row], [entry]) => row[0] += *entry * factor,
-            _ => block.add_to(factor, self.rows.as_flattened_mut(), N, row * N, column * N),
-        }
-    }
-
-    #[inline(always)]
-    fn solve(&mut self, vector: &mut [T]) -> Result<(), Singular> {
-        fvi_core::solve(self.rows.as_flattened_mut(), self.pivots, few_mut::<_, N>(vector))
-    }
-
-    #[inline(always)]
-    fn has_factors(&self) -> bool {
-        true
-    }
-
-    #[inline(always)]
-    fn solve_again(&mut self, vector: &mut [T]) {
-        substitute(self.rows.as_flattened(), self.pivots, few_mut::<_, N>(vector));
-    }
-
-    fn keep(&mut self, kept: &mut AnyFactors<T>, _: (T, &Matrix<T>)) -> Result<(), Singular> {
-        let mut factors = vec![T::zero(); N * N];
-        keep_factors(self.rows.as_flattened_mut(), self.pivots, &mut factors)?;
-        *kept = AnyFactors::Dense(DenseFactors::Whole(factors));
-        Ok(())
-    }
-
-    #[inline(always)]
-    fn solve_kept(&mut self, kept: &AnyFactors<T>, vector: &mut [T]) {
-        if let AnyFactors::Dense(DenseFactors::Whole(factors)) = kept
-            && let (columns, []) = factors.as_chunks::<N>()
-            && let Some(columns) = columns.first_chunk::<N>()
-        {
-            substitute_kept(columns.as_flattened(), &self.pivots[..], few_mut::<_, N>(vector));
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Solutions of A x = b by elimination, again with its factors, and with kept ones.
-    fn solutions<const N: usize, E: Equations<f64, Matrix<f64>>>(
-        equations: &mut E,
-        blocks: &[Matrix<f64>],
-        kept: &mut E::Factor,
-    ) -> [[f64; N]; 3] {
-        let add_all = |equations: &mut E| {
-            equations.clear();
-            blocks
-                .iter()
-                .zip([0.7, -1.3, 0.1])
-                .for_each(|(block, factor)| equations.add(0, 0, factor, block));
-        };
-        let mut found = [core::array::from_fn(|index| 0.3 - index as f64); 3];
-        add_all(equations);
-        equations.solve(&mut found[0]).unwrap();
-        assert!(equations.has_factors() && !equations.spares_factors());
-        equations.solve_again(&mut found[1]);
-        add_all(equations);
-        equations.keep(kept, (0.7, &blocks[0])).unwrap();
-        equations.solve_kept(kept, &mut found[2]);
-        found
-    }
-
-    fn assert_same<const N: usize>() {
-        let number = |index: usize| (1.7 * index as f64).sin();
-        let pattern =
-            Pattern::new(N, (0..N).flat_map(|row| [(row, row), (row, N - 1), (N - 1, row)]).collect());
-        let mut sparse = Sparse::zero(Arc::new(pattern));
-        sparse.values.own().iter_mut().enumerate().for_each(|(index, value)| *value = number(index + 3));
-        let blocks = [
-            Matrix::Diagonal((0..N).map(|index| 1.0 + number(index)).collect()),
-            Matrix::Dense((0..N * N).map(number).collect()),
-            Matrix::Sparse(sparse),
-        ];
-        let any = solutions::<N, _>(&mut DenseEquations::new(N, 1), &blocks, &mut DenseFactors::default());
-        let mut equations = DenseEquations::new(N, 1);
-        let mut few = equations.few::<N>().unwrap();
-        assert_eq!(solutions::<N, _>(&mut few, &blocks, &mut AnyFactors::default()), any, "{N} unknowns");
-    }
-
-    #[test]
-    fn few_equations_have_the_bits_of_any_number() {
-        assert_same::<1>();
-        assert_same::<2>();
-        assert_same::<3>();
-        assert!(DenseEquations::<f64>::new(3, 1).few::<2>().is_none());
-        // A chain, as long as its matrix is tridiagonal.
-        assert!(DenseEquations::<f64>::new(4, 1).few::<4>().is_none());
     }
 }

@@ -1,6 +1,7 @@
 //! The schemes of scenarios: any degree, any quadrature, known at run time.
 
 use super::few::few_mut;
+use super::few_equations::FewEquations;
 use super::massless::{Carried, Found, MasslessRows, Settling};
 use super::matrices::Matrix;
 use super::small::Small;
@@ -330,7 +331,7 @@ impl<T: Real> AnyScheme<T> {
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
         let Room { numbers, matrix, kept, .. } = &mut *room;
-        match matrix.few::<N>() {
+        match FewEquations::<T, N>::of(matrix) {
             Some(mut few) => {
                 numbers.step_of_known::<N, _, _, _>(self, (&mut few, kept), mechanics, damping, step, state)
             }

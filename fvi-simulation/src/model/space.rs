@@ -1,7 +1,7 @@
 //! The space of scenarios: vectors with a number of coordinates known at run time, and equations with a
 //! choice of solvers.
 
-use super::matrices::{DenseEquations, DenseFactors, FewEquations, Matrix};
+use super::matrices::{DenseEquations, DenseFactors, Matrix};
 use super::sparse::{Elimination, Factored, SparseEquations};
 use fvi_core::{Equations, Real, Singular, Space};
 use std::sync::Arc;
@@ -116,17 +116,6 @@ pub enum AnyFactors<T> {
 impl<T> Default for AnyFactors<T> {
     fn default() -> Self {
         Self::Dense(DenseFactors::default())
-    }
-}
-
-impl<T: Real> AnyEquations<T> {
-    /// The equations as arrays, if they are N in a full matrix.
-    #[inline(always)]
-    pub(super) fn few<const N: usize>(&mut self) -> Option<FewEquations<'_, T, N>> {
-        match self {
-            Self::Dense(equations) => equations.few(),
-            Self::Sparse(_) => None,
-        }
     }
 }
 
