@@ -897,7 +897,7 @@ fn are_of(fractions: &Fractions, formula: &dyn Formula) -> bool {
 fn rounding_error(of: impl Fn(f64) -> f64, place: f64) -> f64 {
     let values: Vec<f64> = (0..12).map(|k| of(place * (1.0 + 1e-6 * f64::from(k)))).collect();
     let third = |values: &[f64]| values[3] - 3.0 * values[2] + 3.0 * values[1] - values[0];
-    values.windows(4).map(third).fold(0.0, |worst, error| worst.max(error.abs()))
+    values.windows(4).map(third).map(|error| error.abs()).fold(0.0, max_or_nan)
 }
 
 /// a/b, and what rounding leaves out of it.

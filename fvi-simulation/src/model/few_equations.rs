@@ -5,7 +5,8 @@ use super::matrices::{DenseFactors, Matrix};
 use super::space::{AnyEquations, AnyFactors};
 use fvi_core::{Block, Equations, Real, Singular, keep_factors, substitute, substitute_kept};
 
-/// [`AnyEquations`] of N unknowns in a full matrix, N known to the compiler: elimination in them costs less than its loops.
+/// [`AnyEquations`] of N unknowns in a full matrix, N known to the compiler: elimination in them costs less
+/// than its loops.
 pub(super) struct FewEquations<'a, T, const N: usize> {
     rows: &'a mut [[T; N]; N],
     pivots: &'a mut [usize; N],
