@@ -494,7 +494,7 @@ mod tests {
         assert!(error(rest().position([1.0, 2.0])).contains("initial.position"));
         assert!(error(rest().position([f64::NAN])).contains("initial.position"));
         assert!(error(rest().potential("0.5*q1^2")).contains("system.potential"));
-        assert!(error(rest().set("output.evry", 5)).contains("evry"));
+        assert!(error(rest().set("output.sometimes", 5)).contains("sometimes"));
         assert!(error(rest().set("output.every", u64::MAX)).contains("output.every"));
         assert!(Damper::of_order(2.0, [1.0]).is_err());
     }
