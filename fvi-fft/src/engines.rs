@@ -14,6 +14,7 @@ mod real_time;
 mod replay;
 mod row;
 mod scalar;
+mod stream;
 mod table_kernel;
 mod transform;
 mod vector_variable_steps;
@@ -27,6 +28,9 @@ pub use complex_exponential_sum::{ComplexExponentialSum, ComplexExponentials};
 pub use plans::real_transforms;
 pub use real_time::{Pacing, RealTime};
 pub use scalar::Scalar;
+pub use stream::{
+    Convolver, ExchangeError, Exchanged, PreparedResponses, Preparer, Responses, Stream, StreamError,
+};
 pub use vector_variable_steps::VectorVariableSteps;
 pub use vectorised::Vectorised;
 pub use weights::{WeightTable, Weights};

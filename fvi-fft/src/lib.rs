@@ -24,8 +24,9 @@ pub mod transfer;
 
 pub use aligned::Aligned;
 pub use engines::{
-    BlockFft, BoxedMemory, ChunkedExponentialSum, ComplexExponentialSum, ComplexExponentials, Engines,
-    Pacing, RealTime, Scalar, VectorVariableSteps, Vectorised, WIDE_KERNELS, WeightTable, Weights,
+    BlockFft, BoxedMemory, ChunkedExponentialSum, ComplexExponentialSum, ComplexExponentials, Convolver,
+    Engines, ExchangeError, Exchanged, Pacing, PreparedResponses, Preparer, RealTime, Responses, Scalar,
+    Stream, StreamError, VectorVariableSteps, Vectorised, WIDE_KERNELS, WeightTable, Weights,
     WideExponentialSum, real_transforms,
 };
 pub use growing_ring::GrowingRing;

@@ -302,10 +302,10 @@ enum TaskKind {
 }
 
 /// sum += Σ signal·kernel, number by number.
-struct Products<'a, T, const M: usize> {
-    sum: &'a mut [Packet<T>],
-    signal: [&'a [Packet<T>]; M],
-    kernel: [&'a [Packet<T>]; M],
+pub(crate) struct Products<'a, T, const M: usize> {
+    pub(crate) sum: &'a mut [Packet<T>],
+    pub(crate) signal: [&'a [Packet<T>]; M],
+    pub(crate) kernel: [&'a [Packet<T>]; M],
 }
 
 impl<T: Scalar, const M: usize> WithSimd for Products<'_, T, M> {

@@ -3,25 +3,30 @@
 use std::sync::Arc;
 
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
-use rustfft::{Fft, FftPlanner};
+use rustfft::{Fft, FftNum, FftPlanner};
 
 /// A transform, forward and inverse.
-#[derive(Clone)]
-pub(crate) struct Plan {
-    pub(crate) forward: Arc<dyn Fft<f64>>,
-    pub(crate) inverse: Arc<dyn Fft<f64>>,
+pub(crate) struct Plan<T = f64> {
+    pub(crate) forward: Arc<dyn Fft<T>>,
+    pub(crate) inverse: Arc<dyn Fft<T>>,
+}
+
+impl<T> Clone for Plan<T> {
+    fn clone(&self) -> Self {
+        Self { forward: self.forward.clone(), inverse: self.inverse.clone() }
+    }
 }
 
 /// The plans made so far, shared by all users of the same length.
-pub(crate) struct Plans(Vec<Plan>);
+pub(crate) struct Plans<T = f64>(Vec<Plan<T>>);
 
-impl Plans {
+impl<T: FftNum> Plans<T> {
     pub(crate) fn new() -> Self {
         Self(Vec::new())
     }
 
     /// The plan of a length.
-    pub(crate) fn plan(&mut self, length: usize) -> Plan {
+    pub(crate) fn plan(&mut self, length: usize) -> Plan<T> {
         if let Some(plan) = self.0.iter().find(|plan| plan.forward.len() == length) {
             return plan.clone();
         }

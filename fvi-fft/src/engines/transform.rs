@@ -3,6 +3,7 @@
 use core::f64::consts::TAU;
 
 use pulp::{Arch, Simd, WithSimd, bytemuck};
+use rustfft::Fft;
 use rustfft::num_complex::Complex;
 
 use crate::engines::plans::{Plan, Plans};
@@ -44,19 +45,81 @@ impl<T: Scalar> Packet<T> {
 pub(crate) struct Transform<T: Scalar> {
     block: usize,
     leaf: usize,
+    /// Butterflies in one piece of a pass.
+    piece: usize,
     passes: Vec<Vec<[Complex<T>; 3]>>,
     twist: Vec<Complex<T>>,
-    plan: Plan,
+    leaves: Leaves<T>,
     unit: Arch,
 }
 
-/// Butterflies in one piece of a pass.
+/// The transform of a leaf.
+enum Leaves<T> {
+    /// In double precision for every scalar: no digits are lost within it.
+    Double(Plan),
+    /// In the precision of the scalar: faster for `f32`.
+    Own(Plan<T>),
+}
+
+impl<T: Scalar> Leaves<T> {
+    /// Complex numbers in double precision that hold the scratch of a leaf.
+    fn scratch(&self) -> usize {
+        match self {
+            Self::Double(plan) => {
+                T::transform_scratch(plan.forward.as_ref()).max(T::transform_scratch(plan.inverse.as_ref()))
+            }
+            Self::Own(plan) => {
+                let numbers = |plan: &dyn Fft<T>| plan.get_inplace_scratch_len();
+                let numbers = numbers(plan.forward.as_ref()).max(numbers(plan.inverse.as_ref()));
+                (numbers * size_of::<Complex<T>>()).div_ceil(size_of::<Complex<f64>>())
+            }
+        }
+    }
+
+    fn forward(&self, numbers: &mut [Complex<T>], scratch: &mut [Complex<f64>]) {
+        match self {
+            Self::Double(plan) => T::transform(plan.forward.as_ref(), numbers, scratch),
+            Self::Own(plan) => plan.forward.process_with_scratch(numbers, bytemuck::cast_slice_mut(scratch)),
+        }
+    }
+
+    fn inverse(&self, numbers: &mut [Complex<T>], scratch: &mut [Complex<f64>]) {
+        match self {
+            Self::Double(plan) => T::transform(plan.inverse.as_ref(), numbers, scratch),
+            Self::Own(plan) => plan.inverse.process_with_scratch(numbers, bytemuck::cast_slice_mut(scratch)),
+        }
+    }
+}
+
+/// Butterflies in one piece of a pass, unless others are asked for.
 const PIECE: usize = 64;
 
 impl<T: Scalar> Transform<T> {
     /// Transform for blocks of `block` samples with leaves of at most `leaf` ≥ `PIECE`; both powers of two,
     /// at least 16.
     pub(crate) fn new(block: usize, leaf: usize, plans: &mut Plans, unit: Arch) -> Self {
+        Self::with_leaves(block, leaf, PIECE, |size| Leaves::Double(plans.plan(size)), unit)
+    }
+
+    /// The same with leaves in the precision of the scalar, which may be as short as 16, and at most `piece`
+    /// butterflies in a piece.
+    pub(crate) fn in_own_precision(
+        block: usize,
+        leaf: usize,
+        piece: usize,
+        plans: &mut Plans<T>,
+        unit: Arch,
+    ) -> Self {
+        Self::with_leaves(block, leaf, piece, |size| Leaves::Own(plans.plan(size)), unit)
+    }
+
+    fn with_leaves(
+        block: usize,
+        leaf: usize,
+        piece: usize,
+        leaves: impl FnOnce(usize) -> Leaves<T>,
+        unit: Arch,
+    ) -> Self {
         let mut size = block;
         let mut passes = Vec::new();
         // The constants of a node are powers of e^{2πi a/(4B)}: a node of size M has c = e^{2πi·aM/(4B)}; the
@@ -72,7 +135,8 @@ impl<T: Scalar> Transform<T> {
         }
         let twist =
             nodes.iter().flat_map(|&a| (0..size).map(move |j| root_of_unity(a * j, 4 * block))).collect();
-        Self { block, leaf: size, passes, twist, plan: plans.plan(size), unit }
+        // A piece lies within one node, the smallest of which has four quarters as long as a leaf.
+        Self { block, leaf: size, piece: piece.min(size), passes, twist, leaves: leaves(size), unit }
     }
 
     /// Packets of one spectrum.
@@ -82,7 +146,7 @@ impl<T: Scalar> Transform<T> {
 
     /// Complex numbers of scratch that a leaf needs.
     pub(crate) fn scratch(&self) -> usize {
-        T::transform_scratch(self.plan.forward.as_ref()).max(T::transform_scratch(self.plan.inverse.as_ref()))
+        self.leaves.scratch()
     }
 
     /// Bytes of tables.
@@ -92,7 +156,7 @@ impl<T: Scalar> Transform<T> {
     }
 
     fn pieces_of_pass(&self) -> usize {
-        (self.block / 4).div_ceil(PIECE)
+        (self.block / 4).div_ceil(self.piece)
     }
 
     /// Number of pieces of a transform, forward or inverse.
@@ -102,7 +166,7 @@ impl<T: Scalar> Transform<T> {
 
     /// Cost of a piece of a forward transform, in complex multiply–adds of [`Products`](super::level).
     pub(crate) fn forward_cost(&self, piece: usize) -> usize {
-        if piece < self.passes.len() * self.pieces_of_pass() { 2 * 4 * PIECE } else { 6 * self.leaf }
+        if piece < self.passes.len() * self.pieces_of_pass() { 2 * 4 * self.piece } else { 6 * self.leaf }
     }
 
     /// Cost of a piece of an inverse transform.
@@ -123,9 +187,9 @@ impl<T: Scalar> Transform<T> {
         }
         // Sizes of nodes are powers of two.
         let quarter = self.block >> (2 * pass + 2);
-        let first = within * PIECE;
+        let first = within * self.piece;
         let butterfly = first & (quarter - 1);
-        let butterflies = butterfly..quarter.min(butterfly + PIECE);
+        let butterflies = butterfly..quarter.min(butterfly + self.piece);
         PieceKind::Pass { pass, node: first >> quarter.trailing_zeros(), butterflies }
     }
 
@@ -170,7 +234,7 @@ impl<T: Scalar> Transform<T> {
                 let packets = range.start / PACKET..range.end / PACKET;
                 let numbers = &mut polynomial[range.clone()];
                 self.unit.dispatch(Twist { numbers, twist: &self.twist[range] });
-                T::transform(self.plan.forward.as_ref(), numbers, scratch);
+                self.leaves.forward(numbers, scratch);
                 self.unit.dispatch(Separate { numbers, spectrum: &mut spectrum[packets] });
             }
         }
@@ -192,7 +256,7 @@ impl<T: Scalar> Transform<T> {
                 let packets = range.start / PACKET..range.end / PACKET;
                 let numbers = &mut polynomial[range.clone()];
                 self.unit.dispatch(Gather { numbers, spectrum: &spectrum[packets] });
-                T::transform(self.plan.inverse.as_ref(), numbers, scratch);
+                self.leaves.inverse(numbers, scratch);
                 self.unit.dispatch(Untwist { numbers, twist: &self.twist[range] });
                 if self.passes.is_empty() {
                     store(numbers, output);
