@@ -24,11 +24,11 @@ use crate::engines::stream::stage::{Context, Stage, Work};
 /// The error is a few units of rounding of Σ|w| max|x|, however long the stream is, for nothing is carried
 /// from one block to the next.
 ///
-/// Short lags are summed directly, or, for calls of a known length, by transforms of that length; the rest is
-/// divided into stages of growing blocks. Each stage transforms every input block once, multiplies spectra
-/// and transforms every output block back. Block sizes are chosen by a model of the cost. The work of a stage is
-/// cut into small tasks and done evenly between the end of an input block and the beginning of the output
-/// block that needs it, with deadlines as in [`RealTime`](crate::RealTime).
+/// Short lags are summed directly, or, for calls of a known length, by transforms of that length; the rest
+/// is divided into stages of growing blocks. Each stage transforms every input block once, multiplies
+/// spectra and transforms every output block back. Block sizes are chosen by a model of the cost. The work
+/// of a stage is cut into small tasks and done evenly between the end of an input block and the beginning of
+/// the output block that needs it, with deadlines as in [`RealTime`](crate::RealTime).
 ///
 /// [`process`](Self::process) does not allocate, free, lock or wait. Responses are
 /// [exchanged](Self::exchange) while the stream runs; what is prepared on another thread is sent to the
