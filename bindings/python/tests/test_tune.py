@@ -20,10 +20,11 @@ def test_a_loop_has_the_margins_that_were_asked_for():
     assert np.abs(found.plant / plant - 1).max() < 1e-12
     assert np.abs(found.loop / (plant * law) - 1).max() < 1e-11
     for ours, printed in [(found.kp, 0.6152), (found.ki, 0.0100), (found.kd, 4.3867)]:
-        assert ours == pytest.approx(printed, rel=0.01)
-    assert found.margins["phase_margin"] == pytest.approx(60)
+        # The printed ones are those in continuous time; these are for samples of 1 s.
+        assert ours == pytest.approx(printed, rel=0.03)
+    assert found.sampled_margins["phase_margin"] == pytest.approx(60)
+    assert found.margins["phase_margin"] == pytest.approx(60.17, abs=0.1)
     assert found.margins["ms"] >= (1 / np.abs(1 + found.loop)).max() - 1e-9
-    assert found.sampled_margins["phase_margin"] == pytest.approx(59.83, abs=0.01)
     below = found.omega < np.pi
     assert np.isfinite(found.sampled_loop[below]).all() and np.isnan(found.sampled_loop[~below]).all()
     assert abs(found.step[-1] - 1) < 0.05 and abs(found.load[-1]) < 0.5

@@ -41,19 +41,21 @@ impl TuneArguments {
 
 fn said(found: &Tuning, problem: &TuningProblem) -> String {
     let [kp, ki, kd] = found.law.three();
-    let margins = &found.margins;
-    let phase = margins.phase_margin.map_or("–".to_owned(), |margin| format!("{margin:.2}°"));
-    let sampled =
-        found.sampled_margins.phase_margin.map_or("–".to_owned(), |margin| format!("{margin:.2}°"));
-    let crossover = margins.gain_crossovers.last().map_or("–".to_owned(), |omega| format!("{omega:.4e}"));
-    let gain = margins.gain_margin.map_or("any".to_owned(), |margin| format!("{margin:.3}"));
+    let (sampled, continuous) = (&found.sampled_margins, &found.margins);
+    let phase = |margin: Option<f64>| margin.map_or("–".to_owned(), |margin| format!("{margin:.2}°"));
+    let crossover = sampled.gain_crossovers.last().map_or("–".to_owned(), |omega| format!("{omega:.4e}"));
+    let gain = sampled.gain_margin.map_or("any".to_owned(), |margin| format!("{margin:.3}"));
     format!(
-        "{}: kp = {kp:.6}, ki = {ki:.6}, lambda = {:.4}, kd = {kd:.6}, mu = {:.4}; crossover {crossover}, phase margin {phase} \
-         (sampled {sampled}), gain margin {gain}, Ms {:.3} (sampled {:.3})",
+        "{}: kp = {kp:.6}, ki = {ki:.6}, lambda = {:.4}, kd = {kd:.6}, mu = {:.4}; with samples of {}: crossover {crossover}, \
+         phase margin {}, gain margin {gain}, Ms {:.3}, Mt {:.3} (in continuous time phase margin {}, Ms {:.3})",
         visible_line(problem.heading()),
         found.law.lambda,
         found.law.mu,
-        margins.ms,
-        found.sampled_margins.ms
+        problem.controller.sample,
+        phase(sampled.phase_margin),
+        sampled.ms,
+        sampled.mt,
+        phase(continuous.phase_margin),
+        continuous.ms
     )
 }

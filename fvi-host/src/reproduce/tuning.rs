@@ -40,14 +40,15 @@ fn law([proportional, integral, derivative]: [f64; 3], lambda: f64, mu: f64) -> 
     }
 }
 
-/// The five specifications of [Monje08] on the plant of a liquid level.
+/// The five specifications of [Monje08] on the plant of a liquid level, with samples so short that the loop
+/// is that in continuous time.
 const MONJE: &str = "
 [plant]
 gain = 3.13
 time_constant = 433.33
 dead_time = 50.0
 [controller]
-sample = 1.0
+sample = 1e-6
 ORDERS
 [specification]
 crossover = 0.008
@@ -118,15 +119,15 @@ fn monje(rows: &mut Rows, stop: &AtomicBool) -> Result<Findings, ReproduceError>
     let printed = law([PRINTED[0], PRINTED[1], PRINTED[3]], PRINTED[2], PRINTED[4]);
     let mut findings = Findings::default();
     for ((name, printed), (ours, free)) in
-        NAMES.iter().zip(PRINTED).zip(five(&with_orders.law).into_iter().zip(five(&best.law)))
+        NAMES.iter().zip(PRINTED).zip(five(&with_orders).into_iter().zip(five(&best)))
     {
         rows.add("[Monje08], its orders given", name, Some(printed), ours, None);
         rows.add("[Monje08], orders free", name, Some(printed), free, None);
     }
     let [by_printed, by_orders, by_best] = [
         achieved(&margins_of(&free, &printed)?),
-        achieved(&margins_of(&free, &with_orders.law)?),
-        achieved(&margins_of(&free, &best.law)?),
+        achieved(&margins_of(&free, &with_orders)?),
+        achieved(&margins_of(&free, &best)?),
     ];
     for (index, quantity) in ["ω_c", "phase margin", "Ms"].iter().enumerate() {
         let printed = [Some(0.008), Some(60.08), None][index];
@@ -141,12 +142,12 @@ fn monje(rows: &mut Rows, stop: &AtomicBool) -> Result<Findings, ReproduceError>
         .agrees(
             "[Monje08] five specifications, its orders given: K_p, K_i, λ, K_d, μ",
             "0.6152, 0.0100, 0.8968, 4.3867, 0.4773",
-            said(&with_orders.law),
+            said(&with_orders),
         )
         .differs(
             "the same, orders free",
             "0.6152, 0.0100, 0.8968, 4.3867, 0.4773",
-            said(&best.law),
+            said(&best),
             format!(
                 "two of five parameters are left free; ours are those of the smallest Ms, {:.3} instead of {:.3}, with the phase \
                  margin {:.2}° instead of {:.2}°",
@@ -167,10 +168,10 @@ fn flat_phase(
     ];
     for (plant, crossover, margin, printed) in printed {
         let problem = problem(&format!(
-            "plant = {{ transfer = \"{plant}\" }}\ncontroller = {{ structure = \"pd\", sample = 1e-3 }}\n\
+            "plant = {{ transfer = \"{plant}\" }}\ncontroller = {{ structure = \"pd\", sample = 1e-8 }}\n\
              specification = {{ crossover = {crossover}, phase_margin = {margin}, flat_phase = true }}\n"
         ))?;
-        let law = find(&problem, stop)?.law;
+        let law = find(&problem, stop)?;
         let [kp, _, kd] = law.three();
         let ours = [kp, kd / kp, law.mu];
         for ((name, printed), ours) in ["K_p", "K_d/K_p", "μ"].iter().zip(printed).zip(ours) {
@@ -226,7 +227,7 @@ fn padula_visioli(
                  specification = {{ rule = \"padula-visioli\", ms = {ms:?}, purpose = \"{purpose}\" }}\n",
                 share / (1.0 - share)
             ))?;
-            let law = find(&problem, stop)?.law;
+            let law = find(&problem, stop)?;
             let margins = margins_of(&problem, &law)?;
             let quantity = format!("Ms at L/(L + T) = {share}");
             rows.add(

@@ -71,8 +71,9 @@ fn law(record: &Value) -> impl Fn(f64) -> Complex + use<> {
 fn liquid_level() -> String {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/tunings/liquid-level.toml");
     let text = fs::read_to_string(file).unwrap();
-    assert!(text.contains("at = 10,"));
-    text.replace("at = 10,", "from = 10, to = 100,")
+    assert!(text.contains("at = 10,") && text.contains("sample = 1.0"));
+    // With samples as short as these the sampled loop is nearly that in continuous time.
+    text.replace("at = 10,", "from = 10, to = 100,").replace("sample = 1.0", "sample = 1e-3")
 }
 
 #[test]
@@ -85,13 +86,13 @@ fn margins_are_those_of_a_dense_scan() {
         plant.times(Complex((50.0 * omega).cos(), -(50.0 * omega).sin())).times(law(omega))
     };
     let crossed = open(0.008);
-    assert!((crossed.size() - 1.0).abs() < 1e-9, "{crossed:?}");
-    assert!((crossed.phase().to_degrees() + 120.0).abs() < 1e-7);
+    assert!((crossed.size() - 1.0).abs() < 1e-5, "{crossed:?}");
+    assert!((crossed.phase().to_degrees() + 120.0).abs() < 1e-3);
     let slope = (open(0.008 * 1.0001).phase() - open(0.008 / 1.0001).phase()) / (2.0 * 1.0001f64.ln());
     assert!(slope.abs() < 1e-5, "{slope}");
     let sensitivity = |omega: f64| ONE.plus(open(omega)).size().recip();
     let complementary = |omega: f64| open(omega).size() * sensitivity(omega);
-    assert!(20.0 * sensitivity(0.001).log10() <= -20.0);
+    assert!(20.0 * sensitivity(0.001).log10() <= -20.0 + 1e-3);
     let scan = |from: f64, to: f64| (0..=200_000).map(move |k| from * (to / from).powf(f64::from(k) / 2e5));
     assert!(scan(10.0, 100.0).all(|omega| 20.0 * complementary(omega).log10() <= -20.0));
     let largest = |size: &dyn Fn(f64) -> f64| scan(1e-5, 10.0).map(size).fold(0.0, max_or_nan);
@@ -104,7 +105,7 @@ fn margins_are_those_of_a_dense_scan() {
     let margin = open(pair[0]).size().recip();
     assert!((number(&record, "margins.gain_margin") / margin - 1.0).abs() < 1e-3, "{margin}");
     let delay = 60f64.to_radians() / 0.008;
-    assert!((number(&record, "margins.delay_margin") / delay - 1.0).abs() < 1e-9);
+    assert!((number(&record, "margins.delay_margin") / delay - 1.0).abs() < 1e-4);
     for name in ["controller.toml", "loop.csv", "steps.csv", "bode-magnitude.svg", "nyquist.svg", "step.svg"]
     {
         assert!(fs::metadata(place.path("out").join(name)).unwrap().len() > 100, "{name}");
@@ -175,11 +176,12 @@ specification = { crossover = 2.0, phase_margin = 65, flat_phase = true }
 fn samples_that_make_a_loop_unstable_are_refused_and_runs_agree() {
     let place = Workplace::new();
     place.write("plant-alone.toml", FIRST_ORDER);
+    // A rule, whose gains do not know the samples.
     let problem = |sample: f64| {
         format!(
-            "plant = {{ scenario = \"plant-alone.toml\", measures = \"p0\", drives = [1.0] }}\n\
-             controller = {{ structure = \"pi\", lambda = 0.7, sample = {sample} }}\n\
-             specification = {{ crossover = 3.0, phase_margin = 75 }}\n"
+            "plant = {{ scenario = \"plant-alone.toml\", measures = \"p0\", drives = [1.0], dead_time = 0.3 }}\n\
+             controller = {{ structure = \"pi\", sample = {sample} }}\n\
+             specification = {{ rule = \"ziegler-nichols\" }}\n"
         )
     };
     // The largest sample time that is taken, by halves.
@@ -190,8 +192,8 @@ fn samples_that_make_a_loop_unstable_are_refused_and_runs_agree() {
         assert!(output.status.success() || message.contains("controller.sample"), "{message}");
         output.status.success()
     };
-    assert!(accepted(0.4) && !accepted(0.9));
-    let (mut good, mut bad) = (0.4, 0.9);
+    assert!(accepted(0.05) && !accepted(0.9));
+    let (mut good, mut bad) = (0.05, 0.9);
     while bad - good > 0.006 {
         let middle = f64::round((good + bad) / 2.0 / 0.005) * 0.005;
         if accepted(middle) { good = middle } else { bad = middle }
@@ -253,10 +255,11 @@ fn rules_and_bounds_give_what_they_say() {
     let record = tune(
         &place,
         &plant(
-            "controller = { structure = \"pi\", lambda = 0.9, sample = 1e-3 }\nspecification = { ms = 1.4 }\n",
+            "controller = { structure = \"pi\", lambda = 0.9, sample = 1e-6 }\nspecification = { ms = 1.4 }\n",
         ),
     );
-    assert!((number(&record, "margins.ms") - 1.4).abs() < 1e-4, "{record}");
+    assert!((number(&record, "margins.ms") - 1.4).abs() < 1e-3, "{record}");
+    assert!(number(&record, "sampled_margins.ms") <= 1.4 + 1e-6, "{record}");
     let [kp, ki] = ["kp", "ki"].map(|key| number(&record, key));
     let largest = |kp: f64, ki: f64| {
         let size = |k: u32| {
@@ -277,7 +280,7 @@ fn rules_and_bounds_give_what_they_say() {
         "plant = { transfer = \"1/cosh(sqrt(s))\" }\ncontroller = { structure = \"pi\", sample = 1e-3 }\n\
          specification = { ms = 1.5 }\n",
     );
-    assert!((number(&record, "margins.ms") - 1.5).abs() < 1e-4, "{record}");
+    assert!((number(&record, "sampled_margins.ms") - 1.5).abs() < 1e-3, "{record}");
     // cosh((1 + i) x) = cosh x cos x + i sinh x sin x is a negative number at x = √(ω/2) = π.
     assert!((number(&record, "ultimate.frequency") - 2.0 * PI * PI).abs() < 1e-9);
     // The series form with its filter goes into the table of a scenario.
@@ -322,6 +325,216 @@ fn a_relay_finds_the_ultimate_point_of_a_scenario() {
     assert!((number(&record, "kp") - 0.45 * describing).abs() < 1e-9);
 }
 
+/// A plant K Π(s + a_i)/Π(s + b_j)/Π(s² + c_k s + d_k) e^{−L s}, L a number of samples, with simple poles.
+struct Plant<'a> {
+    gain: f64,
+    zeros: &'a [f64],
+    poles: &'a [f64],
+    pairs: &'a [(f64, f64)],
+    delay: u32,
+}
+
+impl Plant<'_> {
+    fn formula(&self, sample: f64) -> String {
+        let real = |roots: &[f64]| roots.iter().map(|root| format!("*(s + ({root:?}))")).collect::<String>();
+        let pairs: String = self.pairs.iter().map(|(c, d)| format!("*(s^2 + {c:?}*s + {d:?})")).collect();
+        let delay = f64::from(self.delay) * sample;
+        format!("{:?}{}/(1{}{pairs})*exp(-{delay:?}*s)", self.gain, real(self.zeros), real(self.poles))
+    }
+
+    /// Poles, and residues there.
+    fn fractions(&self) -> Vec<(Complex, Complex)> {
+        let mut poles: Vec<Complex> = self.poles.iter().map(|&b| Complex(-b, 0.0)).collect();
+        for &(c, d) in self.pairs {
+            let beside = (d - 0.25 * c * c).sqrt();
+            poles.extend([Complex(-0.5 * c, beside), Complex(-0.5 * c, -beside)]);
+        }
+        let residue = |index: usize| {
+            let mut value = Complex(self.gain, 0.0);
+            for &a in self.zeros {
+                value = value.times(poles[index].plus(Complex(a, 0.0)));
+            }
+            for (other, pole) in poles.iter().enumerate() {
+                if other != index {
+                    value = value.times(poles[index].plus(pole.scaled(-1.0)).inverse());
+                }
+            }
+            value
+        };
+        (0..poles.len()).map(|index| (poles[index], residue(index))).collect()
+    }
+}
+
+fn exponential(z: Complex) -> Complex {
+    Complex(z.0.exp() * z.1.cos(), z.0.exp() * z.1.sin())
+}
+
+/// The largest |S| and |T| of the sampled loop of a record, the least phase margin of all crossovers in
+/// degrees, and the highest of them, by 40 000 frequencies: the plant behind a hold from its poles.
+fn sampled(plant: &Plant<'_>, sample: f64, record: &Value) -> [f64; 4] {
+    let [kp, ki, lambda, kd, mu] = ["kp", "ki", "lambda", "kd", "mu"].map(|key| number(record, key));
+    let filter = record["derivative_filter"]["time"].as_f64();
+    let fractions = plant.fractions();
+    let open = |omega: f64| {
+        let z = exponential(Complex(0.0, omega * sample));
+        // From a pole p with residue c, held for h: c (e^{ph} − 1)/p/(z − e^{ph}).
+        let mut held = Complex(0.0, 0.0);
+        for &(pole, residue) in &fractions {
+            let grown = exponential(pole.scaled(sample));
+            let share = if pole.size() == 0.0 {
+                Complex(sample, 0.0)
+            } else {
+                grown.plus(Complex(-1.0, 0.0)).times(pole.inverse())
+            };
+            held = held.plus(residue.times(share).times(z.plus(grown.scaled(-1.0)).inverse()));
+        }
+        let difference = ONE.plus(z.inverse().scaled(-1.0)).scaled(1.0 / sample);
+        let mut law = Complex(kp, 0.0).plus(difference.power(-lambda).scaled(ki));
+        if kd != 0.0 {
+            let through = ONE.plus(difference.scaled(filter.unwrap_or(0.0)));
+            law = law.plus(difference.power(mu).scaled(kd).times(through.inverse()));
+        }
+        held.times(law).times(exponential(Complex(0.0, -f64::from(plant.delay) * omega * sample)))
+    };
+    let (low, high) = (1e-5 / sample, PI / sample * (1.0 - 1e-12));
+    let mut found = [0.0, 0.0, f64::INFINITY, 0.0];
+    let mut last: Option<Complex> = None;
+    for k in 0..=40_000 {
+        let omega = low * (high / low).powf(f64::from(k) / 4e4);
+        let value = open(omega);
+        let below = ONE.plus(value).size();
+        found[0] = max_or_nan(found[0], 1.0 / below);
+        found[1] = max_or_nan(found[1], value.size() / below);
+        if last.is_some_and(|last| (last.size() > 1.0) != (value.size() > 1.0)) {
+            found[2] = min_or_nan(found[2], value.scaled(-1.0).phase().to_degrees().abs());
+            found[3] = omega;
+        }
+        last = Some(value);
+    }
+    found
+}
+
+/// Plant, sample, structure, crossover, phase margin, Ms and Mt, and whether there is such a controller.
+type Case<'a> = (Plant<'a>, f64, &'a str, [Option<f64>; 4], bool);
+
+#[test]
+fn bounds_hold_for_the_sampled_loop_at_all_frequencies_or_the_exit_code_is_1() {
+    let plain = Plant { gain: 1.0, zeros: &[], poles: &[], pairs: &[], delay: 0 };
+    let oscillator = Plant { gain: 9.0, poles: &[1.0], pairs: &[(2.0, 9.0)], ..plain };
+    let slow = Plant { gain: 1.0, poles: &[0.9, 1.0, 1.1, 1.3], ..plain };
+    let cases: [Case<'_>; 14] = [
+        (
+            Plant { gain: 0.0506, poles: &[0.0], delay: 12, ..plain },
+            0.5,
+            "pi",
+            [None, None, Some(1.4), None],
+            true,
+        ),
+        (Plant { poles: &[0.0], ..plain }, 0.01, "pi", [None, None, Some(1.4), None], true),
+        (Plant { poles: &[0.0, 1.0], ..plain }, 0.01, "pi", [None, None, Some(1.4), Some(1.4)], true),
+        (Plant { poles: &[0.0, 1.0], ..plain }, 0.01, "pd", [None, None, Some(1.7), None], true),
+        (
+            Plant { zeros: &[-1.0], gain: -1.0, poles: &[0.9, 1.0, 1.1], ..plain },
+            0.02,
+            "pi",
+            [None, None, Some(1.4), None],
+            true,
+        ),
+        (Plant { ..oscillator }, 0.01, "pid", [Some(1.0), Some(60.0), Some(1.7), None], true),
+        (Plant { ..oscillator }, 0.05, "pid", [Some(6.0), Some(60.0), Some(1.7), None], true),
+        (Plant { ..oscillator }, 0.01, "pi", [Some(0.8), Some(60.0), None, None], true),
+        (
+            Plant { gain: 4.0, pairs: &[(0.2, 4.0)], ..plain },
+            0.01,
+            "pi",
+            [Some(0.5), Some(60.0), None, None],
+            false,
+        ),
+        (Plant { ..slow }, 0.1, "pid", [Some(0.5), Some(60.0), Some(1.6), None], true),
+        (Plant { ..slow }, 0.1, "pi", [Some(3.0), Some(60.0), None, None], false),
+        (
+            Plant { gain: 0.02, poles: &[0.02], delay: 20, ..plain },
+            0.5,
+            "pid",
+            [Some(0.1), Some(50.0), None, None],
+            true,
+        ),
+        (
+            Plant { gain: 0.02, poles: &[0.02], delay: 2, ..plain },
+            5.0,
+            "pi",
+            [Some(0.03), Some(60.0), Some(1.5), None],
+            true,
+        ),
+        (
+            Plant { poles: &[-0.5], delay: 20, ..plain },
+            0.01,
+            "pid",
+            [Some(2.0), Some(45.0), Some(1.9), None],
+            true,
+        ),
+    ];
+    let place = Workplace::new();
+    for (index, (plant, sample, structure, [crossover, margin, ms, mt], exists)) in
+        cases.into_iter().enumerate()
+    {
+        let filter = if structure == "pi" { "" } else { "derivative_filter = 0.02\n" };
+        let mut problem = format!(
+            "[plant]\ntransfer = \"{}\"\n[controller]\nstructure = \"{structure}\"\nsample = {sample:?}\n{filter}[specification]\n",
+            plant.formula(sample)
+        );
+        let keys = [("crossover", crossover), ("phase_margin", margin), ("ms", ms), ("mt", mt)];
+        for (key, value) in keys {
+            problem += &value.map_or_else(String::new, |value| format!("{key} = {value:?}\n"));
+        }
+        place.write("plant.toml", &problem);
+        let output = place.fvi(&["tune", "plant.toml", "--out", "out"]);
+        let message = text(&output.stderr);
+        let code = if exists { 0 } else { 1 };
+        assert_eq!(output.status.code(), Some(code), "{index}: {problem}\n{message}");
+        if !exists {
+            assert!(
+                message.contains(" instead of at ") || message.contains("no gains"),
+                "{index}: {message}"
+            );
+            continue;
+        }
+        let record = fs::read_to_string(place.path("out").join("tune.json")).unwrap();
+        let record: Value = serde_json::from_str(&record).unwrap();
+        let [largest_s, largest_t, least_margin, highest] = sampled(&plant, sample, &record);
+        let said = format!("{index}: {largest_s} {largest_t} {least_margin} {highest}: {record}");
+        assert!(largest_s <= ms.unwrap_or(3.0) + 1e-3 && largest_t <= mt.unwrap_or(3.5) + 1e-3, "{said}");
+        assert!((number(&record, "sampled_margins.ms") / largest_s - 1.0).abs() < 1e-3, "{said}");
+        if let (Some(crossover), Some(margin)) = (crossover, margin) {
+            assert!(least_margin >= margin - 0.1 && (highest / crossover - 1.0).abs() < 1e-3, "{said}");
+        } else {
+            // The largest gain, so that the bound is reached.
+            assert!(largest_s > 0.995 * ms.unwrap() || largest_t > 0.995 * mt.unwrap(), "{said}");
+        }
+    }
+    // The integrator with dead time has the gains of its bound, not those of a loop that hardly moves.
+    let problem = "plant = { transfer = \"0.0506*exp(-6*s)/s\" }\ncontroller = { structure = \"pi\", sample = 0.5 }\n\
+                   specification = { ms = 1.4 }\n";
+    let record = tune(&place, problem);
+    assert!(
+        (number(&record, "kp") - 0.89).abs() < 0.03 && (number(&record, "ki") - 0.0211).abs() < 5e-4,
+        "{record}"
+    );
+}
+
+#[test]
+fn a_loop_gain_that_is_no_number_is_an_error() {
+    let place = Workplace::new();
+    // Far beyond the crossover numerator and denominator are zero.
+    place.write(
+        "plant.toml",
+        "plant = { transfer = \"exp(-s)*exp(-s^0.5)/(exp(-s^0.5)*(s + 1))\" }\n\
+         controller = { structure = \"pi\", lambda = 1.0, sample = 1e-9 }\nspecification = { ms = 1.4 }\n",
+    );
+    let output = place.fvi(&["tune", "plant.toml", "--out", "out"]);
+    assert_ne!(output.status.code(), Some(0), "{}", text(&output.stdout));
+}
+
 #[test]
 fn what_cannot_be_met_is_said_with_what_is_missed() {
     let place = Workplace::new();
@@ -334,7 +547,7 @@ fn what_cannot_be_met_is_said_with_what_is_missed() {
             "motions that grow",
         ),
         (
-            "plant = { transfer = \"1/s^2\" }\ncontroller = { structure = \"pi\", sample = 0.01 }\n\
+            "plant = { transfer = \"1/s^2\" }\ncontroller = { structure = \"pi\", sample = 1e-6 }\n\
              specification = { crossover = 1.0, phase_margin = 45 }\n"
                 .to_owned(),
             "would have to turn it by 45.00°",
@@ -343,7 +556,7 @@ fn what_cannot_be_met_is_said_with_what_is_missed() {
             "plant = { transfer = \"exp(-s)/(s + 1)\" }\ncontroller = { structure = \"pd\", mu = 1.5, sample = 0.01 }\n\
              specification = { crossover = 0.5, phase_margin = 170 }\n"
                 .to_owned(),
-            "unstable",
+            "the highest crossover is",
         ),
     ];
     for (problem, part) in cases {
@@ -363,7 +576,7 @@ fn an_unstable_plant_is_tuned_although_unstable_loops_keep_the_bounds() {
     for structure in ["pid", "pi"] {
         let problem = format!(
             "plant = {{ transfer = \"1/(s - 0.5)\", dead_time = 0.2 }}\n\
-             controller = {{ structure = \"{structure}\", sample = 0.01 }}\n\
+             controller = {{ structure = \"{structure}\", sample = 1e-3 }}\n\
              specification = {{ crossover = 2.0, phase_margin = 45 }}\n"
         );
         let record = tune(&place, &problem);
@@ -373,12 +586,13 @@ fn an_unstable_plant_is_tuned_although_unstable_loops_keep_the_bounds() {
                 Complex(-0.5, omega).inverse().times(Complex((0.2 * omega).cos(), -(0.2 * omega).sin()));
             plant.times(law(omega))
         };
-        assert!((open(2.0).size() - 1.0).abs() < 1e-9, "{structure}");
-        assert!((open(2.0).phase().to_degrees() + 135.0).abs() < 1e-6, "{structure}");
+        // Up to what samples of 1 ms make of it.
+        assert!((open(2.0).size() - 1.0).abs() < 2e-3, "{structure}");
+        assert!((open(2.0).phase().to_degrees() + 135.0).abs() < 0.2, "{structure}");
         let ms =
             (1..100_000).map(|k| ONE.plus(open(1e-3 * f64::from(k))).inverse().size()).fold(0.0, max_or_nan);
         assert!(
-            ms <= 2.0 + 1e-6 && (ms / number(&record, "margins.ms") - 1.0).abs() < 1e-4,
+            ms <= 2.0 + 5e-3 && (ms / number(&record, "margins.ms") - 1.0).abs() < 1e-4,
             "{structure}: {ms}"
         );
         // Nyquist: with one growing motion of the plant and L(0) = −∞ (iω)^(−λ), 1 + L turns by π + λ π/2 on

@@ -7,11 +7,15 @@
 //! | `law` | C(s), and the law that ticks |
 //! | `relay` | the ultimate point by a relay on a simulated plant |
 //! | `rules` | named rules |
-//! | `search` | specifications |
+//! | `search` | a crossover with phase margin and bounds |
+//! | `largest_gain` | bounds alone |
 //! | `sampled` | the loop as it ticks |
+//! | `grid` | the sampled plant at the frequencies of a search |
 //! | `margins` | distances from −1 |
 //! | `output`, `pictures` | its files |
 
+mod grid;
+mod largest_gain;
 mod law;
 mod margins;
 mod output;
@@ -24,7 +28,7 @@ mod rules;
 mod sampled;
 mod search;
 
-use fvi_fft::sums::max_or_nan;
+use fvi_fft::sums::{max_or_nan, min_or_nan};
 pub use law::Law;
 pub use margins::Margins;
 pub use plant::Plant;
@@ -32,16 +36,18 @@ pub use problem::{
     Crossover, Limit, Preference, Purpose, Rule, Specification, Structure, Terms, TuningProblem,
 };
 pub use relay::RelayResult;
-pub use search::Bound;
+pub use search::{Allowed, Bound};
 
 use fvi_fft::transfer::laplace::on_a_line;
 use fvi_simulation::simulation::closed_loop::{
     Contour, OpenLoop, growing_motions, growing_motions_open, growing_sampled_motions,
 };
+use grid::SampledPlant;
+use largest_gain::by_sensitivity;
 use margins::{follow, margins};
 use nalgebra::Complex;
 use sampled::{band, sampled_loop};
-use search::{Search, by_sensitivity};
+use search::{DEFAULTS, Search, frequencies, missed};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Why there is no tuning.
@@ -130,6 +136,9 @@ fn range(plant: &Plant, law: &Law, about: f64) -> Result<Range, String> {
     while highest < far && (size(highest).is_nan() || size(highest) > enough) {
         highest *= 10.0;
     }
+    if size(highest).is_nan() {
+        return Err(format!("the loop gain is not a number at ω = {highest:e}"));
+    }
     // Beyond the highest frequency |L| must not grow again.
     let end = [1e2, 1e4, 1e6].iter().map(|part| size(part * highest)).fold(0.0, max_or_nan);
     if dead_time > 0.0 && (size(highest) > MUST_END_AT || end > MUST_END_AT) {
@@ -147,9 +156,21 @@ fn range(plant: &Plant, law: &Law, about: f64) -> Result<Range, String> {
     }
     let lowest = lowest.max(1e-30 * about);
     let count = 40 * libm::log10(highest / lowest) as usize;
-    let grid = (0..=count).map(|k| lowest * libm::pow(highest / lowest, k as f64 / count as f64));
-    let crossing =
-        grid.filter(|&omega| size(omega).is_nan() || size(omega) > ENDS_AT).fold(lowest, max_or_nan);
+    let mut crossing = lowest;
+    for k in 0..=count {
+        let omega = lowest * libm::pow(highest / lowest, k as f64 / count as f64);
+        let mut here = size(omega);
+        if here.is_nan() {
+            // On a pole of the plant the loop has no value, but beside it.
+            here = size(omega * (1.0 + 1e-9));
+        }
+        if here.is_nan() {
+            return Err(format!("the loop gain is not a number at ω = {omega:e}"));
+        }
+        if here > ENDS_AT {
+            crossing = omega;
+        }
+    }
     let contour = Contour { lowest, highest, crossing: 1.2 * crossing, dead_time, shift: 0.0 };
     Ok(Range { contour, from: lowest * 1e2, to: highest })
 }
@@ -167,35 +188,96 @@ fn check(plant: &Plant, law: &Law, about: f64) -> Result<(), String> {
 /// Number of points of the responses.
 const POINTS: usize = 400;
 
-/// The controller found for a specification.
-#[derive(Clone, Debug)]
-pub struct Found {
-    /// The controller.
-    pub law: Law,
-    /// The bounds of the specification with the values reached.
-    pub bounds: Vec<Bound>,
+/// A law found for a specification.
+struct Found {
+    law: Law,
     /// Result of a relay experiment, if one was made.
-    pub relay: Option<RelayResult>,
+    relay: Option<RelayResult>,
     about: f64,
 }
 
-/// Tunes a controller, and computes margins and responses of the loop.
+/// Safety margin of bounds in the search, which checks them at discrete points only, in their own units.
+const CLOSER: f64 = 1e-4;
+
+/// Largest violation that a search with a larger safety margin is expected to make up for, and number of
+/// searches.
+const MADE_UP: f64 = 0.1;
+const SEARCHES: usize = 4;
+
+/// Tunes a controller, and computes margins and responses of the loop. Every bound of the specification is
+/// checked on the sampled loop of the result, over all frequencies and crossovers.
 ///
 /// # Errors
-/// [`TuneError`].
+/// [`TuneError`]; the message of a bound that is not met has the law that was found.
 pub fn tune(problem: &TuningProblem, stop: &AtomicBool) -> Result<Tuning, TuneError> {
-    let Found { law, bounds, relay, about } = find(problem, stop)?;
-    Ok(Tuning { relay, bounds, ..judged(problem, law, about, stop)? })
+    let grid = grid(problem)?;
+    let mut closer = CLOSER;
+    let mut searches = 1;
+    loop {
+        let Found { law, relay, about } = find_closer(problem, &grid, closer, stop)?;
+        let tuning = judged(problem, law, about, stop)?;
+        let bounds = bounds(problem, &grid, &law, &tuning.sampled_margins)?;
+        let excess = bounds.iter().map(Bound::excess).fold(0.0, max_or_nan);
+        if excess == 0.0 {
+            return Ok(Tuning { relay, bounds, ..tuning });
+        }
+        let has_closer = !matches!(problem.specification, Specification::Rule { .. });
+        if searches == SEARCHES || excess > MADE_UP || !has_closer {
+            let reason = format!("{} does not meet the specification: {}", in_words(&law), missed(&bounds));
+            return Err(TuneError::Infeasible(reason));
+        }
+        closer += 1.5 * excess;
+        searches += 1;
+    }
 }
 
-/// The law for a specification. Stability of the loop has been checked only for specifications by a
-/// crossover.
+/// The sampled plant at the frequencies of the specification; a rule needs none.
+fn grid(problem: &TuningProblem) -> Result<Option<SampledPlant<'_>>, TuneError> {
+    let TuningProblem { plant, controller: structure, specification, .. } = problem;
+    let (about, further) = match specification {
+        Specification::Crossover(wanted) => (wanted.crossover, frequencies(plant, wanted)),
+        Specification::Sensitivity { .. } => (plant.scale(), Vec::new()),
+        Specification::Rule { .. } => return Ok(None),
+    };
+    SampledPlant::new(plant, structure.sample, about, &further).map(Some).map_err(TuneError::Infeasible)
+}
+
+/// The bounds of the specification with the values that a law reaches, whose sampled loop has these margins.
+fn bounds(
+    problem: &TuningProblem,
+    grid: &Option<SampledPlant<'_>>,
+    law: &Law,
+    margins: &Margins,
+) -> Result<Vec<Bound>, TuneError> {
+    match (&problem.specification, grid) {
+        (Specification::Crossover(wanted), Some(grid)) => {
+            let search = Search::new(grid, &problem.controller, wanted, CLOSER, DEFAULTS[0]);
+            Ok(search.map_err(TuneError::Infeasible)?.bounds(law, margins))
+        }
+        (Specification::Sensitivity { ms, mt }, _) => {
+            let mut bounds = vec![Bound::at_most("Ms", *ms, margins.ms)];
+            bounds.extend(mt.map(|mt| Bound::at_most("Mt", mt, margins.mt)));
+            Ok(bounds)
+        }
+        _ => Ok(Vec::new()),
+    }
+}
+
+/// The law for a specification, by the sampled loop at the frequencies of a grid.
 ///
 /// # Errors
 /// [`TuneError::Infeasible`], and if it was stopped.
-pub fn find(problem: &TuningProblem, stop: &AtomicBool) -> Result<Found, TuneError> {
+pub fn find(problem: &TuningProblem, stop: &AtomicBool) -> Result<Law, TuneError> {
+    Ok(find_closer(problem, &grid(problem)?, CLOSER, stop)?.law)
+}
+
+fn find_closer(
+    problem: &TuningProblem,
+    grid: &Option<SampledPlant<'_>>,
+    closer: f64,
+    stop: &AtomicBool,
+) -> Result<Found, TuneError> {
     let TuningProblem { plant, controller: structure, specification, .. } = problem;
-    let mut bounds = Vec::new();
     let exact = plant.ultimate();
     let relay = match (problem.relay, plant.scenario()) {
         (Some(amplitude), Some(scenario)) => {
@@ -215,45 +297,58 @@ pub fn find(problem: &TuningProblem, stop: &AtomicBool) -> Result<Found, TuneErr
         Specification::Crossover(_) => false,
     };
     if needs_stable_plant {
-        let scale = plant.scale();
-        let (lowest, highest) = (1e-7 * scale, 1e4 * scale);
-        let (shift, dead_time) = (1e-8 * scale, 0.0);
-        let contour = Contour { lowest, highest, crossing: lowest, dead_time, shift };
-        match growing_motions_open(&contour, &|s| plant.at(s)) {
-            Ok(0) => {}
-            Ok(_) => {
-                return Err(TuneError::Infeasible(
-                    "this specification is for plants without motions that grow: give a `crossover` and a `phase_margin`"
-                        .to_owned(),
-                ));
-            }
-            Err(reason) => return Err(TuneError::Infeasible(format!("of the plant alone, {reason}"))),
-        }
+        check_plant(plant)?;
     }
-    let (law, about) = match specification {
-        Specification::Crossover(wanted) => {
-            let search = Search::new(plant, structure, wanted).map_err(TuneError::Infeasible)?;
-            let stable =
-                |law: &Law| !stop.load(Ordering::Relaxed) && check(plant, law, wanted.crossover).is_ok();
-            let law = search.best(&stable);
-            if stop.load(Ordering::Relaxed) {
-                return Err(TuneError::Stopped);
-            }
-            let law = law.map_err(TuneError::Infeasible)?;
-            bounds = search.bounds(&law);
-            (law, wanted.crossover)
+    let found = match (specification, grid) {
+        (Specification::Crossover(wanted), Some(grid)) => {
+            let about = wanted.crossover;
+            let is_stable = |law: &Law| {
+                !stop.load(Ordering::Relaxed) && grid.is_stable(law) && check(plant, law, about).is_ok()
+            };
+            let best = |defaults| Search::new(grid, structure, wanted, closer, defaults)?.best(&is_stable);
+            let [first, next] = DEFAULTS;
+            let has_both = wanted.ms.is_some() && wanted.mt.is_some();
+            let law = best(first).or_else(|reason| if has_both { Err(reason) } else { best(next) });
+            law.map(|law| (law, about))
         }
-        Specification::Sensitivity { ms, mt } => {
-            let law = by_sensitivity(plant, structure, (*ms, *mt)).map_err(TuneError::Infeasible)?;
-            (law, plant.scale())
+        (Specification::Sensitivity { ms, mt }, Some(grid)) => {
+            let bounds = (ms - closer, mt.map(|mt| mt - closer));
+            by_sensitivity(grid, structure, bounds).map(|law| (law, plant.scale()))
         }
-        Specification::Rule { name, ms, purpose, closed_loop_time } => {
+        (Specification::Rule { name, ms, purpose, closed_loop_time }, _) => {
             let ultimate = relay.map(|found| (found.describing_gain, found.frequency)).or(exact);
-            let law = rules::by_rule(plant, structure, (*name, *ms, *purpose, *closed_loop_time), ultimate);
-            (law.map_err(TuneError::Infeasible)?, plant.scale())
+            rules::by_rule(plant, structure, (*name, *ms, *purpose, *closed_loop_time), ultimate)
+                .map(|law| (law, plant.scale()))
         }
+        (_, None) => Err("the specification needs the sampled plant".to_owned()),
     };
-    Ok(Found { law, bounds, relay, about })
+    if stop.load(Ordering::Relaxed) {
+        return Err(TuneError::Stopped);
+    }
+    let (law, about) = found.map_err(TuneError::Infeasible)?;
+    Ok(Found { law, relay, about })
+}
+
+/// Checks that no motion of the plant itself grows.
+fn check_plant(plant: &Plant) -> Result<(), TuneError> {
+    let scale = plant.scale();
+    let (lowest, highest) = (1e-7 * scale, 1e4 * scale);
+    let (shift, dead_time) = (1e-8 * scale, 0.0);
+    let contour = Contour { lowest, highest, crossing: lowest, dead_time, shift };
+    match growing_motions_open(&contour, &|s| plant.at(s)) {
+        Ok(0) => Ok(()),
+        Ok(_) => Err(TuneError::Infeasible(
+            "this specification is for plants without motions that grow: give a `crossover` and a `phase_margin`"
+                .to_owned(),
+        )),
+        Err(reason) => Err(TuneError::Infeasible(format!("of the plant alone, {reason}"))),
+    }
+}
+
+/// Gains and orders of a law, for a message.
+fn in_words(law: &Law) -> String {
+    let [kp, ki, kd] = law.three();
+    format!("kp = {kp:.6}, ki = {ki:.6}, lambda = {:.4}, kd = {kd:.6}, mu = {:.4}", law.lambda, law.mu)
 }
 
 /// The margins of a law in continuous time.
@@ -281,15 +376,64 @@ pub fn judge(problem: &TuningProblem, law: Law, stop: &AtomicBool) -> Result<Tun
     judged(problem, law, problem.plant.scale(), stop)
 }
 
+/// Turns of a dead time, in radians, up to which the sampled loop is followed; above, any phase is assumed.
+const FOLLOWED_TURNS: f64 = 1000.0;
+
+/// Margins of the sampled loop, which is stable.
+///
+/// # Errors
+/// A sentence: motions of it grow, or it cannot be followed.
+fn sampled_margins(
+    plant: &Plant,
+    law: &Law,
+    sample: f64,
+    (range, about): (&Range, f64),
+) -> Result<Margins, String> {
+    let highest = band(sample);
+    let lowest = range.contour.lowest.min(1e-4 * highest);
+    // The plant may have undamped modes of its own, with poles on the imaginary axis.
+    let shift = 1e-7 * about.min(plant.scale());
+    let own = growing_motions_open(&Contour { shift, ..range.contour }, &|s| plant.at(s));
+    let own = own.map_err(|reason| format!("of the plant alone, {reason}"))?;
+    let (crossing, dead_time) = (range.contour.crossing.min(highest), plant.dead_time());
+    let contour = Contour { lowest, highest, crossing, dead_time, shift };
+    let open = |s: Complex<f64>| sampled_loop(plant, law, sample, s);
+    let growing = growing_sampled_motions(&contour, own, &open)
+        .map_err(|reason| format!("with the samples of `controller.sample` = {sample}: {reason}"))?;
+    if growing > 0 {
+        return Err(format!(
+            "{growing} motions of the loop grow with samples of `controller.sample` = {sample}, which none does in \
+             continuous time"
+        ));
+    }
+    let open = |omega: f64| open(Complex::new(0.0, omega));
+    let from = range.from.min(0.1 * highest);
+    let followed = highest.min(FOLLOWED_TURNS / dead_time).max(2.0 * from);
+    let points = follow(&open, from, followed.min(highest), dead_time)?;
+    let mut found = margins(&points, &open);
+    let (mut omega, mut largest) = (followed, 0.0);
+    while omega < highest {
+        let size = open(omega).map_or(f64::NAN, |value| value.norm());
+        if size.is_nan() || size >= MUST_END_AT {
+            return Err(format!(
+                "|L| is {size:.3} at ω = {omega:e}, where the dead time has turned its phase by more than {FOLLOWED_TURNS} rad"
+            ));
+        }
+        if size > largest {
+            let [s, t] = [1.0, size].map(|part| part / (1.0 - size));
+            (found.ms_at, found.ms) = if s > found.ms { (omega, s) } else { (found.ms_at, found.ms) };
+            (found.mt_at, found.mt) = if t > found.mt { (omega, t) } else { (found.mt_at, found.mt) };
+            found.gain_margin = found.gain_margin.map(|margin| min_or_nan(margin, 1.0 / size));
+            largest = size;
+        }
+        omega *= 1.0097;
+    }
+    Ok(found)
+}
+
 fn judged(problem: &TuningProblem, law: Law, about: f64, stop: &AtomicBool) -> Result<Tuning, TuneError> {
     let TuningProblem { plant, controller: structure, .. } = problem;
-    let [kp, ki, kd] = law.three();
-    let unstable = |reason: String| {
-        TuneError::Unstable(format!(
-            "kp = {kp:.6}, ki = {ki:.6}, lambda = {:.4}, kd = {kd:.6}, mu = {:.4} is refused: {reason}",
-            law.lambda, law.mu
-        ))
-    };
+    let unstable = |reason: String| TuneError::Unstable(format!("{} is refused: {reason}", in_words(&law)));
     law.sampled(structure.sample).map_err(|error| unstable(error.to_string()))?;
     let range = range(plant, &law, about).map_err(unstable)?;
     check(plant, &law, about).map_err(unstable)?;
@@ -300,27 +444,10 @@ fn judged(problem: &TuningProblem, law: Law, about: f64, stop: &AtomicBool) -> R
         return Err(TuneError::Stopped);
     }
 
+    let sampled_margins =
+        sampled_margins(plant, &law, structure.sample, (&range, about)).map_err(unstable)?;
     let highest = band(structure.sample);
-    let lowest = range.contour.lowest.min(1e-4 * highest);
-    // The plant may have undamped modes of its own, with poles on the imaginary axis.
-    let shift = 1e-7 * about.min(plant.scale());
-    let own = growing_motions_open(&Contour { shift, ..range.contour }, &|s| plant.at(s));
-    let own = own.map_err(|reason| unstable(format!("of the plant alone, {reason}")))?;
-    let contour = Contour { lowest, highest, crossing: lowest, dead_time: 0.0, shift };
-    let sampled_open = |s: Complex<f64>| sampled_loop(plant, &law, structure.sample, s);
-    let growing = growing_sampled_motions(&contour, own, &sampled_open).map_err(|reason| {
-        unstable(format!("with the samples of `controller.sample` = {}: {reason}", structure.sample))
-    })?;
-    if growing > 0 {
-        return Err(unstable(format!(
-            "{growing} motions of the loop grow with samples of `controller.sample` = {}, which none does in continuous time",
-            structure.sample
-        )));
-    }
-    let sampled_open = |omega: f64| sampled_open(Complex::new(0.0, omega));
-    let from = range.from.max(1e-6 * highest).min(0.1 * highest);
-    let sampled_points = follow(&sampled_open, from, highest, 0.0).map_err(unstable)?;
-    let sampled_margins = margins(&sampled_points, &sampled_open);
+    let sampled_open = |omega: f64| sampled_loop(plant, &law, structure.sample, Complex::new(0.0, omega));
 
     let mut warnings = Vec::new();
     let apart = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| (a - b).abs());

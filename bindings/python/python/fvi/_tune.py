@@ -86,7 +86,7 @@ def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None, **key
     --------
     >>> import fvi
     >>> found = fvi.tune({"plant": {"transfer": "1.0263/(s*(0.71*s + 1))"},
-    ...                   "controller": {"structure": "pd", "sample": 1e-3},
+    ...                   "controller": {"structure": "pd", "sample": 1e-8},
     ...                   "specification": {"crossover": 2.51, "phase_margin": 83.9, "flat_phase": True}})
     >>> print(f"{found.kp:.5f} {found.kd / found.kp:.6f} {found.mu:.6f}")
     2.69908 0.619222 0.969410

@@ -2,7 +2,7 @@
 
 use super::margins::Margins;
 use super::problem::{Specification, Structure, TuningProblem};
-use super::{Plant, Tuning};
+use super::{Allowed, Bound, Plant, Tuning};
 use crate::results::files::{FileError, remove, write_json, write_text};
 use crate::results::output_directory::OutputDirectory;
 use fvi_core::{DerivativeFilter, PidGains};
@@ -55,8 +55,21 @@ struct FilterRecord {
 #[derive(Serialize)]
 struct BoundRecord<'a> {
     what: &'a str,
-    at_most: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    at_most: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    at_least: Option<f64>,
     found: f64,
+}
+
+impl<'a> BoundRecord<'a> {
+    fn new(bound: &'a Bound) -> Self {
+        let (at_most, at_least) = match bound.allowed {
+            Allowed::AtMost(allowed) => (Some(allowed), None),
+            Allowed::AtLeast(allowed) => (None, Some(allowed)),
+        };
+        Self { what: &bound.what, at_most, at_least, found: bound.found }
+    }
 }
 
 /// Ultimate point under a proportional controller.
@@ -92,11 +105,7 @@ impl Tuning {
             sample: problem.controller.sample,
             margins: &self.margins,
             sampled_margins: &self.sampled_margins,
-            bounds: self
-                .bounds
-                .iter()
-                .map(|bound| BoundRecord { what: &bound.what, at_most: bound.allowed, found: bound.found })
-                .collect(),
+            bounds: self.bounds.iter().map(BoundRecord::new).collect(),
             ultimate: self.ultimate.map(|(gain, frequency)| Ultimate { gain, frequency }),
             relay: self.relay,
             warnings: &self.warnings,

@@ -6,8 +6,14 @@ use nalgebra::Complex;
 use std::f64::consts::PI;
 
 /// Number of aliasing bands summed on either side; the remainder is extrapolated from the sum of half as
-/// many.
-const BANDS: usize = 128;
+/// many. Where |sh| is small fewer are enough, because all of them together contribute less.
+fn bands(angle: f64) -> usize {
+    match angle {
+        ..0.01 => 8,
+        ..0.2 => 32,
+        _ => 128,
+    }
+}
 
 /// 1 − e^{−z}
 fn fallen(z: Complex<f64>) -> Complex<f64> {
@@ -24,18 +30,19 @@ fn fallen(z: Complex<f64>) -> Complex<f64> {
 ///
 /// For plants that decay like 1/s or faster the relative error is some 10⁻⁴ at ω = π/h, and smaller below.
 /// `None` where P has no value.
-fn held_plant(plant: &Plant, s: Complex<f64>, sample: f64) -> Option<Complex<f64>> {
+pub(super) fn held_plant(plant: &Plant, s: Complex<f64>, sample: f64) -> Option<Complex<f64>> {
     let band = 2.0 * PI / sample;
-    let term = |bands: f64| {
-        let place = Complex::new(s.re, s.im + bands * band);
+    let term = |distance: f64| {
+        let place = Complex::new(s.re, s.im + distance * band);
         let above = Complex::new(place.re, place.im.abs());
         let value = plant.at(above)?.value / above;
         Some(if place.im < 0.0 { value.conj() } else { value })
     };
     let mut sum = Complex::ZERO;
     let mut half = Complex::ZERO;
-    for k in 0..BANDS {
-        if k == BANDS / 2 {
+    let bands = bands(s.norm() * sample);
+    for k in 0..bands {
+        if k == bands / 2 {
             half = sum;
         }
         sum += term(k as f64)? + term(-((k + 1) as f64))?;
@@ -44,10 +51,15 @@ fn held_plant(plant: &Plant, s: Complex<f64>, sample: f64) -> Option<Complex<f64
     Some(fallen(s * sample) / sample * (sum * 2.0 - half))
 }
 
+/// (1 − e^{−sh})/h, which stands for s in the sampled law.
+pub(super) fn difference(s: Complex<f64>, sample: f64) -> Complex<f64> {
+    fallen(s * sample) / sample
+}
+
 /// L(e^{sh}) of the sampled loop. The discrete law is the continuous one with backward differences,
 /// (1 − e^{−sh})/h, in place of s.
 pub(super) fn sampled_loop(plant: &Plant, law: &Law, sample: f64, s: Complex<f64>) -> Option<Complex<f64>> {
-    Some(held_plant(plant, s, sample)? * law.response(fallen(s * sample) / sample).measured)
+    Some(held_plant(plant, s, sample)? * law.response(difference(s, sample)).measured)
 }
 
 /// Upper end of the frequency band: π/h, reduced by rounding.
@@ -85,7 +97,7 @@ mod tests {
             let ticks = law.sampled(sample).unwrap();
             for omega in [1e-3, 0.4, 7.0, band(sample)] {
                 let known = ticks.response(omega).unwrap();
-                let found = law.response(fallen(Complex::new(0.0, omega * sample)) / sample);
+                let found = law.response(difference(Complex::new(0.0, omega), sample));
                 for (known, found) in [(known.measured, found.measured), (known.setpoint, found.setpoint)] {
                     assert!((known - found).norm() < 1e-12 * known.norm(), "{omega}: {known} {found}");
                 }

@@ -1,14 +1,18 @@
 //! Gains and orders that meet a specification.
 
+use super::grid::{SampledPlant, SampledPoint};
 use super::law::{Law, filter, power};
 use super::margins::{
-    Loop, complementary, complementary_at_any_phase, largest, largest_by_parabolas, sensitivity,
-    sensitivity_at_any_phase, summit,
+    Loop, Margins, complementary, complementary_at_any_phase, largest, largest_by_parabolas, sensitivity,
+    sensitivity_at_any_phase,
 };
 use super::plant::Plant;
 use super::problem::{Crossover, Limit, Preference, Structure, Terms};
+use super::sampled::{band, difference};
 use fvi_core::PidGains;
+use fvi_fft::sums::max_or_nan;
 use nalgebra::Complex;
+use std::cell::RefCell;
 use std::f64::consts::PI;
 
 /// Range of the orders, where they are free.
@@ -17,9 +21,9 @@ const ORDERS: (f64, f64) = (0.02, 1.98);
 /// Range of the slope d arg L/d ln ω, where the phase need not be flat.
 const SLOPES: (f64, f64) = (-3.0, 1.0);
 
-/// Bound on Ms and Mt where a specification has free parameters and no bound of its own.
-const DEFAULT_MS: f64 = 2.0;
-const DEFAULT_MT: f64 = 1.3;
+/// Bounds on Ms and Mt that a search keeps where a specification has free parameters and no bound of its own:
+/// the first ones, and where no loop keeps them the next.
+pub(super) const DEFAULTS: [[f64; 2]; 2] = [[2.0, 1.3], [3.0, 3.0]];
 
 /// Number of candidates among which a stable one is sought for the error message, if none meets the
 /// specification.
@@ -30,11 +34,17 @@ const SHOWN_FROM: usize = 300;
 const TURN: f64 = 0.5;
 const MOST_TURNS: f64 = 2000.0;
 
-/// Relative safety margin of bounds in the search, which checks them at discrete points only.
-const CLOSER: f64 = 1e-4;
-
-/// Violation of a bound, in decibels or relative, up to which it counts as met.
+/// Violation of a bound, in its own unit, up to which it counts as met.
 const SLACK: f64 = 1e-6;
+
+/// Values beyond which a bounded quantity is not compared.
+const MOST: f64 = 1e6;
+
+/// Relative excess of the highest crossover that counts as rounding.
+const SAME: f64 = 1e-6;
+
+/// Weight of a degree of phase that other crossovers lack, relative to a unit of Ms.
+const OF_A_DEGREE: f64 = 0.1;
 
 /// Largest ratio of the sum of magnitudes of the parts of a law to the magnitude of their sum, at the
 /// crossover: beyond, a relative change of a gain by 10⁻³ changes the loop by more than 100 %.
@@ -84,19 +94,53 @@ impl Bounded {
     }
 }
 
-/// A search for a crossover.
+/// The frequencies of a crossover and its bounds, which the grid must have.
+pub(super) fn frequencies(plant: &Plant, wanted: &Crossover) -> Vec<f64> {
+    let mut frequencies = vec![wanted.crossover];
+    for limit in wanted.sensitivity.iter().chain(&wanted.complementary) {
+        frequencies.extend([limit.from, limit.to]);
+        let mut omega = limit.from;
+        while omega < limit.to {
+            frequencies.push(omega);
+            let ratio = if turns_too_often(plant, limit) {
+                0.02
+            } else {
+                (TURN / (plant.dead_time() * omega)).min(0.02)
+            };
+            omega *= libm::exp(ratio);
+        }
+    }
+    frequencies
+}
+
+/// A search for a crossover of the sampled loop.
 pub(super) struct Search<'a> {
-    plant: &'a Plant,
+    sampled: &'a SampledPlant<'a>,
     structure: &'a Structure,
     wanted: &'a Crossover,
-    /// P(iω_c) and d arg P/d ln ω there.
+    /// At the crossover: (1 − e^{−iωh})/h, d ln of it/d ln ω, G, and d arg G/d ln ω.
+    difference: Complex<f64>,
+    stretch: Complex<f64>,
     at: Complex<f64>,
     plant_slope: f64,
-    /// Frequencies at which bounds are checked, with P(iω).
-    points: Vec<(f64, Complex<f64>)>,
+    /// Difference and G at a tenth of the crossover.
+    slow: Option<[Complex<f64>; 2]>,
+    /// ω and P(iω) of bounds beyond π/h, which hold for the loop in continuous time.
+    beyond: Vec<(f64, Complex<f64>)>,
     ms: Option<f64>,
     mt: Option<f64>,
     sign: f64,
+    /// Safety margin of bounds, which are checked at discrete points only.
+    closer: f64,
+    /// G s^−λ and G s^μ, filtered, over the grid for the orders that were tried last.
+    parts: RefCell<Parts>,
+}
+
+/// The parts of a loop that gains multiply.
+#[derive(Default)]
+struct Parts {
+    orders: Option<[f64; 2]>,
+    values: Vec<[Complex<f64>; 2]>,
 }
 
 /// A bound and the value reached.
@@ -105,9 +149,56 @@ pub struct Bound {
     /// What is bounded, in words.
     pub what: String,
     /// The bound.
-    pub allowed: f64,
+    pub allowed: Allowed,
     /// The value reached.
     pub found: f64,
+}
+
+/// The values that a bound allows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Allowed {
+    /// This one and smaller ones.
+    AtMost(f64),
+    /// This one and larger ones.
+    AtLeast(f64),
+}
+
+impl Bound {
+    pub(super) fn at_most(what: &str, allowed: f64, found: f64) -> Self {
+        Self { what: what.to_owned(), allowed: Allowed::AtMost(allowed), found }
+    }
+
+    /// By how much it is missed: positive if it is, beyond rounding, and infinite if nothing is known.
+    pub fn excess(&self) -> f64 {
+        let excess = match self.allowed {
+            Allowed::AtMost(allowed) => self.found - allowed,
+            Allowed::AtLeast(allowed) => allowed - self.found,
+        };
+        if excess.is_nan() {
+            f64::INFINITY
+        } else if excess > SLACK {
+            excess
+        } else {
+            0.0
+        }
+    }
+}
+
+impl std::fmt::Display for Bound {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let (word, allowed) = match self.allowed {
+            Allowed::AtMost(allowed) => ("most", allowed),
+            Allowed::AtLeast(allowed) => ("least", allowed),
+        };
+        write!(f, "{} is {:.4} instead of at {word} {allowed}", self.what, self.found)
+    }
+}
+
+/// The bounds that are missed, in words.
+pub(super) fn missed(bounds: &[Bound]) -> String {
+    let missed: Vec<String> =
+        bounds.iter().filter(|bound| bound.excess() > 0.0).map(ToString::to_string).collect();
+    missed.join("; ")
 }
 
 impl<'a> Search<'a> {
@@ -116,12 +207,14 @@ impl<'a> Search<'a> {
     /// # Errors
     /// A sentence, where the plant has no value at the crossover.
     pub(super) fn new(
-        plant: &'a Plant,
+        sampled: &'a SampledPlant<'a>,
         structure: &'a Structure,
         wanted: &'a Crossover,
+        closer: f64,
+        [default_ms, default_mt]: [f64; 2],
     ) -> Result<Self, String> {
-        let omega = wanted.crossover;
-        let value = |omega: f64| plant.at(Complex::new(0.0, omega)).map(|plant| plant.value);
+        let (omega, sample, plant) = (wanted.crossover, structure.sample, sampled.plant);
+        let value = |omega: f64| sampled.held(omega);
         let missing = || format!("the plant has no value at ω = {omega}");
         let at = value(omega).filter(|value| value.norm() > 0.0 && value.norm().is_finite());
         let at = at.ok_or_else(missing)?;
@@ -131,28 +224,22 @@ impl<'a> Search<'a> {
             Some(libm::atan2(ratio.im, ratio.re) / (2.0 * step))
         };
         let step = (1e-3f64).min(0.1 / (1.0 + omega * plant.dead_time()));
+        let step = step.min(0.25 * libm::log(band(sample) / omega));
         let plant_slope = turn(step)
             .zip(turn(2.0 * step))
             .map(|(near, far)| (4.0 * near - far) / 3.0)
             .ok_or_else(missing)?;
-        let mut frequencies: Vec<f64> =
-            (-300..=300).map(|index| omega * libm::exp(f64::from(index) * 0.03)).collect();
-        for limit in wanted.sensitivity.iter().chain(&wanted.complementary) {
-            frequencies.extend([limit.from, limit.to]);
-            let mut omega = limit.from;
-            while omega < limit.to {
-                frequencies.push(omega);
-                let ratio = if turns_too_often(plant, limit) {
-                    0.02
-                } else {
-                    (TURN / (plant.dead_time() * omega)).min(0.02)
-                };
-                omega *= libm::exp(ratio);
-            }
-        }
-        frequencies.sort_by(f64::total_cmp);
-        frequencies.dedup();
-        let points = frequencies.into_iter().filter_map(|omega| Some((omega, value(omega)?))).collect();
+        let s = Complex::new(0.0, omega);
+        let here = difference(s, sample);
+        // d ln(1 − e^{−sh})/d ln s = s e^{−sh}/((1 − e^{−sh})/h)
+        let stretch = s * (s * -sample).exp() / here;
+        let slow = Complex::new(0.0, 0.1 * omega);
+        let slow = value(slow.im).map(|plant| [difference(slow, sample), plant]);
+        let beyond = frequencies(plant, wanted)
+            .into_iter()
+            .filter(|omega| *omega >= band(sample))
+            .filter_map(|omega| Some((omega, plant.at(Complex::new(0.0, omega))?.value)))
+            .collect();
         let free = [
             structure.terms.integrates() && structure.lambda.is_none(),
             structure.terms.differentiates() && structure.mu.is_none(),
@@ -160,25 +247,64 @@ impl<'a> Search<'a> {
         ];
         let equations = usize::from(wanted.flat_phase && structure.terms != Terms::Pid);
         let has_choice = free.iter().filter(|&&free| free).count() > equations;
-        let ms = wanted.ms.or(has_choice.then_some(DEFAULT_MS));
+        let ms = wanted.ms.or(has_choice.then_some(default_ms));
         // At the crossover |S| = |T| = 1/(2 sin(φ_m/2)) for every law.
         let there = 0.5 / libm::sin(0.5 * wanted.phase_margin.to_radians());
-        let mt = wanted.mt.or(has_choice.then_some(DEFAULT_MT.max(1.1 * there)));
+        let mt = wanted.mt.or(has_choice.then_some(default_mt.max(1.1 * there)));
         let sign = plant.sign();
-        Ok(Self { plant, structure, wanted, at, plant_slope, points, ms, mt, sign })
+        Ok(Self {
+            sampled,
+            structure,
+            wanted,
+            difference: here,
+            stretch,
+            at,
+            plant_slope,
+            slow,
+            beyond,
+            ms,
+            mt,
+            sign,
+            closer,
+            parts: RefCell::default(),
+        })
+    }
+
+    /// L of a law at the points of the grid.
+    fn open(&self, law: &Law) -> Vec<(f64, Complex<f64>)> {
+        let mut parts = self.parts.borrow_mut();
+        let orders = [law.lambda, law.mu];
+        if parts.orders != Some(orders) {
+            let of = |point: &SampledPoint| {
+                let [through, _] = filter(law.filter, point.difference);
+                let integral = power(point.difference, -law.lambda);
+                [integral * point.plant, power(point.difference, law.mu) / through * point.plant]
+            };
+            *parts = Parts { orders: Some(orders), values: self.sampled.points.iter().map(of).collect() };
+        }
+        let [kp, ki, kd] = law.three();
+        let points = self.sampled.points.iter().zip(&parts.values);
+        points
+            .map(|(point, [integral, derivative])| {
+                let derived = if kd == 0.0 { Complex::ZERO } else { derivative * kd };
+                let integrated = if ki == 0.0 { Complex::ZERO } else { integral * ki };
+                (point.omega, point.plant * kp + integrated + derived)
+            })
+            .collect()
     }
 
     /// The law with these orders and this slope that has the crossover and the phase margin; `None` if its
     /// gains would have other signs than the plant.
     fn law(&self, point: Point) -> Option<Law> {
         let Self { structure, wanted, .. } = self;
-        let s = Complex::new(0.0, wanted.crossover);
+        let (s, stretch) = (self.difference, self.stretch);
         let margin = wanted.phase_margin.to_radians() - PI;
         let needed = Complex::new(libm::cos(margin), libm::sin(margin)) / self.at;
-        let integral = (power(s, -point.lambda), power(s, -point.lambda) * -point.lambda);
+        // Values, and derivatives by ln ω.
+        let integral = (power(s, -point.lambda), power(s, -point.lambda) * -point.lambda * stretch);
         let [through, slope] = filter(structure.filter, s);
         let derived = power(s, point.mu) / through;
-        let derivative = (derived, derived * (Complex::new(point.mu, 0.0) - slope / through));
+        let derivative = (derived, derived * (Complex::new(point.mu, 0.0) - slope / through) * stretch);
         let [proportional, ki, kd] = match structure.terms {
             Terms::Pi => {
                 let ki = needed.im / integral.0.im;
@@ -218,8 +344,10 @@ impl<'a> Search<'a> {
 
     /// d arg L/d ln ω of a law at the crossover.
     fn slope(&self, law: &Law) -> f64 {
-        let s = |step: f64| Complex::new(0.0, self.wanted.crossover * libm::exp(step));
-        let step = 1e-3;
+        let s = |step: f64| {
+            difference(Complex::new(0.0, self.wanted.crossover * libm::exp(step)), self.structure.sample)
+        };
+        let step = 1e-3f64.min(0.25 * libm::log(band(self.structure.sample) / self.wanted.crossover));
         let turn = |step: f64| {
             let ratio = law.response(s(step)).measured / law.response(s(-step)).measured;
             libm::atan2(ratio.im, ratio.re) / (2.0 * step)
@@ -227,89 +355,138 @@ impl<'a> Search<'a> {
         (4.0 * turn(step) - turn(2.0 * step)) / 3.0 + self.plant_slope
     }
 
-    /// The bounds of the specification with the values that a law reaches.
-    pub(super) fn bounds(&self, law: &Law) -> Vec<Bound> {
-        let open: &Loop<'_> = &|omega| {
-            let s = Complex::new(0.0, omega);
-            Some(self.plant.at(s)?.value * law.response(s).measured)
+    /// L in continuous time at the frequencies of bounds beyond π/h.
+    fn beyond(&self, law: &Law) -> Vec<(f64, Complex<f64>)> {
+        let at = |&(omega, plant): &(f64, Complex<f64>)| {
+            (omega, plant * law.response(Complex::new(0.0, omega)).measured)
         };
-        let points: Vec<(f64, Complex<f64>)> = self
-            .points
-            .iter()
-            .map(|&(omega, plant)| (omega, plant * law.response(Complex::new(0.0, omega)).measured))
-            .collect();
-        let mut bounds = Vec::new();
+        self.beyond.iter().map(at).collect()
+    }
+
+    /// The bounds of the specification with the values that a law reaches, whose sampled loop has these
+    /// margins.
+    pub(super) fn bounds(&self, law: &Law, margins: &Margins) -> Vec<Bound> {
+        self.bounds_with(law, margins, [self.wanted.ms, self.wanted.mt])
+    }
+
+    fn bounds_with(&self, law: &Law, margins: &Margins, [ms, mt]: [Option<f64>; 2]) -> Vec<Bound> {
+        let sampled: &Loop<'_> = &|omega| self.sampled.open(law, omega);
+        let continuous: &Loop<'_> = &|omega| {
+            let s = Complex::new(0.0, omega);
+            Some(self.sampled.plant.at(s)?.value * law.response(s).measured)
+        };
+        let parts = [(self.sampled.loop_points(law), sampled), (self.beyond(law), continuous)];
+        let mut bounds = self.of_crossovers(margins);
         let mut limits = |limits: &[Limit], bounded: Bounded| {
             for limit in limits {
-                let size = bounded.size(turns_too_often(self.plant, limit));
-                let inside: Vec<_> = points
-                    .iter()
-                    .filter(|(omega, _)| (limit.from..=limit.to).contains(omega))
-                    .copied()
-                    .collect();
-                let found = if inside.is_empty() { f64::NAN } else { largest(&inside, open, size).1 };
+                let size = bounded.size(turns_too_often(self.sampled.plant, limit));
+                let mut found = f64::NAN;
+                for (points, open) in &parts {
+                    let inside = |point: &&(f64, Complex<f64>)| (limit.from..=limit.to).contains(&point.0);
+                    let inside: Vec<_> = points.iter().filter(inside).copied().collect();
+                    if !inside.is_empty() {
+                        let here = largest(&inside, *open, size).1;
+                        found = if found.is_nan() { here } else { max_or_nan(found, here) };
+                    }
+                }
                 let range = if limit.from == limit.to {
                     format!("{}", limit.from)
                 } else {
                     format!("{} … {}", limit.from, limit.to)
                 };
                 let what = format!("|{bounded:?}(iω)| in dB at ω = {range}");
-                bounds.push(Bound { what, allowed: limit.decibels, found: 20.0 * libm::log10(found) });
+                bounds.push(Bound::at_most(&what, limit.decibels, 20.0 * libm::log10(found)));
             }
         };
         limits(&self.wanted.sensitivity, Bounded::S);
         limits(&self.wanted.complementary, Bounded::T);
-        type Size = fn(Complex<f64>) -> f64;
-        for (bound, what, size) in
-            [(self.ms, "Ms", sensitivity as Size), (self.mt, "Mt", complementary as Size)]
-        {
-            if let Some(allowed) = bound {
-                let what = what.to_owned();
-                bounds.push(Bound { what, allowed, found: largest(&points, open, size).1 });
+        bounds.extend(ms.map(|ms| Bound::at_most("Ms", ms, margins.ms)));
+        bounds.extend(mt.map(|mt| Bound::at_most("Mt", mt, margins.mt)));
+        bounds
+    }
+
+    /// The crossover, which is the highest one, and the phase margin, which holds at every one.
+    fn of_crossovers(&self, margins: &Margins) -> Vec<Bound> {
+        let wanted = self.wanted.crossover;
+        let highest = margins.gain_crossovers.last().copied().unwrap_or(f64::NAN);
+        // What rounding makes of it.
+        let highest = if (highest / wanted - 1.0).abs() < SAME { wanted } else { highest };
+        let phase = margins.phase_margin.map_or(f64::NAN, f64::abs);
+        let allowed = Allowed::AtLeast(self.wanted.phase_margin);
+        vec![
+            Bound::at_most("the highest crossover", wanted, highest),
+            Bound { what: "the least phase margin of all crossovers".to_owned(), allowed, found: phase },
+        ]
+    }
+
+    /// How far other crossovers than the one asked for lack phase or lie above it.
+    fn missed_at_others(&self, open: &[(f64, Complex<f64>)]) -> f64 {
+        let wanted = self.wanted.crossover;
+        let mut missed = 0.0;
+        // Between its points |L| may be a little larger.
+        let one = 1.0 - 20.0 * self.closer;
+        let mut has_fallen = false;
+        for pair in open.windows(2) {
+            let ((low, left), (high, right)) = (pair[0], pair[1]);
+            has_fallen = has_fallen || low > wanted && left.norm() < one;
+            if high > wanted && right.norm() >= if has_fallen { one } else { 1.0 } {
+                missed = max_or_nan(missed, libm::log(high / wanted));
+            }
+            if (left.norm() > 1.0) != (right.norm() > 1.0) && (wanted <= low || high <= wanted) {
+                if low == wanted || high == wanted {
+                    continue;
+                }
+                let (before, after) = (libm::log(left.norm()), libm::log(right.norm()));
+                let crossed = left + (right - left) * (before / (before - after));
+                let margin = libm::atan2(-crossed.im, -crossed.re).to_degrees().abs();
+                missed += OF_A_DEGREE * (self.wanted.phase_margin - margin + self.closer).max(0.0);
             }
         }
-        bounds
+        missed
     }
 
     fn merit(&self, point: Point) -> Merit {
         let Some(law) = self.law(point) else { return Merit::NONE };
-        let open: Vec<(f64, Complex<f64>)> = self
-            .points
-            .iter()
-            .map(|&(omega, plant)| (omega, plant * law.response(Complex::new(0.0, omega)).measured))
-            .collect();
-        let over = |limit: Option<&Limit>, size: fn(Complex<f64>) -> f64| {
-            let inside = open
-                .iter()
-                .filter(|point| limit.is_none_or(|limit| (limit.from..=limit.to).contains(&point.0)));
-            largest_by_parabolas(inside.map(|point| point.1), size)
+        let open = self.open(&law);
+        let beyond = self.beyond(&law);
+        let over = |limit: Option<&Limit>, bounded: Bounded| {
+            let inside = |omega: &f64| limit.is_none_or(|limit| (limit.from..=limit.to).contains(omega));
+            let turns = limit.is_some_and(|limit| turns_too_often(self.sampled.plant, limit));
+            let near = open.iter().zip(&self.sampled.points);
+            let (turning, still): (Vec<_>, Vec<_>) =
+                near.filter(|(open, _)| inside(&open.0)).partition(|(_, point)| point.any_phase || turns);
+            let at_any_phase =
+                turning.iter().map(|(open, _)| bounded.size(true)(open.1)).fold(0.0, max_or_nan);
+            let outside = beyond.iter().filter(|point| limit.is_some() && inside(&point.0));
+            let outside = outside.map(|point| bounded.size(turns)(point.1)).fold(0.0, max_or_nan);
+            let still = still.iter().map(|(open, _)| open.1);
+            max_or_nan(max_or_nan(largest_by_parabolas(still, bounded.size(false)), at_any_phase), outside)
         };
         let decibels = |value: f64| 20.0 * libm::log10(value);
-        let beyond = |found: f64, allowed: f64| {
-            if found.is_finite() { (found - allowed + CLOSER).max(0.0) } else { f64::INFINITY }
+        let excess = |found: f64, allowed: f64| {
+            if found.is_nan() {
+                return f64::INFINITY;
+            }
+            // Without a bound where any phase of |L| > 1 is assumed, but still comparable.
+            let found = if found < MOST { found } else { MOST };
+            (found - allowed + self.closer).max(0.0)
         };
         let of_limits = |limits: &[Limit], bounded: Bounded| -> f64 {
-            let found = |limit: &Limit| {
-                let size = bounded.size(turns_too_often(self.plant, limit));
-                beyond(decibels(over(Some(limit), size)), limit.decibels)
-            };
-            limits.iter().map(found).sum()
+            limits.iter().map(|limit| excess(decibels(over(Some(limit), bounded)), limit.decibels)).sum()
         };
-        let peak = over(None, sensitivity);
+        let peak = over(None, Bounded::S);
         let missed = of_limits(&self.wanted.sensitivity, Bounded::S)
             + of_limits(&self.wanted.complementary, Bounded::T)
-            + self.ms.map_or(0.0, |ms| beyond(peak, ms))
-            + self.mt.map_or(0.0, |mt| beyond(over(None, complementary), mt));
+            + self.ms.map_or(0.0, |ms| excess(peak, ms))
+            + self.mt.map_or(0.0, |mt| excess(over(None, Bounded::T), mt))
+            + self.missed_at_others(&open);
         let preferred = match self.wanted.prefer {
             Preference::Robustness => peak,
-            Preference::Loads => {
-                let s = Complex::new(0.0, 0.1 * self.wanted.crossover);
-                self.plant
-                    .at(s)
-                    .map_or(f64::INFINITY, |plant| sensitivity(plant.value * law.response(s).measured))
-            }
+            Preference::Loads => self.slow.map_or(f64::INFINITY, |[difference, plant]| {
+                sensitivity(plant * law.response(difference).measured)
+            }),
         };
-        if preferred.is_finite() { Merit { missed, preferred } } else { Merit::NONE }
+        if !preferred.is_nan() && !missed.is_nan() { Merit { missed, preferred } } else { Merit::NONE }
     }
 
     /// The best law that `stable` accepts.
@@ -416,19 +593,12 @@ impl<'a> Search<'a> {
                 None => return Err(self.nothing()),
             },
         };
-        let missed: Vec<String> = self
-            .bounds(&law)
-            .iter()
-            .filter(|bound| bound.found.is_nan() || bound.found > bound.allowed + SLACK)
-            .map(|bound| format!("{} is {:.4} instead of at most {}", bound.what, bound.found, bound.allowed))
-            .collect();
+        let missed = missed(&self.bounds_with(&law, &self.sampled.margins(&law), [self.ms, self.mt]));
         let [kp, ki, kd] = law.three();
         Err(format!(
             "no law with this crossover and phase margin meets all bounds; of those tried the nearest one (kp = {kp:.5}, ki = {ki:.5}, lambda \
              = {:.4}, kd = {kd:.5}, mu = {:.4}) misses: {}",
-            law.lambda,
-            law.mu,
-            missed.join("; ")
+            law.lambda, law.mu, missed
         ))
     }
 
@@ -541,96 +711,4 @@ impl<'a> Search<'a> {
 /// True if the dead time turns the phase of L too often within a band to be resolved by points.
 fn turns_too_often(plant: &Plant, limit: &Limit) -> bool {
     plant.dead_time() * (limit.to - limit.from) > MOST_TURNS
-}
-
-/// The largest integral gain (of a PI^λ), or proportional gain (of a PD^μ), with |S| ≤ Ms and |T| ≤ Mt.
-///
-/// For a fixed ratio of the two gains, the largest admissible gain k is the smallest positive root of a
-/// quadratic, over all frequencies; the ratio is then optimised in one dimension. \[APH98\]
-///
-/// # Errors
-/// A sentence, if the bounds hold for any gain.
-pub(super) fn by_sensitivity(
-    plant: &Plant,
-    structure: &Structure,
-    (ms, mt): (f64, Option<f64>),
-) -> Result<Law, String> {
-    let (lambda, mu) = (structure.lambda.unwrap_or(1.0), structure.mu.unwrap_or(1.0));
-    let (scale, sign) = (plant.scale(), plant.sign());
-    let law = |ratio: f64, gain: f64| {
-        let (integral, derivative) = match structure.terms {
-            Terms::Pi => (ratio * gain * sign, 0.0),
-            _ => (0.0, ratio * gain * sign),
-        };
-        Law {
-            gains: PidGains::Parallel { proportional: gain * sign, integral, derivative },
-            lambda,
-            mu,
-            filter: structure.filter,
-            setpoint_weights: structure.setpoint_weights,
-        }
-    };
-    let step = 0.01f64.min(0.2 / (1.0 + scale * plant.dead_time()));
-    let count = (libm::log(1e7) / step) as usize;
-    let points: Vec<(f64, Complex<f64>)> = (0..count)
-        .map(|k| 1e-4 * scale * libm::exp(step * k as f64))
-        .filter_map(|omega| Some((omega, plant.at(Complex::new(0.0, omega))?.value)))
-        .collect();
-    let largest_gain = |value: Complex<f64>| {
-        let square = value.norm_sqr();
-        let root = |a: f64, c: f64| {
-            // a k² + 2 Re G k + c = 0
-            let discriminant = value.re * value.re - a * c;
-            if value.re < 0.0 && discriminant >= 0.0 {
-                c / (libm::sqrt(discriminant) - value.re)
-            } else {
-                f64::INFINITY
-            }
-        };
-        let by_s = root(square, 1.0 - 1.0 / (ms * ms));
-        mt.map_or(by_s, |mt| by_s.min(root(square * (1.0 - 1.0 / (mt * mt)), 1.0)))
-    };
-    let gain_of = |ratio: f64| {
-        let unit = law(ratio, 1.0);
-        let at = |omega: f64, plant: Complex<f64>| {
-            largest_gain(plant * unit.response(Complex::new(0.0, omega)).measured)
-        };
-        let (index, least) = points
-            .iter()
-            .map(|&(omega, plant)| at(omega, plant))
-            .enumerate()
-            .fold((0, f64::INFINITY), |best, (index, gain)| if gain < best.1 { (index, gain) } else { best });
-        if least.is_infinite() {
-            return least;
-        }
-        let (low, high) = (points[index.saturating_sub(1)].0, points[(index + 1).min(points.len() - 1)].0);
-        let negative = |omega: f64| {
-            let value = plant.at(Complex::new(0.0, omega)).map_or(Complex::ZERO, |plant| plant.value);
-            -at(omega, value)
-        };
-        least.min(-summit(&negative, low, high).1)
-    };
-    // The gain to be maximised: K_i for PI, K_p for PD.
-    let merit = |ratio: f64| {
-        let gain = gain_of(ratio);
-        match structure.terms {
-            Terms::Pi => ratio * gain,
-            _ => gain,
-        }
-    };
-    let exponent = if structure.terms == Terms::Pi { lambda } else { -mu };
-    let ratio_at = |x: f64| libm::pow(scale * libm::exp(x), exponent);
-    let places: Vec<f64> = (-69..=69).map(|k| 0.1 * f64::from(k)).collect();
-    let merits: Vec<f64> = places.iter().map(|&x| merit(ratio_at(x))).collect();
-    let (index, &found) =
-        merits.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).ok_or_else(String::new)?;
-    if !found.is_finite() {
-        return Err(
-            "any gain keeps this Ms: the plant's phase stays above −180° with this controller".to_owned()
-        );
-    }
-    let (low, high) = (places[index.saturating_sub(1)], places[(index + 1).min(places.len() - 1)]);
-    let (x, _) = summit(&|x| merit(ratio_at(x)), low, high);
-    let ratio = ratio_at(x);
-    Ok(law(ratio, gain_of(ratio)))
 }
