@@ -147,6 +147,22 @@ const NARROWEST: f64 = 0.01;
 /// Rates below this are none: powers of s over them are no numbers.
 const NO_RATE: f64 = 1e-140;
 
+/// The start s = −a of a cut beside which K(−a + a u) = 1 − u^{−γ} has no bound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UnboundedStart {
+    /// a > 0.
+    pub place: f64,
+    /// γ, between 0 and 1.
+    pub power: f64,
+}
+
+impl UnboundedStart {
+    /// K(−a + a eʷ), also where that is −a to rounding.
+    pub fn value(&self, w: Complex<f64>) -> Complex<f64> {
+        1.0 - (w * -self.power).exponential()
+    }
+}
+
 /// A simple pole on the negative real axis: K(s) = `residue`/(s + `rate`) + …
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pole {
@@ -439,6 +455,16 @@ impl TransferFunction {
                 let power = (libm::log10(far) - libm::log10(near)) / 10.0;
                 (power.is_finite() && power > -1.0).then_some(Cut { start: 0.0, rest: 0.0, power, strip })
             }
+        }
+    }
+
+    /// The start of its cut, if K has no bound there.
+    pub fn unbounded_start(&self) -> Option<UnboundedStart> {
+        match self.form {
+            Form::HavriliakNegami { order: 1.0, power, time } => {
+                Some(UnboundedStart { place: ratio(1.0, time)[0], power })
+            }
+            _ => None,
         }
     }
 

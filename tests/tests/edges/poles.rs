@@ -1,7 +1,8 @@
 //! Poles of damped structures against the eigenvalues of an equivalent system of first order, and rational
 //! symbols against the Prony series and the differential equations that they are.
 
-use fvi_fft::sums::max_or_nan;
+use fvi_fft::sums::{max_or_nan, min_or_nan};
+use std::f64::consts::PI;
 use std::path::Path;
 
 use fvi_scenario::language::Document;
@@ -200,6 +201,88 @@ fn poles_are_counted_with_several_coordinates() {
             Kernel::resonator([0.9, ratio * omega, 2.0 * ratio * omega, omega * omega, 0.0], &first);
         let prony = Kernel::prony(&[1.0, 0.4], &[time, 0.2], &second);
         Structure { stiffness, kernels: vec![resonator, prony] }.check(1e-6);
+    }
+}
+
+/// s² + k + Σ ρ (1 − (1 + τs)^{−γ}) of terms (ρ, γ, τ).
+fn of_cole_davidson(stiffness: f64, terms: &[[f64; 3]], s: Complex<f64>) -> Complex<f64> {
+    let damping = |&[rho, power, time]: &[f64; 3]| (1.0 - (1.0 + s * time).powf(-power)) * rho;
+    s * s + stiffness + terms.iter().map(damping).sum::<Complex<f64>>()
+}
+
+/// The turns of a function on the way from one number to another, halved until it changes little.
+fn turns(value: &dyn Fn(f64) -> Complex<f64>, from: f64, to: f64, depth: u32) -> f64 {
+    let middle = 0.5 * (from + to);
+    let first = (value(middle) / value(from)).arg();
+    let second = (value(to) / value(middle)).arg();
+    if depth > 5 && max_or_nan(first.abs(), second.abs()) < 0.5 || depth > 45 {
+        return (first + second) / (2.0 * PI);
+    }
+    turns(value, from, middle, depth + 1) + turns(value, middle, to, depth + 1)
+}
+
+/// The zeros in the plane with its cut: the turns along a circle far out, along the cut, and around its start.
+/// Closer to that lies one more where the function is still positive, since it falls to −∞ there.
+fn zeros_of_cole_davidson(stiffness: f64, terms: &[[f64; 3]]) -> f64 {
+    let value = |s: Complex<f64>| of_cole_davidson(stiffness, terms, s);
+    let start = terms.iter().map(|[.., time]| 1.0 / time).fold(f64::INFINITY, min_or_nan);
+    let scale: f64 = terms.iter().map(|[rho, _, time]| rho + 1.0 / (time * time)).sum();
+    let far = 20.0 * (1.0 + stiffness + scale).sqrt();
+    let close = 1e-13 * start;
+    let [out, inner] = [far - start, close].map(f64::ln);
+    let on_the_cut = |x: f64| {
+        let distance = x.exp();
+        value(Complex::new(-start - distance, 1e-13 * distance))
+    };
+    let around = |angle: f64| value(Complex::new(-start, 0.0) + Complex::from_polar(close, angle));
+    let half = turns(&|angle| value(Complex::from_polar(far, angle)), 0.0, PI, 0)
+        + turns(&on_the_cut, out, inner, 0)
+        + turns(&around, PI * (1.0 - 1e-13), 0.0, 0);
+    let closer = if around(0.0).re > 0.0 { 1.0 } else { 0.0 };
+    2.0 * half + closer
+}
+
+#[test]
+fn poles_are_counted_with_cole_davidson_kernels_beside_the_start_of_their_cut() {
+    let mut numbers = noise(14);
+    for case in 0..60 {
+        let mut power = |reach: f64| 10f64.powf(reach * (2.0 * numbers() - 1.0));
+        let stiffness = power(3.0);
+        let mut term = || {
+            let (rho, time) = (power(2.5), power(2.0));
+            let near = 0.05 * min_or_nan(power(0.5), 1.0);
+            [rho, if time > 1.0 { near } else { 1.0 - near }, time]
+        };
+        let mut terms = vec![term(), term()];
+        terms.truncate(1 + case % 2);
+        if case % 5 == 1 {
+            // Two kernels with one start.
+            terms[1][2] = terms[0][2];
+        }
+        let term = |[rho, power, time]: &[f64; 3]| {
+            format!(
+                "[[system.damping]]\ncoefficient = [{rho:?}]\n\
+                 kernel = {{ form = \"havriliak-negami\", order = 1.0, power = {power:?}, time = {time:?} }}\n"
+            )
+        };
+        let text = format!(
+            "[system]\nmass = [1.0]\nstiffness = [{stiffness:?}]\n{}[time]\nstep = 0.01\nsteps = 1\n",
+            terms.iter().map(term).collect::<String>()
+        );
+        let poles = Linearised::new(&scenario(&text), &[0.0]).unwrap().poles();
+        let poles = poles.unwrap_or_else(|error| panic!("{error}\n{text}"));
+        let found: usize = poles.iter().map(|pole| if pole.place.im == 0.0 { 1 } else { 2 }).sum();
+        let known = zeros_of_cole_davidson(stiffness, &terms);
+        assert!((known - found as f64).abs() < 0.01, "{found} of {known}: {poles:?}\n{text}");
+        for pole in poles {
+            // Close to the start of a cut a zero of double precision solves nothing.
+            let s = pole.place;
+            if terms.iter().all(|[.., time]| (1.0 + s * *time).norm() > 1e-4) {
+                let size = s.norm_sqr() + stiffness + terms.iter().map(|[rho, ..]| rho).sum::<f64>();
+                let left = of_cole_davidson(stiffness, &terms, s).norm() / size;
+                assert!(left < 1e-10, "{s}: {left:e}\n{text}");
+            }
+        }
     }
 }
 

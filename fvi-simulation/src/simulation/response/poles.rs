@@ -1,5 +1,7 @@
 //! Poles of a damped structure: zeros of its characteristic function, counted and computed.
 
+use branch::{Branch, Chart, Place, nearest, polar};
+
 use crate::simulation::stability::Part;
 use crate::simulation::stability::characteristic::log_determinant;
 use crate::simulation::stability::winding::{Fineness, turned};
@@ -9,6 +11,8 @@ use fvi_fft::transfer::TransferFunction;
 use fvi_fft::transfer::fractions::{Fractions, is_same};
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::PI;
+
+mod branch;
 
 /// A matrix of complex numbers.
 type ComplexMatrix = DMatrix<Complex<f64>>;
@@ -56,22 +60,24 @@ const MOST_VALUES: usize = 4_000_000;
 /// In w = ln s the sheet is a strip. It is divided into cells, whose zeros are counted by the argument
 /// principle, until a cell has one zero, which is computed by the secant method. Where no cut lies, zeros and
 /// poles may lie on the negative real axis: the strip then extends beyond it. The poles of rational kernels
-/// are multiplied out, each as often as its McMillan degree says, so that they cancel no zero.
+/// are multiplied out, each as often as its McMillan degree says, so that they cancel no zero. Where a kernel
+/// has no bound at the start of its cut, zeros lie closer to it than numbers tell s apart: they are sought in a
+/// [`Chart`] of their own.
 ///
 /// # Errors
 /// A message, if zeros cannot be separated.
 pub(super) fn poles_of(part: &Part, transfers: &[TransferFunction]) -> Result<Vec<SystemPole>, String> {
     let search = Search::new(part, transfers);
     let mut found = search.zeros()?;
-    found.retain(|s| !search.is_taken_out(*s));
+    found.retain(|zero| !search.is_taken_out(zero.s));
     let all = found.clone();
-    for (index, s) in found.iter_mut().enumerate() {
-        if search.is_real(*s, index, &all) {
-            s.im = 0.0;
+    for (index, zero) in found.iter_mut().enumerate() {
+        if search.is_real(zero, index, &all) {
+            zero.s.im = 0.0;
         }
     }
-    found.retain(|s| s.im >= 0.0);
-    Ok(found.into_iter().map(|place| SystemPole { place }).collect())
+    found.retain(|zero| zero.s.im >= 0.0);
+    Ok(found.into_iter().map(|zero| SystemPole { place: zero.s }).collect())
 }
 
 /// True if every pole of a kernel is known, so that zeros beside them are counted.
@@ -87,7 +93,14 @@ struct Acting<'a> {
 }
 
 impl Acting<'_> {
-    fn value(&self, s: Complex<f64>) -> Complex<f64> {
+    fn value(&self, place: &Place) -> Complex<f64> {
+        let Place { s, .. } = *place;
+        if let Chart::Beside(branch) = place.chart
+            && let Some(start) = self.transfer.unbounded_start()
+            && start.place == branch.start
+        {
+            return start.value(place.coordinate);
+        }
         match &self.fractions {
             Some(fractions)
                 if fractions.poles.iter().any(|p| (s - p.place).norm() < CLOSE * p.place.norm()) =>
@@ -104,7 +117,7 @@ struct Search<'a> {
     acting: Vec<Acting<'a>>,
     /// Poles of rational kernels, each with its multiplicity.
     taken_out: Vec<(Complex<f64>, f64)>,
-    /// The strip, in ln |s| and the angle.
+    /// The strip, in ln |s| and the angle, and the surroundings of branch points.
     strip: Vec<Cell>,
     /// ln |s| beyond which the negative real axis is a cut.
     cut: f64,
@@ -115,6 +128,7 @@ struct Search<'a> {
 
 #[derive(Clone, Copy)]
 struct Cell {
+    chart: Chart,
     from: (f64, f64),
     to: (f64, f64),
     depth: u32,
@@ -125,8 +139,8 @@ impl Cell {
         (self.to.0 - self.from.0).max(self.to.1 - self.from.1)
     }
 
-    fn middle(&self) -> Complex<f64> {
-        polar(0.5 * (self.from.0 + self.to.0), 0.5 * (self.from.1 + self.to.1))
+    fn middle(&self) -> Place {
+        self.chart.place(Complex::new(0.5 * (self.from.0 + self.to.0), 0.5 * (self.from.1 + self.to.1)))
     }
 }
 
@@ -143,16 +157,9 @@ impl<'a> Search<'a> {
         let cut = starts.map(|cut| libm::log(cut.start)).fold(f64::INFINITY, min_or_nan) - 1e-6;
         let is_simple = acting.iter().all(|acting| is_known(acting.transfer));
         let taken_out = poles_with_multiplicity(&acting, part.size());
-        let [lowest, highest] = reach(part, &acting, &taken_out);
-        let (below, above) = (-0.053, PI + 0.061);
-        let cell = |from: f64, to: f64, angle: f64| Cell { from: (from, below), to: (to, angle), depth: 0 };
-        let strip = if cut >= highest {
-            vec![cell(lowest, highest, above)]
-        } else if cut <= lowest {
-            vec![cell(lowest, highest, PI)]
-        } else {
-            vec![cell(lowest, cut, above), cell(cut, highest, PI)]
-        };
+        let branches = branches_of(part, &acting);
+        let [lowest, highest] = reach(part, &acting, &taken_out, &branches);
+        let strip = strip(lowest, highest, cut, &branches);
         let least_depth = if is_simple { 0 } else { 10 };
         Self { part, acting, taken_out, strip, cut, least_depth, values: std::cell::Cell::new(MOST_VALUES) }
     }
@@ -163,27 +170,38 @@ impl<'a> Search<'a> {
     }
 
     /// True if a zero is real up to rounding: beside the real axis zeros come in conjugate pairs.
-    fn is_real(&self, s: Complex<f64>, index: usize, all: &[Complex<f64>]) -> bool {
+    fn is_real(&self, zero: &Place, index: usize, all: &[Place]) -> bool {
+        let s = zero.s;
+        if let Chart::Beside(branch) = zero.chart {
+            let angle = zero.coordinate.im.abs();
+            let conjugate = zero.coordinate.conj();
+            let is_other =
+                |other: &Place| other.chart == zero.chart && (other.coordinate - conjugate).norm() < angle;
+            let others = all.iter().enumerate().filter(|(other, _)| *other != index);
+            return angle <= if branch.is_first { 1e-6 } else { 1e-11 }
+                && !others.map(|(_, other)| other).any(is_other);
+        }
         if s.re < 0.0 && libm::log(s.norm()) >= self.cut {
             return s.im.abs() <= 1e-11 * s.re.abs();
         }
         let has_conjugate = || {
             let others = all.iter().enumerate().filter(|(other, _)| *other != index);
-            others.into_iter().any(|(_, other)| (other - s.conj()).norm() < s.im.abs())
+            others.into_iter().any(|(_, other)| (other.s - s.conj()).norm() < s.im.abs())
         };
         s.im.abs() <= 1e-6 * s.re.abs() && !has_conjugate()
     }
 
-    /// A logarithm of the function at s = e^{x + iy}.
-    fn logarithm(&self, x: f64, angle: f64) -> Option<Complex<f64>> {
+    /// A logarithm of the function at a place of the search.
+    fn logarithm(&self, place: &Place) -> Option<Complex<f64>> {
         self.values.set(self.values.get().checked_sub(1)?);
-        self.logarithm_at(polar(x, angle))
+        self.logarithm_at(place)
     }
 
-    fn logarithm_at(&self, s: Complex<f64>) -> Option<Complex<f64>> {
+    fn logarithm_at(&self, place: &Place) -> Option<Complex<f64>> {
+        let s = place.s;
         let size = self.part.size();
         let mut matrix = vec![Complex::ZERO; size * size];
-        let factors: Vec<_> = self.acting.iter().map(|acting| (acting.value(s), acting.rho)).collect();
+        let factors: Vec<_> = self.acting.iter().map(|acting| (acting.value(place), acting.rho)).collect();
         for row in 0..size {
             for column in 0..size {
                 let mut entry = Complex::new(self.part.stiffness[(row, column)], 0.0);
@@ -202,7 +220,7 @@ impl<'a> Search<'a> {
         (sum.re.is_finite() && sum.im.is_finite()).then_some(sum)
     }
 
-    fn zeros(&self) -> Result<Vec<Complex<f64>>, String> {
+    fn zeros(&self) -> Result<Vec<Place>, String> {
         let mut found = Vec::new();
         for &cell in &self.strip {
             let inside = self.zeros_in(cell)?;
@@ -216,12 +234,12 @@ impl<'a> Search<'a> {
                     inside.len()
                 ));
             }
-            found.extend(inside);
+            found.extend(inside.into_iter().filter(|zero| zero.is_of_its_chart()));
         }
         Ok(found)
     }
 
-    fn zeros_in(&self, cell: Cell) -> Result<Vec<Complex<f64>>, String> {
+    fn zeros_in(&self, cell: Cell) -> Result<Vec<Place>, String> {
         let mut found = Vec::new();
         let mut cells = vec![cell];
         while let Some(cell) = cells.pop() {
@@ -254,22 +272,28 @@ impl<'a> Search<'a> {
     }
 
     fn lost(&self, cell: &Cell) -> String {
-        let s = cell.middle();
+        let s = cell.middle().s;
         format!("the poles near s = {:.4e} + {:.4e}i cannot be told apart", s.re, s.im)
     }
 
     /// The halves of a cell across its longer side, cut where no zero lies on the line.
     fn halves(&self, cell: Cell) -> [Cell; 2] {
-        let Cell { from, to, depth } = cell;
+        let Cell { chart, from, to, depth } = cell;
         let depth = depth + 1;
         let across_x = to.0 - from.0 >= to.1 - from.1;
         let cut = |fraction: f64| {
             if across_x {
                 let middle = from.0 + fraction * (to.0 - from.0);
-                [Cell { from, to: (middle, to.1), depth }, Cell { from: (middle, from.1), to, depth }]
+                [
+                    Cell { chart, from, to: (middle, to.1), depth },
+                    Cell { chart, from: (middle, from.1), to, depth },
+                ]
             } else {
                 let middle = from.1 + fraction * (to.1 - from.1);
-                [Cell { from, to: (to.0, middle), depth }, Cell { from: (from.0, middle), to, depth }]
+                [
+                    Cell { chart, from, to: (to.0, middle), depth },
+                    Cell { chart, from: (from.0, middle), to, depth },
+                ]
             }
         };
         // Irregular fractions: zeros of undamped structures lie at half the angle.
@@ -281,35 +305,35 @@ impl<'a> Search<'a> {
             } else {
                 ((from.0, first.to.1), (to.0, first.to.1))
             };
-            self.turned(line.0, line.1).is_some()
+            self.turned(chart, line.0, line.1).is_some()
         });
         good.unwrap_or_else(|| cut(0.4871))
     }
 
     /// Zeros minus poles in a cell; `None` if the phase cannot be followed along its edge.
     fn count(&self, cell: &Cell) -> Option<i64> {
-        let Cell { from, to, .. } = *cell;
+        let Cell { chart, from, to, .. } = *cell;
         let corners = [from, (to.0, from.1), to, (from.0, to.1), from];
         let turned: f64 =
-            corners.windows(2).map(|pair| self.turned(pair[0], pair[1])).sum::<Option<f64>>()?;
+            corners.windows(2).map(|pair| self.turned(chart, pair[0], pair[1])).sum::<Option<f64>>()?;
         let count = (turned / (2.0 * PI)).round();
         ((turned / (2.0 * PI) - count).abs() < 0.1).then_some(count as i64)
     }
 
     /// The change of the phase of the function along a line.
-    fn turned(&self, from: (f64, f64), to: (f64, f64)) -> Option<f64> {
+    fn turned(&self, chart: Chart, from: (f64, f64), to: (f64, f64)) -> Option<f64> {
         turned(1.0, &FINENESS, |part| {
             let (x, y) = (from.0 + part * (to.0 - from.0), from.1 + part * (to.1 - from.1));
-            self.logarithm(x, y)
+            self.logarithm(&chart.place(Complex::new(x, y)))
         })
     }
 
-    /// The zero of a cell by the secant method in ln s; `None` if it leads out of the cell.
-    fn refine(&self, cell: &Cell) -> Option<Complex<f64>> {
-        let Cell { from, to, .. } = *cell;
+    /// The zero of a cell by the secant method in its coordinate; `None` if it leads out of the cell.
+    fn refine(&self, cell: &Cell) -> Option<Place> {
+        let Cell { chart, from, to, .. } = *cell;
         let middle = Complex::new(0.5 * (from.0 + to.0), 0.5 * (from.1 + to.1));
-        let reference = self.logarithm_at(polar(middle.re, middle.im))?;
-        let value = |w: Complex<f64>| match self.logarithm_at(polar(w.re, w.im)) {
+        let reference = self.logarithm_at(&chart.place(middle))?;
+        let value = |w: Complex<f64>| match self.logarithm_at(&chart.place(w)) {
             Some(logarithm) => {
                 let by = logarithm - reference;
                 polar(by.re.min(600.0), by.im)
@@ -340,13 +364,74 @@ impl<'a> Search<'a> {
         }
         let own = |x: f64, from: f64, to: f64| x >= from - 1e-12 && x <= to + 1e-12;
         let settled = (now - before).norm() < 1e-9 && own(now.re, from.0, to.0) && own(now.im, from.1, to.1);
-        settled.then(|| polar(now.re, now.im))
+        settled.then(|| chart.place(now))
     }
+}
+
+/// The cells in which zeros are sought, between two bounds of ln |s|.
+fn strip(lowest: f64, highest: f64, cut: f64, branches: &[Branch]) -> Vec<Cell> {
+    let (below, above) = (-0.053, PI + 0.061);
+    let cell = |from: f64, to: f64, angle: f64| {
+        (from < to).then_some(Cell { chart: Chart::Plane, from: (from, below), to: (to, angle), depth: 0 })
+    };
+    let mut cells = Vec::new();
+    let mut from = lowest;
+    // Before the first cut the strip extends beyond the negative real axis.
+    let first = branches.first().filter(|first| first.is_first);
+    let end = first.map_or(cut, |first| libm::log(first.start) - first.reach).min(highest);
+    if end > lowest {
+        cells.extend(cell(lowest, end, above));
+        from = end;
+    }
+    for branch in branches {
+        let middle = libm::log(branch.start);
+        cells.extend(cell(from, middle - branch.reach, PI));
+        cells.extend(cell(middle - branch.reach, middle + branch.reach, PI - branch.reach));
+        from = middle + branch.reach;
+        let lowest_angle = if branch.is_first { below } else { 0.0 };
+        cells.push(Cell {
+            chart: Chart::Beside(*branch),
+            from: (branch.nearest, lowest_angle),
+            to: (libm::log(2.0 * branch.reach), PI),
+            depth: 0,
+        });
+    }
+    cells.extend(cell(from, highest, PI));
+    cells
+}
+
+/// The branch points where kernels have no bound.
+fn branches_of(part: &Part, acting: &[Acting<'_>]) -> Vec<Branch> {
+    let first = acting.iter().filter_map(|acting| acting.transfer.cut()).map(|cut| cut.start);
+    let first = first.fold(f64::INFINITY, min_or_nan);
+    let place = |acting: &Acting<'_>| acting.transfer.unbounded_start().map(|start| start.place);
+    let mut starts: Vec<f64> = acting.iter().filter_map(place).collect();
+    starts.sort_by(f64::total_cmp);
+    starts.dedup();
+    let of = |&start: &f64| {
+        let others = starts.iter().filter(|&&other| other != start);
+        let reach = others.map(|other| 0.2 * (other / start - 1.0).abs()).fold(0.1, min_or_nan);
+        let (here, elsewhere): (Vec<_>, Vec<_>) =
+            acting.iter().partition(|acting| place(acting) == Some(start));
+        // Beside the branch point the rest of the function is what it is there, to a few times.
+        let s = Complex::new(-start, 1e-3 * reach * start);
+        let of_others = elsewhere.iter().map(|acting| acting.transfer.value(s).norm() * acting.rho.norm());
+        let rest = part.stiffness.norm() + start * start + of_others.sum::<f64>();
+        let terms =
+            here.iter().filter_map(|acting| Some((acting.transfer.unbounded_start()?.power, acting.rho)));
+        Branch { start, reach, is_first: start <= first, nearest: nearest(&terms.collect::<Vec<_>>(), rest) }
+    };
+    starts.iter().map(of).collect()
 }
 
 /// Bounds of ln |s|. There are no zeros beyond |s|² = Σ |ρ| |K(s)| + |K|, farther out than all poles,
 /// where |s| is doubled as a margin; and none where s² and Σ |ρ| |K(s)| are small against a stiffness.
-fn reach(part: &Part, acting: &[Acting<'_>], taken_out: &[(Complex<f64>, f64)]) -> [f64; 2] {
+fn reach(
+    part: &Part,
+    acting: &[Acting<'_>],
+    taken_out: &[(Complex<f64>, f64)],
+    branches: &[Branch],
+) -> [f64; 2] {
     let angles = [0.0, 0.25 * PI, 0.5 * PI, 0.75 * PI, PI];
     let of = |transfer: &TransferFunction, radius: f64| {
         let sizes = angles.iter().map(|&angle| transfer.value(polar(libm::log(radius), angle)).norm());
@@ -356,7 +441,8 @@ fn reach(part: &Part, acting: &[Acting<'_>], taken_out: &[(Complex<f64>, f64)]) 
     let damping = |radius: f64| -> f64 {
         acting.iter().map(|acting| acting.rho.norm() * of(acting.transfer, radius)).sum()
     };
-    let sizes = || taken_out.iter().map(|(place, _)| place.norm());
+    let starts = || branches.iter().map(|branch| branch.start);
+    let sizes = || taken_out.iter().map(|(place, _)| place.norm()).chain(starts());
     let mut highest = sizes().fold(1e-12, |most, size| max_or_nan(most, 4.0 * size));
     while highest * highest < 4.0 * (part.stiffness.norm() + damping(highest)) && highest < 1e150 {
         highest *= 2.0;
@@ -434,15 +520,6 @@ fn rank(mut matrix: ComplexMatrix) -> usize {
         }
     }
     size
-}
-
-/// e^{x + iy}; at y = π on the upper side of the negative real axis.
-fn polar(x: f64, angle: f64) -> Complex<f64> {
-    let size = libm::exp(x);
-    if angle == PI {
-        return Complex::new(-size, 0.0);
-    }
-    Complex::new(size * libm::cos(angle), size * libm::sin(angle))
 }
 
 #[cfg(test)]
