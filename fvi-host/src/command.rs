@@ -26,7 +26,7 @@ use fvi_lab::lab::checkpoint::CheckpointError;
 use fvi_lab::results::files::FileError;
 use fvi_lab::results::output_directory::OutputDirectory;
 use fvi_scenario::language::InputError;
-use fvi_scenario::language::visible::visible;
+use fvi_scenario::language::visible::{short_numbers, visible};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use std::io::{ErrorKind, IsTerminal};
 use std::path::{Path, PathBuf};
@@ -167,7 +167,9 @@ impl CommandError {
 
     /// Text for standard error.
     fn report(&self) -> String {
-        let Self::Input(error) = self else { return visible(&format!("fvi: {self}\n")).into_owned() };
+        let Self::Input(error) = self else {
+            return short_numbers(&visible(&format!("fvi: {self}\n"))).into_owned();
+        };
         let theme = if std::io::stderr().is_terminal() {
             GraphicalTheme::default()
         } else {
@@ -186,7 +188,7 @@ impl CommandError {
 /// Prints warnings on standard error.
 fn warn(warnings: impl IntoIterator<Item = String>) {
     for warning in warnings {
-        terminal::mention(&format!("warning: {}\n", visible(&warning)));
+        terminal::mention(&format!("warning: {}\n", short_numbers(&visible(&warning))));
     }
 }
 

@@ -1026,6 +1026,10 @@ impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
             let time = self.integrator.time().to_f64();
             batch.push((time, self.energy), position, in_double(self.momentum()), iterations);
             batch.push_increments(in_double(AnyScheme::solution(self.integrator.storage())));
+            // A force with more jumps in a step than are looked for makes long steps: signals come between.
+            if self.integrator.system().missed().is_some() {
+                break;
+            }
         }
         if self.energies == Energies::Together {
             let stride = batch.room();

@@ -2,7 +2,7 @@
 
 use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::PathBuf;
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -80,9 +80,10 @@ impl Program {
 const LONGEST_LINE: u64 = 4096;
 const LONGEST_NUMBER: u64 = 400;
 
-/// Ends a program that does not answer in time, or that nobody waits for any more.
+/// Ends a program that does not answer in time, that nobody waits for any more, or that has exited and left
+/// others behind.
 struct Watchdog {
-    child: Arc<Mutex<Child>>,
+    child: Arc<Mutex<Started>>,
     begin: Instant,
     /// Deadline of the answer, in milliseconds since the start; 0 if no answer is pending.
     due: Arc<AtomicU64>,
@@ -94,7 +95,7 @@ struct Watchdog {
 impl Watchdog {
     fn new(child: Child, limit: Duration, abandoned: &Arc<AtomicBool>) -> Self {
         let watchdog = Self {
-            child: Arc::new(Mutex::new(child)),
+            child: Arc::new(Mutex::new(Started { child, is_over: false })),
             begin: Instant::now(),
             due: Arc::default(),
             struck: Arc::default(),
@@ -111,9 +112,15 @@ impl Watchdog {
                 let is_late = due != 0 && begin.elapsed().as_millis() as u64 >= due;
                 if is_late || abandoned.load(Ordering::Relaxed) {
                     struck.store(true, Ordering::Relaxed);
-                    end(&mut child.lock().unwrap_or_else(PoisonError::into_inner));
+                    let _ = child.lock().unwrap_or_else(PoisonError::into_inner).end();
                     return;
                 }
+                let mut child = child.lock().unwrap_or_else(PoisonError::into_inner);
+                if child.has_exited() {
+                    let _ = child.end();
+                    return;
+                }
+                drop(child);
                 thread::sleep(Duration::from_millis(20));
             }
         });
@@ -133,20 +140,45 @@ impl Watchdog {
 impl Drop for Watchdog {
     fn drop(&mut self) {
         self.over.store(true, Ordering::Relaxed);
-        let mut child = self.child.lock().unwrap_or_else(PoisonError::into_inner);
-        end(&mut child);
-        let _ = child.wait();
+        let _ = self.child.lock().unwrap_or_else(PoisonError::into_inner).end();
     }
 }
 
-/// Kills a program and the processes that it has started, which may keep its pipes open.
-fn end(child: &mut Child) {
+/// A program that was started, the first process of its group.
+struct Started {
+    child: Child,
+    is_over: bool,
+}
+
+impl Started {
+    /// True if the first process has exited. It is not waited for yet, so that the number of its group is no
+    /// other's.
     #[cfg(unix)]
-    if matches!(child.try_wait(), Ok(None)) {
-        let group = format!("kill -s KILL -- -{}", child.id());
-        let _ = Command::new("sh").args(["-c", &group]).stderr(Stdio::null()).status();
+    fn has_exited(&self) -> bool {
+        use rustix::process::{Pid, WaitId, WaitIdOptions, waitid};
+        let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        self.is_over || !matches!(waitid(WaitId::Pid(Pid::from_child(&self.child)), options), Ok(None))
     }
-    let _ = child.kill();
+
+    #[cfg(not(unix))]
+    fn has_exited(&mut self) -> bool {
+        self.is_over || !matches!(self.child.try_wait(), Ok(None))
+    }
+
+    /// Kills the program and the processes that it has started, which may keep its pipes open, and waits for
+    /// its end.
+    fn end(&mut self) -> std::io::Result<ExitStatus> {
+        if !self.is_over {
+            self.is_over = true;
+            #[cfg(unix)]
+            let _ = rustix::process::kill_process_group(
+                rustix::process::Pid::from_child(&self.child),
+                rustix::process::Signal::KILL,
+            );
+            let _ = self.child.kill();
+        }
+        self.child.wait()
+    }
 }
 
 /// A memory implemented by a program.
@@ -227,7 +259,7 @@ impl Pipe {
         match read {
             Ok(count) if count > 0 && self.line.ends_with('\n') => Ok(self.line.trim_end().to_owned()),
             Ok(count) if count as u64 == longest => {
-                end(&mut self.watchdog.child.lock().unwrap_or_else(PoisonError::into_inner));
+                let _ = self.watchdog.child.lock().unwrap_or_else(PoisonError::into_inner).end();
                 Err(format!("it answered a line of more than {longest} letters: ended"))
             }
             _ if self.watchdog.struck.load(Ordering::Relaxed) => {
@@ -237,12 +269,11 @@ impl Pipe {
                 let mut child = self.watchdog.child.lock().unwrap_or_else(PoisonError::into_inner);
                 // Its pipe is closed, so it has exited or is about to.
                 for _ in 0..50 {
-                    if matches!(child.try_wait(), Ok(None)) {
+                    if !child.has_exited() {
                         thread::sleep(Duration::from_millis(2));
                     }
                 }
-                end(&mut child);
-                let status = child.wait().map_or_else(|error| error.to_string(), |status| status.to_string());
+                let status = child.end().map_or_else(|error| error.to_string(), |status| status.to_string());
                 Err(format!("it ended in the middle of the race ({status})"))
             }
         }

@@ -4,6 +4,7 @@ use fvi_core::Stateful;
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use fvi_rivals::PlainSum;
 use fvi_strategies::fvi_core::{Memory, MemoryError};
@@ -549,6 +550,34 @@ fn programs_over_pipes_are_measured_and_found_out() {
     assert!(honest.within && honest.error_u == 0.0 && honest.bytes == 16 && honest.mean_ns > 100.0);
     let declined = race.absent.iter().find(|absence| absence.strategy == "declines").unwrap();
     assert_eq!((declined.kind, declined.reason.as_str()), (Kind::SitsOut, "too short"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_program_that_leaves_another_one_behind_is_noticed_at_once_and_both_end() {
+    let place = tempfile::tempdir().unwrap();
+    // The shell exits, the process behind it keeps the pipes open and answers nothing.
+    let script = "sleep 600 & echo $! > left; exit 0";
+    let text = format!(
+        "lengths = [100]\nstrategies = [\"forks\"]\n{ROOT}[[program]]\nname = \"forks\"\ntime_limit = 500.0\n\
+         command = [\"sh\", \"-c\", \"{script}\"]\n"
+    );
+    // It would be the limit of the race, or of the program, that ends it otherwise.
+    let summary = race(&Lab::new(), place.path(), &text).unwrap();
+    let reason = &summary.found_out[0].reason;
+    assert!(reason.contains("it ended in the middle of the race (exit status: 0)"), "{reason}");
+    let left = fs::read_to_string(place.path().join("left")).unwrap();
+    let is_alive = || {
+        let state =
+            std::process::Command::new("ps").args(["-o", "stat=", "-p", left.trim()]).output().unwrap();
+        let state = String::from_utf8(state.stdout).unwrap();
+        !state.trim().is_empty() && !state.trim().starts_with('Z')
+    };
+    let ends = (0..100).any(|_| {
+        std::thread::sleep(Duration::from_millis(20));
+        !is_alive()
+    });
+    assert!(ends, "process {left} lives");
 }
 
 #[cfg(unix)]

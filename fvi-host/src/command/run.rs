@@ -11,6 +11,8 @@ use fvi_scenario::language::visible::{visible, visible_line};
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Precision;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Arguments of `fvi run`.
 #[derive(Debug, clap::Args)]
@@ -65,7 +67,8 @@ impl RunArguments {
         let before = warnings.len();
         warn(warnings);
         let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario, "run"));
-        let stop = stop::flag();
+        let begun = Arc::<AtomicBool>::default();
+        let stop = stop::flag_of_steps(&begun);
         let mut progress = match scenario.time.steps_known() {
             Some(steps) => Progress::new(steps, "steps", self.quiet),
             None => Progress::of_unknown("steps", self.quiet),
@@ -78,14 +81,16 @@ impl RunArguments {
             accept_other_machine: self.accept_other_machine,
             ..RunOptions::new(&directory)
         };
-        let summary = run(&scenario, &options, &stop, &mut |steps| progress.update(steps)).map_err(
-            |error| match error {
-                RunError::Input(error) => CommandError::Input(error),
-                RunError::File(error) => CommandError::File(error),
-                RunError::Checkpoint(error) => CommandError::Checkpoint(error),
-                error => CommandError::Failed(error.to_string()),
-            },
-        )?;
+        let mut made = |steps| {
+            begun.store(true, Ordering::Relaxed);
+            progress.update(steps);
+        };
+        let summary = run(&scenario, &options, &stop, &mut made).map_err(|error| match error {
+            RunError::Input(error) => CommandError::Input(error),
+            RunError::File(error) => CommandError::File(error),
+            RunError::Checkpoint(error) => CommandError::Checkpoint(error),
+            error => CommandError::Failed(error.to_string()),
+        })?;
         progress.finish();
         for note in &summary.notes {
             terminal::mention(&format!("note: {}\n", visible(note)));

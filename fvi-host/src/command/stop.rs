@@ -3,15 +3,30 @@
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag::{register, register_conditional_shutdown};
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use super::terminal;
 
 /// Exit code of a run that was stopped.
 pub(super) const STOPPED: u8 = 130;
 
-/// A flag that the first signal sets; a second one ends the program at once.
+/// How long a computation has to notice a signal, and how often the flag is looked at.
+const PATIENCE: Duration = Duration::from_millis(800);
+const GLANCE: Duration = Duration::from_millis(50);
+
+/// A flag that the first signal sets; a second one ends the program at once, and so does the first one if a
+/// computation that has nothing to keep does not notice it within a second.
 ///
 /// A program started by `nohup` ignores hang-ups.
 pub(super) fn flag() -> Arc<AtomicBool> {
+    flag_of_steps(&Arc::default())
+}
+
+/// The same for a computation in steps that are kept, from when `begun` is set on: the step under way is
+/// awaited, and the user is told that it is.
+pub(super) fn flag_of_steps(begun: &Arc<AtomicBool>) -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let mut signals = vec![SIGINT, SIGTERM];
     #[cfg(unix)]
@@ -23,6 +38,21 @@ pub(super) fn flag() -> Arc<AtomicBool> {
         let _ = register_conditional_shutdown(signal, STOPPED.into(), Arc::clone(&stop));
         let _ = register(signal, Arc::clone(&stop));
     }
+    let (asked, begun) = (Arc::clone(&stop), Arc::clone(begun));
+    thread::spawn(move || {
+        while !asked.load(Ordering::Relaxed) {
+            thread::sleep(GLANCE);
+        }
+        thread::sleep(PATIENCE);
+        if begun.load(Ordering::Relaxed) {
+            terminal::mention(
+                "note: stops after the step under way; a second signal ends the program at once\n",
+            );
+        } else {
+            terminal::mention("fvi: stopped\n");
+            std::process::exit(STOPPED.into());
+        }
+    });
     stop
 }
 

@@ -125,3 +125,59 @@ fn no_link_in_an_output_directory_leads_a_run_out_of_it() {
         }
     }
 }
+
+#[test]
+fn numbers_of_hundreds_of_digits_are_shortened_in_messages() {
+    let place = Workplace::new();
+    let long = "7".repeat(300);
+    place.write("mass.toml", &FREE.replace("[1.0]", &format!("[{long}.0, -{long}.0]")));
+    place.write("small.toml", &FREE.replace("[1.0]", "[1e-300]"));
+    for (line, shown) in [
+        ("weights --exponent 1e300", "exponent = 1e300"),
+        ("run mass.toml", "-7.777777777777778e299"),
+        ("run small.toml", "1e-300"),
+    ] {
+        let output = place.fvi(&line.split(' ').collect::<Vec<_>>());
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(shown), "{message}");
+        let has_long = message.as_bytes().windows(70).any(|digits| digits.iter().all(u8::is_ascii_digit));
+        assert!(!has_long, "{message}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_run_whose_force_jumps_too_often_is_stopped_within_a_few_steps() {
+    let place = Workplace::new();
+    place.write(
+        "jumps.toml",
+        &FREE
+            .replace("[initial]", "force = [\"sign(sin(1e9*pi*t))\"]\n[initial]")
+            .replace("steps = 3", "steps = 100000"),
+    );
+    let mut child = place.command(&["run", "jumps.toml", "--out", "out", "--quiet"]).spawn().unwrap();
+    while !place.path("out/trajectory.csv.part").exists() {
+        assert!(child.try_wait().unwrap().is_none());
+        std::thread::yield_now();
+    }
+    let kill = std::process::Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap();
+    assert!(kill.success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    if let Ok(summary) = fs::read_to_string(place.path("out/summary.json")) {
+        let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+        assert!(summary["steps"].as_u64().unwrap() < 64, "{summary}");
+        assert!(summary["warnings"].to_string().contains("than are looked for"), "{summary}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_document_whose_values_do_not_fit_into_memory_is_refused() {
+    let place = Workplace::new();
+    place.write("list.toml", &format!("x = [{}]\n{FREE}", "0,".repeat(5_000_000)));
+    let (code, message) = under(&place, 1_000_000, "fvi run list.toml");
+    assert_eq!(code, Some(2), "{message}");
+    assert!(message.contains("a document of 10000088 bytes: about 15"), "{message}");
+    assert!(message.contains("stand in files of their own"), "{message}");
+}

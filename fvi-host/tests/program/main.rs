@@ -10,6 +10,8 @@ mod extremals;
 mod faults;
 mod fits;
 mod grids;
+#[cfg(target_os = "linux")]
+mod hostile;
 mod independent_trajectories;
 mod large_systems;
 mod limits;

@@ -1,7 +1,7 @@
 //! Errors in scenario files, with their location and the allowed values.
 
 use crate::language::expression::{ExpressionError, ParameterNameError};
-use crate::language::visible::visible;
+use crate::language::visible::{short_numbers, visible};
 use core::ops::Range;
 use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
 use std::error::Error;
@@ -27,7 +27,7 @@ struct Details {
 }
 
 /// Longest line of a file, in bytes, that is shown in a message.
-const LONGEST_LINE: usize = 1000;
+const LONGEST_LINE: usize = 240;
 
 #[derive(Debug)]
 struct SourcePlace {
@@ -112,7 +112,7 @@ impl fmt::Display for InputError {
             (key, "") => write!(f, ": {key}")?,
             (key, value) => write!(f, ": {key} = {value}")?,
         }
-        write!(f, ": {}", visible(&self.0.problem.to_string()))
+        write!(f, ": {}", short_numbers(&visible(&self.0.problem.to_string())))
     }
 }
 
@@ -121,7 +121,7 @@ impl std::error::Error for InputError {}
 impl Diagnostic for InputError {
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
         let allowed = self.0.problem.allowed()?;
-        Some(Box::new(visible(&allowed).into_owned()))
+        Some(Box::new(short_numbers(&visible(&allowed)).into_owned()))
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {

@@ -7,8 +7,11 @@ use std::time::{Duration, Instant};
 
 use super::memory_limit::check_capacity;
 
-/// Largest document: its values take some sixty times as much memory as its text.
+/// Largest document.
 pub(crate) const LARGEST_DOCUMENT: u64 = 16 << 20;
+
+/// Memory that a document takes for each byte of its text, as long lists of short numbers and their system do.
+const MEMORY_OF_A_BYTE: usize = 160;
 
 /// Largest input from a pipe, whose length nobody knows beforehand.
 const LARGEST_FROM_PIPE: u64 = 1 << 30;
@@ -19,11 +22,15 @@ const LONGEST_SILENCE: Duration = Duration::from_secs(30);
 /// Reads a document, of at most [`LARGEST_DOCUMENT`] bytes.
 ///
 /// # Errors
-/// As [`read_data`].
+/// As [`read_data`], and if its values might not fit into memory.
 pub(crate) fn read_document(path: &Path) -> io::Result<Vec<u8>> {
     let allowed =
         "matrices, loads and other numbers in bulk stand in files of their own, which a document names";
-    read(path, LARGEST_DOCUMENT, allowed)
+    let bytes = read(path, LARGEST_DOCUMENT, allowed)?;
+    check_capacity(MEMORY_OF_A_BYTE * bytes.len()).map_err(|error| {
+        io::Error::other(format!("a document of {} bytes: {error}; {allowed}", bytes.len()))
+    })?;
+    Ok(bytes)
 }
 
 /// Reads a file of numbers.

@@ -255,7 +255,7 @@ fn poles_are_counted_with_cole_davidson_kernels_beside_the_start_of_their_cut() 
         };
         let mut terms = vec![term(), term()];
         terms.truncate(1 + case % 2);
-        if case % 5 == 1 {
+        if case % 6 == 1 {
             // Two kernels with one start.
             terms[1][2] = terms[0][2];
         }

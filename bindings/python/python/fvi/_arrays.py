@@ -42,7 +42,15 @@ def returned(name: str, given: Any) -> FloatArray:
     """The value returned by a user's function, as an array in double precision, which may contain NaN; arrays of other libraries
     are converted."""
     refuse_masked(name, given)
-    array = np.asarray(given.toarray() if is_sparse(given) else given)
+    try:
+        array = np.asarray(given.toarray() if is_sparse(given) else given)
+    except ValueError as error:
+        raise InputError(f"{name} has returned no array: {error}", name, repr(given)[:60]) from error
+    if array.dtype.kind == "O":
+        # NumPy takes None for NaN.
+        strange = [entry for entry in array.flat if isinstance(entry, (str, bytes)) or not hasattr(entry, "__float__")]
+        if strange:
+            raise InputError(f"{name} has returned {repr(given)[:60]}; real numbers are needed", name, repr(strange[0])[:60])
     if array.dtype.kind not in "fiubO":
         raise InputError(f"{name} has returned values of type {array.dtype}; real numbers are needed", name, str(array.dtype))
     return np.asarray(array, dtype=np.float64)
