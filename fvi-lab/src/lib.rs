@@ -1,4 +1,4 @@
-//! Runs and studies of simulations, and their results.
+#![doc = include_str!("../README.md")]
 //!
 //! | layer | content |
 //! |---|---|

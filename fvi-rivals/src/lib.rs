@@ -1,9 +1,7 @@
-//! The field's strategies for a convolution whose samples arrive one by one, each written from its paper.
+#![doc = include_str!("../README.md")]
 //!
-//! They serve for comparison with the memories of `fvi-core` and `fvi-fft`: no simulation depends on this
-//! crate. Each is a [`Memory`](fvi_core::Memory) of scalar weights in double precision, and counts its
-//! floating-point operations ([`Operations`]). A memory wrapped by [`vectorised`] runs with the widest
-//! vectors of the processor, as the memories of `fvi-fft` do.
+//! Each counts its floating-point operations ([`Operations`]). A memory wrapped by [`vectorised`] runs with the
+//! widest vectors of the processor, as the memories of `fvi-fft` do.
 //!
 //! | strategy | cost of a step | what it serves |
 //! |---|---|---|

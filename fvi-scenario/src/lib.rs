@@ -1,4 +1,4 @@
-//! Scenarios of fractional mechanics: what a system is, read with the place of every error.
+#![doc = include_str!("../README.md")]
 //!
 //! | layer | contents |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! Simulation of scenarios.
+#![doc = include_str!("../README.md")]
 //!
 //! | layer | contents |
 //! |---|---|

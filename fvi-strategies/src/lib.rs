@@ -1,21 +1,7 @@
-//! A race of strategies for online convolution: the sums r_k = Σ_{n≥1} w_n x_{k−n} of a known kernel with
-//! samples that arrive one by one.
+#![doc = include_str!("../README.md")]
 //!
-//! A file gives kernels, lengths, channels, precisions, tolerances and strategies ([`Plan`]); a [`Lab`] runs
-//! the project's memories, strategies from the literature (`fvi-rivals`), programs over pipes, and strategies
-//! of your own, which implement [`fvi_core::Memory`]:
-//!
-//! ```no_run
-//! use fvi_strategies::{Lab, Made, Strategy};
-//! # use fvi_rivals::PlainSum as Mine;
-//!
-//! let mine = Strategy::new("mine", "a plain sum of my own", |task| {
-//!     Ok(Made::memory(Mine::new(&task.weights, task.channels, task.length)?))
-//! });
-//! let summary = Lab::new().with(mine).run("race.toml".as_ref(), "out/race".as_ref())?;
-//! println!("{summary}");
-//! # Ok::<(), fvi_strategies::LabError>(())
-//! ```
+//! A file gives a [`Plan`]; a [`Lab`] runs the project's memories, strategies from the literature
+//! (`fvi-rivals`), programs over pipes, and strategies of your own, which implement [`fvi_core::Memory`].
 #![forbid(unsafe_code)]
 
 mod contestant;
