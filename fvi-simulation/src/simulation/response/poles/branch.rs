@@ -4,6 +4,9 @@ use fvi_fft::sums::{max_or_nan, min_or_nan};
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::PI;
 
+/// ln of the largest term that is computed.
+const LARGEST: f64 = 600.0;
+
 /// The start s = −a of a cut where kernels have no bound.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Branch {
@@ -72,9 +75,11 @@ pub(super) fn nearest(terms: &[(f64, &DMatrix<f64>)], rest: f64) -> f64 {
     let whole = rest + terms.iter().map(|(_, rho)| rho.norm()).sum::<f64>();
     // Terms of two powers are told apart by the ratio of their sizes, |u|^{γ₁ − γ₂}.
     let between = terms.iter().flat_map(|(one, _)| terms.iter().map(move |(other, _)| (one - other).abs()));
-    let powers = terms.iter().map(|(power, _)| *power);
-    let slowest = powers.chain(between.filter(|gap| *gap > 0.0)).fold(1.0, min_or_nan);
-    -libm::log(1e3 * max_or_nan(1.0, whole / smallest)) / slowest
+    let powers = || terms.iter().map(|(power, _)| *power);
+    let slowest = powers().chain(between.filter(|gap| *gap > 0.0)).fold(1.0, min_or_nan);
+    let nearest = -libm::log(1e3 * max_or_nan(1.0, whole / smallest)) / slowest;
+    // Where the largest term would overflow, it has outweighed everything else long ago.
+    max_or_nan(nearest, -LARGEST / powers().fold(0.0, max_or_nan))
 }
 
 /// e^{x + iy}; at y = π on the upper side of the negative real axis.
