@@ -33,7 +33,18 @@ const COLOURS: [&str; 10] = [
     "#8c564b",
 ];
 /// Shapes of marks, as paths around the origin.
-const MARKS: [&str; 3] = ["M-4,0a4,4 0 1,0 8,0a4,4 0 1,0 -8,0z", "M-4,-4h8v8h-8z", "M0,-5l5,9h-10z"];
+const MARKS: [&str; 5] = [
+    "M-4,0a4,4 0 1,0 8,0a4,4 0 1,0 -8,0z",
+    "M-4,-4h8v8h-8z",
+    "M0,-5l5,9h-10z",
+    "M0,-5.5l5,5.5l-5,5.5l-5,-5.5z",
+    "M0,5l5,-9h-10z",
+];
+
+/// The shape of a series: neighbours differ in it and in their colour, and so do those that share a colour.
+fn mark(series: usize) -> &'static str {
+    MARKS[(series + series / COLOURS.len()) % MARKS.len()]
+}
 
 /// Style of the pictures, in a page and in a file.
 pub(crate) const STYLE: &str = "svg text{font:12px system-ui,sans-serif}.h{font-weight:600}\
@@ -123,7 +134,7 @@ impl Picture<'_> {
             let _ = writeln!(
                 svg,
                 "<path transform=\"translate({x:.1},{y:.1})\" d=\"{}\" fill=\"{}\"><title>{}</title></path>",
-                MARKS[point.series / COLOURS.len() % MARKS.len()],
+                mark(point.series),
                 COLOURS[point.series % COLOURS.len()],
                 escaped(&point.words)
             );
@@ -136,7 +147,7 @@ impl Picture<'_> {
                 svg,
                 "<path transform=\"translate({:.1},{y:.1})\" d=\"{}\" fill=\"{}\"/><text x=\"{:.1}\" y=\"{:.1}\">{}</text>",
                 WIDTH - RIGHT + 16.0,
-                MARKS[series / COLOURS.len() % MARKS.len()],
+                mark(series),
                 COLOURS[series % COLOURS.len()],
                 WIDTH - RIGHT + 28.0,
                 y + 4.0,
@@ -228,6 +239,7 @@ mod tests {
         let file = as_file("three", &body);
         assert!(!svg.contains("<style>") && file.contains("<style>") && file.contains(">three</text>"));
         assert_eq!(superscript(-12), "⁻¹²");
+        assert!((0..40).all(|series| mark(series) != mark(series + 1) && mark(series) != mark(series + 10)));
         let labels = |low, high| ticks(low, high).into_iter().map(|(_, label)| label).collect::<Vec<_>>();
         assert_eq!(labels(-0.2, 3.4), ["10⁰", "10¹", "10²", "10³"]);
         assert_eq!(labels(2.2, 3.4), ["200", "500", "10³", "2000"]);

@@ -1,7 +1,7 @@
 //! The pictures of a fit: data with model, and residuals.
 
 use super::FittedModel;
-use super::data::{Column, Domain, Record};
+use super::data::{Column, Deviations, Domain, Record};
 use super::plan::Fit;
 use crate::results::picture::{Axis, Chart, Series, Style};
 
@@ -26,14 +26,20 @@ pub(super) fn charts(plan: &Fit, fitted: &FittedModel) -> Vec<(String, Chart)> {
         let chart = |y: Axis| Chart::new(plan.heading(), over(), y).with_subtitle(record.name.clone());
         let (mut both, mut left) = (chart(y), chart(Axis::linear("(datum − model)/deviation")));
         for (number, (column, told)) in record.columns.iter().zip(told).enumerate() {
-            let colour = |series: Series| series.with_colour_of(number);
-            let data = points(record, &column.values);
-            both =
-                both.with(colour(Series::new(format!("{}, data", column.name), Style::Points, data))).with(
-                    colour(Series::new(format!("{}, model", column.name), Style::Line, points(record, told))),
-                );
+            // The model over its data, in a colour of its own.
+            let data =
+                Series::new(format!("{}, data", column.name), Style::Points, points(record, &column.values));
+            let bars = match record.deviations {
+                Deviations::Known => column.deviations.clone(),
+                Deviations::None | Deviations::Relative => Vec::new(),
+            };
+            let model = Series::new(format!("{}, model", column.name), Style::Line, points(record, told));
+            both = both
+                .with(data.with_bars(bars).with_colour_of(2 * number))
+                .with(model.with_colour_of(2 * number + 1));
             let residuals = points(record, &weighted(column, told));
-            left = left.with(colour(Series::new(column.name.clone(), Style::Points, residuals)));
+            left = left
+                .with(Series::new(column.name.clone(), Style::Points, residuals).with_colour_of(2 * number));
         }
         charts.push((format!("fit_{index}.svg"), both));
         charts.push((format!("residuals_{index}.svg"), left));

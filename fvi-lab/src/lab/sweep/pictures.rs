@@ -13,6 +13,9 @@ const MOST_POINTS: usize = 1 << 20;
 /// Largest number of curves of one picture.
 const MOST_CURVES: usize = 8;
 
+/// Largest number of points of a curve with markers.
+const MOST_MARKED: usize = 60;
+
 /// Draws the pictures that the sweep file requests, or default ones according to its axes; returns the names
 /// of the files.
 pub(super) fn write(
@@ -105,7 +108,7 @@ fn draw(sweep: &Sweep, shards: &[Records], request: &PictureRequest) -> Result<C
         .filter(|&&index| sweep.axes()[index].count() > 1)
         .map(|&index| format!("{} = {}", sweep.axes()[index].path, cell(&first[index])))
         .collect();
-    let quantity = axis(&request.quantity, request.logarithmic, request.range);
+    let quantity = axis(&described(&request.quantity), request.logarithmic, request.range);
     let x_axis = swept_axis(&sweep.axes()[request.x]);
     let chart = match request.over {
         Over::Map(index) => {
@@ -138,6 +141,7 @@ fn draw(sweep: &Sweep, shards: &[Records], request: &PictureRequest) -> Result<C
         }
         Over::Curves(index) => {
             let swept = &sweep.axes()[index];
+            let swept_points = sweep.axes()[request.x].count();
             let mut chart = Chart::new(sweep.heading(), x_axis, quantity);
             for entry in 0..swept.count() {
                 let there = swept.value(entry);
@@ -145,12 +149,28 @@ fn draw(sweep: &Sweep, shards: &[Records], request: &PictureRequest) -> Result<C
                 let line = points.iter().filter(|point| point.other == place);
                 let line = line.map(|point| (point.x, point.value)).collect();
                 let label = format!("{} = {}", last_words(&swept.path), short(place));
-                chart = chart.with(Series::new(label, Style::Line, line));
+                let style = if swept_points <= MOST_MARKED { Style::LineWithPoints } else { Style::Line };
+                chart = chart.with(Series::new(label, style, line));
             }
             chart
         }
     };
     Ok(chart.with_subtitle(hidden_words.join("; ")))
+}
+
+/// What a column of results is, for an axis: `q0` is the coordinate at the end of the run.
+fn described(quantity: &str) -> String {
+    let is_coordinate = |name: &str| {
+        let index = name.strip_prefix(['q', 'p']);
+        index.is_some_and(|index| !index.is_empty() && index.bytes().all(|digit| digit.is_ascii_digit()))
+    };
+    match (quantity.strip_prefix("largest_"), quantity.strip_prefix("amplitude_")) {
+        _ if is_coordinate(quantity) || quantity == "energy" => format!("{quantity} at the end"),
+        (Some(name), _) if is_coordinate(name) => format!("largest |{name}|"),
+        (_, Some(name)) if is_coordinate(name) => format!("amplitude of {name}"),
+        _ if quantity == "energy_left" => "energy at the end / energy at the start".to_owned(),
+        _ => quantity.to_owned(),
+    }
 }
 
 fn axis(label: &str, logarithmic: bool, range: Option<(f64, f64)>) -> Axis {

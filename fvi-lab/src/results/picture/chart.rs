@@ -86,6 +86,8 @@ pub struct Series {
     style: Style,
     marker: Marker,
     points: Vec<(f64, f64)>,
+    /// Half the length of the bar through each point; empty without bars.
+    bars: Vec<f64>,
     colour: Option<usize>,
 }
 
@@ -93,12 +95,18 @@ impl Series {
     /// A series; points that cannot be drawn (not finite, or ≤ 0 on a logarithmic axis) are left out and
     /// interrupt its line.
     pub fn new(label: impl Into<String>, style: Style, points: Vec<(f64, f64)>) -> Self {
-        Self { label: label.into(), style, marker: Marker::default(), points, colour: None }
+        Self { label: label.into(), style, marker: Marker::default(), points, bars: Vec::new(), colour: None }
     }
 
     /// The series with another shape of its points.
     pub fn with_marker(mut self, marker: Marker) -> Self {
         self.marker = marker;
+        self
+    }
+
+    /// The series with a bar through each point, from y − half to y + half: what is known about its error.
+    pub fn with_bars(mut self, halves: Vec<f64>) -> Self {
+        self.bars = halves;
         self
     }
 
@@ -236,11 +244,22 @@ impl Chart {
             let stroke = self.stroke(index);
             let dash = |length: i32, gap: i32| (length * FINE, gap * FINE);
             let dashed = match series.style {
-                Style::Line | Style::LineWithPoints => None,
+                // As many lines as there are colours are whole, the next ones dashed.
+                Style::Line | Style::LineWithPoints => match self.rank(index) / COLOURS.len() {
+                    0 => None,
+                    1 => Some(dash(9, 5)),
+                    _ => Some(dash(3, 3)),
+                },
                 Style::Dashed => Some(dash(9, 5)),
                 Style::Reference => Some(dash(5, 5)),
                 Style::Guide => Some(dash(2, 4)),
                 Style::Points => {
+                    for bar in self.bars(series) {
+                        chart.draw_series(LineSeries::new(
+                            bar,
+                            self.colour(index).stroke_width(FINE as u32),
+                        ))?;
+                    }
                     self.draw_markers(&mut chart, index, pieces)?;
                     continue;
                 }
@@ -372,12 +391,12 @@ impl Chart {
             }
         };
         match self.series[index].style {
-            Style::Line => area.draw(&dash(0, 26)),
+            Style::Line if self.rank(index) < COLOURS.len() => area.draw(&dash(0, 26)),
             Style::LineWithPoints => {
                 area.draw(&dash(0, 26))?;
                 area.draw(&marker)
             }
-            Style::Dashed | Style::Reference | Style::Guide => {
+            Style::Line | Style::Dashed | Style::Reference | Style::Guide => {
                 area.draw(&dash(0, 6))?;
                 area.draw(&dash(10, 16))?;
                 area.draw(&dash(20, 26))
@@ -388,18 +407,28 @@ impl Chart {
     }
 
     fn colour(&self, index: usize) -> RGBColor {
-        let own = |style| !matches!(style, Style::Reference | Style::ReferencePoints | Style::Guide);
         match self.series[index].style {
             Style::Reference | Style::ReferencePoints => BLACK,
             Style::Guide => RGBColor(120, 120, 120),
-            _ => {
-                let rank = match self.series[index].colour {
-                    Some(like) => like,
-                    None => self.series[..index].iter().filter(|series| own(series.style)).count(),
-                };
-                COLOURS[rank % COLOURS.len()]
-            }
+            _ => COLOURS[self.rank(index) % COLOURS.len()],
         }
+    }
+
+    /// The place of a series among those with colours of their own.
+    fn rank(&self, index: usize) -> usize {
+        let own = |style| !matches!(style, Style::Reference | Style::ReferencePoints | Style::Guide);
+        let before = || self.series[..index].iter().filter(|series| own(series.style)).count();
+        self.series[index].colour.unwrap_or_else(before)
+    }
+
+    /// The bars of a series in axis coordinates; one that reaches beyond a logarithmic axis begins at its point.
+    fn bars(&self, series: &Series) -> Vec<Piece> {
+        let bar = |(&(x, y), &half): (&(f64, f64), &f64)| {
+            let (x, middle) = (self.x.place(x)?, self.y.place(y)?);
+            let end = |y: f64| (x, self.y.place(y).unwrap_or(middle));
+            Some(vec![end(y - half), end(y + half)])
+        };
+        series.points.iter().zip(&series.bars).filter_map(bar).collect()
     }
 
     fn stroke(&self, index: usize) -> ShapeStyle {
@@ -516,6 +545,31 @@ mod tests {
         for text in ["a &lt; b &amp; c", "time t / s", "position q / m", "q0", "exact"] {
             assert!(svg.contains(text), "{text}");
         }
+    }
+
+    #[test]
+    fn the_eleventh_line_is_dashed_in_the_first_colour() {
+        let mut chart = Chart::new("", Axis::linear("x"), Axis::linear("y"));
+        let lines = |chart: &Chart| chart.to_svg().unwrap().matches("stroke=\"#0072B2\"").count();
+        for index in 0..10 {
+            chart = chart.with(Series::new(format!("{index}"), Style::Line, vec![(0.0, 0.0), (1.0, 1.0)]));
+        }
+        // The line and its sample in the legend.
+        assert_eq!(lines(&chart), 2);
+        let chart = chart.with(Series::new("10", Style::Line, vec![(0.0, 1.0), (1.0, 0.0)]));
+        assert!(lines(&chart) > 20);
+    }
+
+    #[test]
+    fn points_have_their_bars() {
+        let points = Series::new("", Style::Points, vec![(1.0, 2.0), (2.0, 3.0), (f64::NAN, 1.0)]);
+        let chart = |points: Series| {
+            let chart = Chart::new("", Axis::linear("x"), Axis::logarithmic("y"));
+            chart.with(points).to_svg().unwrap().matches("stroke=\"#0072B2\"").count()
+        };
+        assert_eq!(chart(points.clone()), 0);
+        // The second one reaches beyond the logarithmic axis.
+        assert_eq!(chart(points.with_bars(vec![0.5, 4.0, 0.5])), 2);
     }
 
     #[test]
