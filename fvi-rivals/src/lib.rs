@@ -1,7 +1,7 @@
 #![doc = include_str!("../README.md")]
 //!
-//! Each counts its floating-point operations ([`Operations`]). A memory wrapped by [`vectorised`] runs with the
-//! widest vectors of the processor, as the memories of `fvi-fft` do.
+//! Each counts its floating-point operations ([`Operations`]). A memory wrapped by [`vectorised`] runs with
+//! the widest vectors of the processor, as the memories of `fvi-fft` do.
 //!
 //! | strategy | cost of a step | what it serves |
 //! |---|---|---|

@@ -10,7 +10,8 @@ use super::memory_limit::check_capacity;
 /// Largest document.
 pub(crate) const LARGEST_DOCUMENT: u64 = 16 << 20;
 
-/// Memory that a document takes for each byte of its text, as long lists of short numbers and their system do.
+/// Memory that a document takes for each byte of its text, as long lists of short numbers and their system
+/// do.
 const MEMORY_OF_A_BYTE: usize = 160;
 
 /// Largest input from a pipe, whose length nobody knows beforehand.

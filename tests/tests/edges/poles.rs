@@ -221,8 +221,8 @@ fn turns(value: &dyn Fn(f64) -> Complex<f64>, from: f64, to: f64, depth: u32) ->
     turns(value, from, middle, depth + 1) + turns(value, middle, to, depth + 1)
 }
 
-/// The zeros in the plane with its cut: the turns along a circle far out, along the cut, and around its start.
-/// Closer to that lies one more where the function is still positive, since it falls to −∞ there.
+/// The zeros in the plane with its cut: the turns along a circle far out, along the cut, and around its
+/// start. Closer to that lies one more where the function is still positive, since it falls to −∞ there.
 fn zeros_of_cole_davidson(stiffness: f64, terms: &[[f64; 3]]) -> f64 {
     let value = |s: Complex<f64>| of_cole_davidson(stiffness, terms, s);
     let start = terms.iter().map(|[.., time]| 1.0 / time).fold(f64::INFINITY, min_or_nan);

@@ -421,7 +421,8 @@ impl Chart {
         self.series[index].colour.unwrap_or_else(before)
     }
 
-    /// The bars of a series in axis coordinates; one that reaches beyond a logarithmic axis begins at its point.
+    /// The bars of a series in axis coordinates; one that reaches beyond a logarithmic axis begins at its
+    /// point.
     fn bars(&self, series: &Series) -> Vec<Piece> {
         let bar = |(&(x, y), &half): (&(f64, f64), &f64)| {
             let (x, middle) = (self.x.place(x)?, self.y.place(y)?);

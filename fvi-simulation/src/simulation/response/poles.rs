@@ -61,8 +61,8 @@ const MOST_VALUES: usize = 4_000_000;
 /// principle, until a cell has one zero, which is computed by the secant method. Where no cut lies, zeros and
 /// poles may lie on the negative real axis: the strip then extends beyond it. The poles of rational kernels
 /// are multiplied out, each as often as its McMillan degree says, so that they cancel no zero. Where a kernel
-/// has no bound at the start of its cut, zeros lie closer to it than numbers tell s apart: they are sought in a
-/// [`Chart`] of their own.
+/// has no bound at the start of its cut, zeros lie closer to it than numbers tell s apart: they are sought in
+/// a [`Chart`] of their own.
 ///
 /// # Errors
 /// A message, if zeros cannot be separated.

@@ -1,4 +1,5 @@
-//! Coordinates of the search for poles: in the plane, and beside the start of a cut where a kernel has no bound.
+//! Coordinates of the search for poles: in the plane, and beside the start of a cut where a kernel has no
+//! bound.
 
 use fvi_fft::sums::{max_or_nan, min_or_nan};
 use nalgebra::{Complex, DMatrix};
@@ -62,8 +63,8 @@ impl Place {
     }
 }
 
-/// ln |u| below which ρ |u|^{−γ} of the terms (γ, ρ) that have no bound at a place outweighs `rest`, the norm of
-/// everything else there.
+/// ln |u| below which ρ |u|^{−γ} of the terms (γ, ρ) that have no bound at a place outweighs `rest`, the norm
+/// of everything else there.
 pub(super) fn nearest(terms: &[(f64, &DMatrix<f64>)], rest: f64) -> f64 {
     let eigenvalues = |rho: &DMatrix<f64>| fvi_fft::dense::symmetric_eigenvalues(rho.clone());
     let sizes = terms.iter().flat_map(|(_, rho)| {
