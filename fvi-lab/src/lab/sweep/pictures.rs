@@ -168,7 +168,7 @@ fn described(quantity: &str) -> String {
         _ if is_coordinate(quantity) || quantity == "energy" => format!("{quantity} at the end"),
         (Some(name), _) if is_coordinate(name) => format!("largest |{name}|"),
         (_, Some(name)) if is_coordinate(name) => format!("amplitude of {name}"),
-        _ if quantity == "energy_left" => "energy at the end / energy at the start".to_owned(),
+        _ if quantity == "energy_left" => "energy at the end / at the start".to_owned(),
         _ => quantity.to_owned(),
     }
 }
