@@ -468,6 +468,7 @@ impl<T: Real> AnyScheme<T> {
                 add_multiple(&mut velocity, length * once, acceleration);
                 add_multiple(&mut way, length * length * twice, acceleration);
             }
+            self.interpolate_massless(solution, (length, fraction), &mut way);
         } else {
             momentum.fill(T::zero());
             let points: Vec<T> =
@@ -480,6 +481,28 @@ impl<T: Real> AnyScheme<T> {
         }
         add_multiple(position, T::one(), &way);
         mechanics.mass().multiply_add(T::one(), &velocity, momentum);
+    }
+}
+
+impl<T: Real> AnyScheme<T> {
+    /// Writes Δq of coordinates without mass inside a step of collocation: the polynomial through the
+    /// beginning and the stages X_i − q_k = h² Σ_j (A²)_ij a_j, which their equations determine. That of
+    /// positions with a velocity would begin with the velocity 0.
+    fn interpolate_massless(&self, solution: &[T], (length, fraction): (T, T), way: &mut [T]) {
+        let (size, stages) = (way.len().max(1), self.nodes.len());
+        if self.massless.all.is_empty() {
+            return;
+        }
+        let points: Vec<T> = std::iter::once(T::zero()).chain(self.nodes.iter().copied()).collect();
+        let mut factors = vec![T::zero(); stages];
+        for (i, row) in self.square.chunks_exact(stages).enumerate() {
+            let (value, _) = shape(&points, i + 1, fraction);
+            add_multiple(&mut factors, value * length * length, row);
+        }
+        for &row in &self.massless.all {
+            let accelerations = solution.chunks_exact(size).map(|stage| stage[row]);
+            way[row] = accelerations.zip(&factors).fold(T::zero(), |sum, (a, &factor)| sum + factor * a);
+        }
     }
 }
 

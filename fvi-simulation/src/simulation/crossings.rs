@@ -54,6 +54,8 @@ struct Trial {
     rate: [f64; 2],
     /// True if the side is decided, independently of the first evaluation.
     settled: bool,
+    /// True if forces are no numbers on the assumed side: below, above.
+    failed: [bool; 2],
 }
 
 /// Side of a motion that begins at a zero of an argument.
@@ -229,6 +231,26 @@ impl Crossings {
         self.standing.cautious = Some((first, time));
     }
 
+    /// Turns to the other side of a zero at the beginning of the pair, after an attempt whose forces were not
+    /// finite: as that of |x|^{3/2} on the side where |x| stands for −x, if x increases. False if there is no
+    /// side that has not failed.
+    pub(super) fn turns_after_failure(&mut self, simulation: &mut Simulation) -> bool {
+        for place in 0..self.trials.len() {
+            let (index, trial) = self.trials[place];
+            let side = self.standing.sides[index];
+            let which = usize::from(side == Side::Above);
+            if trial.settled || trial.goes[which].is_some() || matches!(side, Side::Between { .. }) {
+                continue;
+            }
+            self.trials[place].1.failed[which] = true;
+            if !trial.failed[1 - which] {
+                self.turn(simulation, index, side.other());
+                return true;
+            }
+        }
+        false
+    }
+
     /// Examines a finished pair from its beginning over its middle to its end. Pairs are at least `apart`
     /// long; `is_aimed`: the pair was to end at a crossing, before which it may end by a small amount.
     ///
@@ -397,8 +419,11 @@ impl Crossings {
                 ))
             }
             // At rest, whether the other side would also be possible.
-            (true, None) if start == 0.0 => Ok(self.turn(simulation, index, side.other())),
+            (true, None) if start == 0.0 && !trial.failed[1 - which] => {
+                Ok(self.turn(simulation, index, side.other()))
+            }
             (true, _) => Ok(Beginning::OnSide(on_side)),
+            (false, None) if trial.failed[1 - which] => Ok(Beginning::Unclear),
             (false, None | Some(true)) => {
                 if trial.goes[1 - which] == Some(true) {
                     trial.settled = true;
