@@ -9,6 +9,7 @@ mod case;
 mod combinations;
 mod controller;
 mod element;
+mod equation;
 mod event;
 mod grid;
 mod gyroscopic;
@@ -38,6 +39,7 @@ pub use case::Case;
 pub use combinations::{Feature, MARK as COMBINATIONS_MARK, ROWS, Row, page as combinations_page};
 pub use controller::{Controller, Noise, Quantise, Setpoint};
 pub use element::Element;
+pub use equation::{Equation, Term};
 pub use event::{Action, Direction, Event, SharedFunction};
 pub use grid::{Grid, GridRule};
 pub use gyroscopic::SkewMatrix;
@@ -66,6 +68,7 @@ pub use time::{
 use crate::language::document::{Document, Table};
 use crate::language::expression::Moment;
 use crate::language::{InputError, Problem};
+use equation::RightSides;
 use fvi_core::min_or_nan;
 use fvi_fft::dense;
 use fvi_fft::memory::History;
@@ -82,10 +85,15 @@ const MOST_COLUMNS: usize = 64;
 pub struct Scenario {
     /// Title of the pictures.
     pub title: Option<String>,
-    /// The mechanical system.
+    /// The mechanical system, or the coordinates without mass that stand for the equation.
+    #[serde(skip_serializing_if = "System::stands_for_equation")]
     pub system: System,
     /// Initial state.
+    #[serde(skip_serializing_if = "InitialState::is_of_equation")]
     pub initial: InitialState,
+    /// Fractional differential equations, in place of a mechanical system and its initial state.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub equation: Option<Equation>,
     /// The integrator.
     pub scheme: Scheme,
     /// Discretisation of the fractional derivatives.
@@ -203,9 +211,13 @@ impl Scenario {
         Self::from_document(Document::of_value("scenario", Path::new(""), value)?)
     }
 
-    /// The scenario with a potential and forces in code in addition to those of the file.
+    /// The scenario with a potential and forces in code in addition to those of the file; of an equation with
+    /// forces on its n unknowns, of time and the unknowns, in addition to its right sides.
     pub fn with_own_terms(mut self, terms: SharedTerms) -> Self {
-        self.system.own_terms = Some(terms);
+        self.system.own_terms = Some(match &self.equation {
+            Some(equation) => RightSides::of(equation, terms),
+            None => terms,
+        });
         self
     }
 
@@ -218,6 +230,7 @@ impl Scenario {
             "title",
             "system",
             "initial",
+            "equation",
             "scheme",
             "convolution",
             "time",
@@ -231,18 +244,14 @@ impl Scenario {
             "sensitivity",
         ])?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
-        let system_table = root.required("system")?.table()?;
         // Grids with different steps have no `step`; errors in it are reported when `time` is read.
         let step =
             root.optional("time").and_then(|value| value.table().ok()?.optional("step")?.positive().ok());
-        let system = System::read(&system_table, known, step)?;
-        let count = system.coordinates();
-        let mut initial = match root.optional("initial") {
-            Some(value) => InitialState::read(&value.table()?, &system)?,
-            None => InitialState::at_rest(count),
-        };
+        let (equation, system, mut initial) = Self::read_problem(root, known, step)?;
+        let count = system.names().count();
         let scheme = match root.optional("scheme") {
             Some(value) => Scheme::read(&value.table()?)?,
+            None if equation.is_some() => Scheme::for_equations(),
             None => Scheme::default(),
         };
         let convolution = match root.optional("convolution") {
@@ -268,10 +277,7 @@ impl Scenario {
             }
             None => History::default(),
         };
-        let output = match root.optional("output") {
-            Some(value) => OutputOptions::read(&value.table()?, &descriptor, count, &time)?,
-            None => OutputOptions::default_for(&descriptor),
-        };
+        let output = Self::read_output(root, &descriptor, &system, &time)?;
         if system.is_large() && count > MOST_COLUMNS && output.coordinates.is_none() {
             let reason = format!(
                 "`output.coordinates` must say which of the {count} coordinates are written: more than {MOST_COLUMNS} are not by default"
@@ -307,6 +313,7 @@ impl Scenario {
             title,
             system,
             initial,
+            equation,
             scheme,
             convolution,
             time,
@@ -324,6 +331,53 @@ impl Scenario {
             scenario.sensitivity = Some(Sensitivity::read(&value.table()?, &scenario)?);
         }
         Ok(scenario)
+    }
+
+    /// The system and its initial state, or the equation with those that stand for it.
+    fn read_problem(
+        root: &Table<'_>,
+        known: Option<&KnownMatrices>,
+        step: Option<f64>,
+    ) -> Result<(Option<Equation>, System, InitialState), InputError> {
+        if let Some(value) = root.optional("equation") {
+            for key in ["system", "initial", "case", "controller", "input", "sensitivity"] {
+                if let Some(other) = root.optional(key) {
+                    return Err(other.key_error(Problem::Conflict { other: "equation".to_owned() }));
+                }
+            }
+            let (equation, system, initial) = Equation::read(&value.table()?)?;
+            return Ok((Some(equation), system, initial));
+        }
+        let system = System::read(&root.required("system")?.table()?, known, step)?;
+        let initial = match root.optional("initial") {
+            Some(value) => InitialState::read(&value.table()?, &system)?,
+            None => InitialState::at_rest(system.coordinates()),
+        };
+        Ok((None, system, initial))
+    }
+
+    /// The output; of an equation its unknowns, and nothing that it has not.
+    fn read_output(
+        root: &Table<'_>,
+        descriptor: &SchemeDescriptor,
+        system: &System,
+        time: &TimeGrid,
+    ) -> Result<OutputOptions, InputError> {
+        let (count, of_equation) = (system.names().count(), system.stands_for_equation());
+        let mut output = match root.optional("output") {
+            Some(value) => {
+                let table = value.table()?;
+                if of_equation {
+                    table.allow(&["every", "coordinates", "times", "momentum"])?;
+                }
+                OutputOptions::read(&table, descriptor, count, time)?
+            }
+            None => OutputOptions::default_for(descriptor),
+        };
+        if of_equation {
+            output.coordinates.get_or_insert_with(|| (0..count).collect());
+        }
+        Ok(output)
     }
 
     /// The same scenario over the same time in another number of steps, with the whole state after each step.
@@ -418,13 +472,16 @@ impl Scenario {
 
     /// An error about the value at `path`, such as `history.engine`, in this scenario's file.
     pub fn error_at(&self, path: &str, problem: Problem) -> InputError {
-        self.document.error_at(path, problem)
+        match &self.equation {
+            Some(equation) => self.document.error_at(&equation.key(path), problem),
+            None => self.document.error_at(path, problem),
+        }
     }
 
     /// An error about the first of these values that is in the file, or about the first path if none is.
     pub fn error_at_first(&self, paths: &[&str], problem: Problem) -> InputError {
         let path = paths.iter().find(|path| self.document.has(path)).or(paths.first());
-        self.document.error_at(path.copied().unwrap_or_default(), problem)
+        self.error_at(path.copied().unwrap_or_default(), problem)
     }
 
     /// True if a force that changes inside a step acts from that time on.
@@ -455,8 +512,10 @@ impl Scenario {
     /// Refuses a potential or force that is not finite at the start.
     fn check_start(&self) -> Result<(), InputError> {
         let (start, half) = (self.time.start, self.time.start + 0.5 * self.time.step);
-        let place = match self.initial.position.as_slice() {
-            few if few.len() <= 64 => format!("t = {start}, q = {few:?}"),
+        let letter = if self.equation.is_some() { "x" } else { "q" };
+        let shown = self.initial.position.get(..self.system.names().count()).unwrap_or_default();
+        let place = match shown {
+            few if few.len() <= 64 => format!("t = {start}, {letter} = {few:?}"),
             _ => format!("t = {start}"),
         };
         if let Some(potential) = &self.system.potential
@@ -494,7 +553,8 @@ impl Scenario {
             let value = force.value(Moment::inside(start), &point);
             let later = force.value(Moment::inside(half), &point);
             if !value.is_finite() && !later.is_finite() {
-                let problem = Problem::NotFinite { what: "the force", place };
+                let what = if self.equation.is_some() { "the right side" } else { "the force" };
+                let problem = Problem::NotFinite { what, place };
                 return Err(self.error_at(&format!("system.force[{index}]"), problem));
             }
         }

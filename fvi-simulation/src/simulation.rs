@@ -149,6 +149,15 @@ impl GridState {
         }
         text.push('\n');
     }
+
+    /// Appends a line t,x0,… of the unknowns of an equation, in the same way.
+    pub fn append_unknowns(&self, text: &mut String) {
+        let _ = write!(text, "{:.16e}", self.time);
+        for number in self.position.iter().chain(&self.columns) {
+            let _ = write!(text, ",{number:.16e}");
+        }
+        text.push('\n');
+    }
 }
 
 impl Simulation {

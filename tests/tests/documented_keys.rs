@@ -10,7 +10,8 @@ const BASE: [(&str, &str); 3] =
     [("system", "mass = [1.0]\n"), ("initial", "position = [1.0]\n"), ("time", "step = 0.1\nsteps = 10\n")];
 
 /// Tables by their headers, with what else they need to be read as far as their keys.
-const TABLES: [(&str, &str); 34] = [
+const TABLES: [(&str, &str); 35] = [
+    ("[equation]", "order = 0.5\nright = [\"-x0\"]\ninitial = [1.0]"),
     ("[system]", "mass = [1.0]"),
     ("[[system.damping]]", "order = 0.5\ncoefficient = [1.0]"),
     ("[[system.element]]", "potential = \"x0^2\"\ncoordinates = [[0]]"),
@@ -55,7 +56,8 @@ fn keys(header: &str, content: &str) -> Vec<String> {
         text += "unknown_key = 1\n";
     }
     for (name, lines) in BASE {
-        if table != name {
+        // An equation stands in place of a system and its initial state.
+        if table != name && (table != "equation" || name == "time") {
             text += &format!("[{name}]\n{lines}");
         }
         if name == "system" && table.starts_with("system.damping.") {

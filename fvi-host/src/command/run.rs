@@ -149,7 +149,8 @@ fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> S
     };
     let mut errors = String::new();
     if let Some(measured) = &summary.errors {
-        let kinds = [("q", &measured.position), ("p", &measured.momentum), ("energy", &measured.energy)];
+        let position = if scenario.equation.is_some() { "x" } else { "q" };
+        let kinds = [(position, &measured.position), ("p", &measured.momentum), ("energy", &measured.energy)];
         for (name, error) in kinds.into_iter().filter(|(_, error)| error.compared > 0) {
             errors += &format!("; largest error of {name} {:.3e}", error.largest);
         }
@@ -157,14 +158,18 @@ fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> S
     let mut engines: Vec<&str> = summary.engine.iter().map(|engine| engine.name()).collect();
     engines.dedup();
     let engines = if engines.is_empty() { "no memory".to_owned() } else { engines.join(", ") };
+    let state = match scenario.equation {
+        Some(_) => format!("x = {}", list(&last.position)),
+        None => {
+            let (q, p) = (list(&last.position), list(&last.momentum));
+            format!("q = {q}, p = {p}, energy = {:.9}", last.energy)
+        }
+    };
     format!(
-        "{}: {} steps to t = {}: q = {}, p = {}, energy = {:.9}{errors}; {:.3} s, {engines}; files in {}",
+        "{}: {} steps to t = {}: {state}{errors}; {:.3} s, {engines}; files in {}",
         visible_line(scenario.heading()),
         summary.steps,
         last.time,
-        list(&last.position),
-        list(&last.momentum),
-        last.energy,
         summary.seconds,
         directory.display(),
     )

@@ -5,6 +5,7 @@ mod checkpoints;
 mod controllers;
 mod convergence;
 mod engine_comparison;
+mod equations;
 mod events;
 mod extremals;
 mod faults;

@@ -9,7 +9,7 @@ use crate::results::run_traces::RunTraces;
 #[cfg(feature = "pictures")]
 use crate::results::snapshots;
 use crate::results::snapshots::Snapshots;
-use crate::results::trajectory::{Format, Shape, TrajectoryMark, TrajectoryWriter};
+use crate::results::trajectory::{Format, Shape, States, TrajectoryMark, TrajectoryWriter};
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::GridState;
 use fvi_simulation::simulation::columns::Columns;
@@ -159,14 +159,15 @@ impl OutputSink {
             std::fs::create_dir_all(&directory).map_err(FileError::at(&directory))?;
             let parameters = scenario.sensitivity.as_ref().map_or(0, |asked| asked.parameters.len());
             let columns = Columns::of(scenario);
-            let shape = Shape { coordinates: &chosen, columns: &columns, parameters };
+            let shape =
+                Shape { states: States::of(scenario), coordinates: &chosen, columns: &columns, parameters };
             let writer = TrajectoryWriter::create(&directory, format, shape, scenario.output.every)
                 .map_err(FileError::at(&path))?;
             let path = directory.join(SNAPSHOTS);
             let create = |every| Snapshots::create(&path, every, scenario.coordinates());
             let snapshots =
                 scenario.output.snapshots.map(create).transpose().map_err(FileError::at(&path))?;
-            let traces = RunTraces::new(chosen.len().min(MOST_DRAWN), columns.len());
+            let traces = RunTraces::new(chosen.len().min(MOST_DRAWN), columns.len(), has_phase(scenario));
             let chosen = chosen.clone();
             Ok(Self { directory, chosen, writer, traces, snapshots })
         };
@@ -186,12 +187,12 @@ impl OutputSink {
     ) -> Result<Vec<Self>, FileError> {
         let (count, every) = (scenario.written_coordinates().len(), scenario.output.every);
         let columns = Columns::of(scenario);
+        let shape = (States::of(scenario), count, &columns);
         let directories = Self::directories(scenario, directory).into_iter();
         let resume = |((directory, mark), traces): ((PathBuf, &OutputMark), RunTraces)| {
             let path = directory.join(mark.trajectory.format.file());
-            let writer =
-                TrajectoryWriter::resume(&directory, &mark.trajectory, (count, &columns), every, index)
-                    .map_err(FileError::at(&path))?;
+            let writer = TrajectoryWriter::resume(&directory, &mark.trajectory, shape, every, index)
+                .map_err(FileError::at(&path))?;
             let path = directory.join(SNAPSHOTS);
             let resume = |every| Snapshots::resume(&path, every, scenario.coordinates(), &mark.snapshots);
             let snapshots =
@@ -224,8 +225,16 @@ impl OutputSink {
         for row in between {
             writer.push(&StateView::from(row).shown(scenario)).map_err(failed)?;
         }
-        let drawn = chosen.iter().map(|&index| (batch_view.position(index), batch_view.momentum(index)));
+        let drawn = chosen.iter().map(|&index| batch_view.position(index));
         traces.take(batch.times(), drawn, (batch_view.energies, batch.with_energy()));
+        if let (Some(&first), true) = (chosen.first(), has_phase(scenario)) {
+            // The first unknown with the second, or the position with the momentum.
+            let beside = match (scenario.equation.is_some(), chosen.get(1)) {
+                (true, Some(&second)) => batch_view.position(second),
+                _ => batch_view.momentum(first),
+            };
+            traces.take_phase(batch_view.position(first), beside);
+        }
         traces.take_columns(batch.times(), batch.columns());
         let Some(snapshots) = snapshots else { return Ok(()) };
         let whole: Vec<usize> = (0..batch_view.places.len()).collect();
@@ -318,6 +327,12 @@ impl OutputSink {
             .chain(pictures)
             .try_for_each(|name| remove(&directory.join(name)))
     }
+}
+
+/// True if a run has a phase portrait: of one coordinate, or of two unknowns of an equation.
+fn has_phase(scenario: &Scenario) -> bool {
+    let written = scenario.written_coordinates().len();
+    if scenario.equation.is_some() { written > 1 } else { written == 1 }
 }
 
 /// The directories of the load cases with these names; without cases the run's own.

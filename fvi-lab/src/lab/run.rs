@@ -194,6 +194,32 @@ impl RunSummary {
         ShortSummary { end, steps: *steps, steps_wanted: *steps_wanted, warnings }
     }
 
+    /// The record as values of a file; of an equation with `x` in place of positions, and without momenta and
+    /// energies.
+    ///
+    /// # Errors
+    /// If a value cannot be written as JSON.
+    pub fn record(&self) -> Result<serde_json::Value, serde_json::Error> {
+        let mut record = serde_json::to_value(self)?;
+        let Some(equation) = &self.scenario.equation else { return Ok(record) };
+        let mut in_words = |state: &mut serde_json::Value| {
+            let Some(state) = state.as_object_mut() else { return };
+            ["momentum", "energy"].iter().for_each(|name| drop(state.remove(*name)));
+            let Some(mut position) = state.remove("position") else { return };
+            if let Some(numbers) = position.as_array_mut() {
+                numbers.truncate(equation.unknowns());
+            }
+            state.insert("x".to_owned(), position);
+        };
+        for name in ["last", "largest", "errors"] {
+            record.get_mut(name).into_iter().for_each(&mut in_words);
+        }
+        record["scenario"]["output"].as_object_mut().map(|output| output.remove("momentum"));
+        let events = record.get_mut("events").and_then(|events| events.as_array_mut());
+        events.into_iter().flatten().for_each(&mut in_words);
+        Ok(record)
+    }
+
     /// The record of one load case.
     fn of_case(&self, scenario: &Scenario, case: usize) -> Self {
         let places = scenario.places_of(case);
@@ -413,7 +439,14 @@ pub fn run(
     if !scenario.cases.is_empty() {
         summary.of_all_cases();
     }
-    write_json(&directory.join(SUMMARY), &summary)?;
+    let path = directory.join(SUMMARY);
+    match scenario.equation {
+        Some(_) => {
+            let record = summary.record().map_err(|error| FileError::at(&path)(error.into()))?;
+            write_json(&path, &record)?;
+        }
+        None => write_json(&path, &summary)?,
+    }
     drawn?;
     Ok(summary)
 }
@@ -442,10 +475,11 @@ fn small_beside_scale(scenario: &Scenario, largest: &Largest) -> Option<String> 
     const SMALL: f64 = 0.01;
     let scale = scenario.time.adaptive()?.scale;
     let most = largest.position.iter().copied().fold(0.0, max_or_nan);
+    let what = if scenario.equation.is_some() { "unknown" } else { "position" };
     (most > 0.0 && most < SMALL * scale).then(|| {
         format!(
-            "no position is larger than {most:.1e}, and `time.tolerance` is relative to `time.scale`, {scale}: give a scale of \
-             the size of the positions"
+            "no {what} is larger than {most:.1e}, and `time.tolerance` is relative to `time.scale`, {scale}: give a scale of \
+             the size of the {what}s"
         )
     })
 }

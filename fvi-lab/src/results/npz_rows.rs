@@ -30,6 +30,11 @@ pub(crate) fn states(coordinates: usize) -> [Shape; 3] {
     [Shape { name: "t", columns: None }, Shape { name: "q", columns }, Shape { name: "p", columns }]
 }
 
+/// The arrays of the states of an equation with `unknowns` unknowns: `t`, `x`.
+pub(crate) fn unknowns(unknowns: usize) -> [Shape; 2] {
+    [Shape { name: "t", columns: None }, Shape { name: "x", columns: Some(unknowns) }]
+}
+
 struct Array {
     shape: Shape,
     file: GrowingFile,

@@ -4,6 +4,7 @@ use crate::results::files::{FileError, remove, write_picture};
 use crate::results::picture::{Axis, Chart, Series, Style};
 use crate::results::run_traces::RunTraces;
 use crate::results::trace::Envelope;
+use crate::results::trajectory::States;
 use fvi_scenario::scenario::{ReferenceRow, ReferenceSource, Scenario};
 use fvi_simulation::simulation::columns::{Columns, Source};
 use std::path::Path;
@@ -21,10 +22,12 @@ impl RunTraces {
         files: &mut Vec<&'static str>,
     ) -> Result<(), FileError> {
         let reference = reference_rows(scenario, end);
-        let mut charts = vec![
-            ("coordinates.svg", self.coordinates(scenario, &reference)),
-            ("energy.svg", self.energy(scenario, &reference)),
-        ];
+        let mut charts = vec![("coordinates.svg", self.coordinates(scenario, &reference))];
+        if scenario.equation.is_some() {
+            remove(&directory.join("energy.svg"))?;
+        } else {
+            charts.push(("energy.svg", self.energy(scenario, &reference)));
+        }
         match self.phase_portrait(scenario, &reference) {
             Some(chart) => charts.push(("phase.svg", chart)),
             // A phase portrait left by an earlier run of another system would be mistaken for one of this
@@ -50,13 +53,16 @@ impl RunTraces {
 
     fn coordinates(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {
         let chosen = scenario.written_coordinates();
-        let label = match chosen.as_slice() {
-            [only] => format!("position q{only}"),
-            _ => "position".to_owned(),
+        let letter = States::of(scenario).letter();
+        let label = match (chosen.as_slice(), &scenario.equation) {
+            ([only], Some(_)) => format!("solution {letter}{only}"),
+            ([only], None) => format!("position {letter}{only}"),
+            (_, Some(_)) => "solution".to_owned(),
+            (_, None) => "position".to_owned(),
         };
         let mut chart = chart(scenario, time_axis(scenario), Axis::linear(label));
         for (index, envelope) in chosen.iter().zip(&self.coordinates) {
-            chart = chart.with(Series::new(format!("q{index}"), Style::Line, envelope.points()));
+            chart = chart.with(Series::new(format!("{letter}{index}"), Style::Line, envelope.points()));
         }
         for (index, &coordinate) in chosen.iter().take(self.coordinates.len()).enumerate() {
             let known = |row: &ReferenceRow| Some((row.time, (*row.position.get(coordinate)?)?));
@@ -115,9 +121,16 @@ impl RunTraces {
     }
 
     fn phase_portrait(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Option<Chart> {
-        let coordinate = scenario.written_coordinates().first().copied()?;
+        let chosen = scenario.written_coordinates();
+        let coordinate = chosen.first().copied()?;
+        // An equation has the second unknown in place of a momentum.
+        let second = chosen.get(1).copied().filter(|_| scenario.equation.is_some());
         let known = |row: &ReferenceRow| {
-            Some((*row.position.get(coordinate)?.as_ref()?, *row.momentum.get(coordinate)?.as_ref()?))
+            let beside = match second {
+                Some(second) => row.position.get(second)?,
+                None => row.momentum.get(coordinate)?,
+            };
+            Some((*row.position.get(coordinate)?.as_ref()?, *beside.as_ref()?))
         };
         let points = reference.iter().filter_map(known).collect();
         let path = self.phase.as_ref()?;
@@ -125,7 +138,10 @@ impl RunTraces {
         if path.interrupted() {
             subtitle += "; beginning and end of the run";
         }
-        let (x, y) = (format!("position q{coordinate}"), format!("momentum p{coordinate}"));
+        let (x, y) = match second {
+            Some(second) => (format!("x{coordinate}"), format!("x{second}")),
+            None => (format!("position q{coordinate}"), format!("momentum p{coordinate}")),
+        };
         let chart = Chart::new(scenario.heading(), Axis::linear(x), Axis::linear(y))
             .with_subtitle(subtitle)
             .with(Series::new("trajectory", Style::Line, path.points()));

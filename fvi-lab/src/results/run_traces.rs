@@ -8,19 +8,19 @@ use serde::{Deserialize, Serialize};
 pub(crate) struct RunTraces {
     pub(super) coordinates: Vec<Envelope>,
     pub(super) energy: Envelope,
-    /// (q₀, p₀), for a single coordinate.
+    /// (q₀, p₀), for a single coordinate; (x₀, x₁), for several unknowns of an equation.
     pub(super) phase: Option<PathTrace>,
     /// Curves of the run's [`Columns`](fvi_simulation::simulation::columns::Columns).
     pub(super) columns: Vec<Envelope>,
 }
 
 impl RunTraces {
-    /// Empty traces for the number of drawn coordinates and of columns.
-    pub(crate) fn new(coordinates: usize, columns: usize) -> Self {
+    /// Empty traces for the number of drawn coordinates and of columns, with a phase portrait or without.
+    pub(crate) fn new(coordinates: usize, columns: usize, has_phase: bool) -> Self {
         Self {
             coordinates: vec![Envelope::new(); coordinates],
             energy: Envelope::new(),
-            phase: (coordinates == 1).then(PathTrace::new),
+            phase: has_phase.then(PathTrace::new),
             columns: vec![Envelope::new(); columns],
         }
     }
@@ -30,7 +30,6 @@ impl RunTraces {
         (1..=coordinates).contains(&self.coordinates.len())
             && self.coordinates.iter().chain(&self.columns).all(Envelope::is_sound)
             && self.energy.is_sound()
-            && self.phase.is_some() == (self.coordinates.len() == 1)
             && self.phase.iter().all(PathTrace::is_sound)
     }
 
@@ -38,19 +37,23 @@ impl RunTraces {
     pub(crate) fn take<'a>(
         &mut self,
         times: &[f64],
-        mut coordinates: impl Iterator<Item = (&'a [f64], &'a [f64])>,
+        mut coordinates: impl Iterator<Item = &'a [f64]>,
         (energies, with_energy): (&[f64], Option<impl Iterator<Item = usize>>),
     ) {
         for envelope in &mut self.coordinates {
-            let Some((position, momentum)) = coordinates.next() else { break };
+            let Some(position) = coordinates.next() else { break };
             envelope.push_all(times, position);
-            if let Some(phase) = &mut self.phase {
-                phase.push_all(position, momentum);
-            }
         }
         let Some(with_energy) = with_energy else { return self.energy.push_all(times, energies) };
         for index in with_energy {
             self.take_energy(times[index], energies[index]);
+        }
+    }
+
+    /// Appends to the phase portrait.
+    pub(crate) fn take_phase(&mut self, x: &[f64], y: &[f64]) {
+        if let Some(phase) = &mut self.phase {
+            phase.push_all(x, y);
         }
     }
 

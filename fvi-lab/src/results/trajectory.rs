@@ -2,6 +2,7 @@
 
 use crate::results::growing_file::{GrowingFile, Mark};
 use crate::results::npz_rows::{self, NpzRows};
+use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::GridState;
 use fvi_simulation::simulation::columns::{Columns, Quantity};
 use serde::{Deserialize, Serialize};
@@ -13,12 +14,13 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Format {
-    /// `trajectory.csv`: `t,q0,…,p0,…,energy` with 17 significant digits, and the run's columns, as
-    /// `u,setpoint,measure` of a controller and `u0,setpoint0,measure0,u1,…` of several.
+    /// `trajectory.csv`: `t,q0,…,p0,…,energy`, of an equation `t,x0,…`, with 17 significant digits, and the
+    /// run's columns, as `u,setpoint,measure` of a controller and `u0,setpoint0,measure0,u1,…` of several.
     #[default]
     Csv,
     /// `trajectory.npz`: the NumPy arrays `t` (rows), `q` and `p` (rows × coordinates) and `energy` (rows),
-    /// and those of the run's columns, as `u`, `setpoint` and `measure` (rows, or rows × controllers).
+    /// of an equation `t` and `x`, and those of the run's columns, as `u`, `setpoint` and `measure` (rows, or
+    /// rows × controllers).
     Npz,
 }
 
@@ -40,9 +42,35 @@ impl Format {
     }
 }
 
+/// What a state of a run consists of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum States {
+    /// Positions q, momenta p and an energy.
+    Motion,
+    /// The unknowns x of an equation.
+    Unknowns,
+}
+
+impl States {
+    /// Those of a scenario.
+    pub fn of(scenario: &Scenario) -> Self {
+        if scenario.equation.is_some() { Self::Unknowns } else { Self::Motion }
+    }
+
+    /// The letter of the coordinates.
+    pub fn letter(self) -> char {
+        match self {
+            Self::Motion => 'q',
+            Self::Unknowns => 'x',
+        }
+    }
+}
+
 /// Content of the rows of a trajectory besides time and energy.
 #[derive(Clone, Copy, Debug)]
 pub struct Shape<'a> {
+    /// What a row has.
+    pub states: States,
     /// Indices of the coordinates that are written, which appear in the names of the columns.
     pub coordinates: &'a [usize],
     /// The run's columns.
@@ -58,6 +86,7 @@ pub struct Shape<'a> {
 /// `mark` and `keep` preserve these files.
 pub struct TrajectoryWriter {
     rows: Rows,
+    states: States,
     every: usize,
     /// Index of the next grid point.
     index: usize,
@@ -75,13 +104,18 @@ enum Rows {
 impl Rows {
     /// NumPy arrays for `coordinates` coordinates and these columns, whose files `rows` opens.
     fn npz(
-        coordinates: usize,
+        (coordinates, states): (usize, States),
         columns: &Columns,
         rows: impl FnOnce(&[npz_rows::Shape]) -> io::Result<NpzRows>,
     ) -> io::Result<Self> {
         let quantities: Vec<_> = columns.quantities().collect();
-        let mut arrays = npz_rows::states(coordinates).to_vec();
-        arrays.push(npz_rows::Shape { name: "energy", columns: None });
+        let mut arrays = match states {
+            States::Motion => npz_rows::states(coordinates).to_vec(),
+            States::Unknowns => npz_rows::unknowns(coordinates).to_vec(),
+        };
+        if states == States::Motion {
+            arrays.push(npz_rows::Shape { name: "energy", columns: None });
+        }
         arrays.extend(quantities.iter().map(|quantity| npz_rows::Shape {
             name: quantity.name,
             columns: (quantity.members > 1).then_some(quantity.members),
@@ -107,25 +141,30 @@ impl TrajectoryWriter {
     /// # Errors
     /// If a file cannot be created.
     pub fn create(directory: &Path, format: Format, shape: Shape<'_>, every: usize) -> io::Result<Self> {
-        let Shape { coordinates, columns, parameters } = shape;
+        let Shape { states, coordinates, columns, parameters } = shape;
         let path = directory.join(format.file());
         let rows = match format {
             Format::Csv => {
                 let mut file = GrowingFile::begin(&path, 0)?;
-                let states = |letter: char| coordinates.iter().map(move |index| format!(",{letter}{index}"));
-                let names: String = states('q').chain(states('p')).collect();
+                let named = |letter: char| coordinates.iter().map(move |index| format!(",{letter}{index}"));
+                let names: String = match states {
+                    States::Motion => named('q').chain(named('p')).chain([",energy".to_owned()]).collect(),
+                    States::Unknowns => named(states.letter()).collect(),
+                };
                 let more: String = columns.headings().iter().map(|heading| format!(",{heading}")).collect();
                 let derived = |letter: char, parameter: usize| {
                     coordinates.iter().map(move |index| format!(",d{letter}{index}_d{parameter}"))
                 };
                 let both = |parameter| derived('q', parameter).chain(derived('p', parameter));
                 let derivatives: String = (0..parameters).flat_map(both).collect();
-                writeln!(file, "t{names},energy{more}{derivatives}")?;
+                writeln!(file, "t{names}{more}{derivatives}")?;
                 Rows::Csv(file)
             }
-            Format::Npz => Rows::npz(coordinates.len(), columns, |arrays| NpzRows::create(&path, arrays))?,
+            Format::Npz => {
+                Rows::npz((coordinates.len(), states), columns, |arrays| NpzRows::create(&path, arrays))?
+            }
         };
-        Ok(Self::behind(rows, every, 0, true))
+        Ok(Self::behind(rows, states, (every, 0), true))
     }
 
     /// A writer of every row to a file of NumPy arrays of any name.
@@ -133,8 +172,9 @@ impl TrajectoryWriter {
     /// # Errors
     /// If a file cannot be created.
     pub(crate) fn npz(path: &Path, coordinates: usize, columns: &Columns) -> io::Result<Self> {
-        let rows = Rows::npz(coordinates, columns, |arrays| NpzRows::create(path, arrays))?;
-        Ok(Self::behind(rows, 1, 0, true))
+        let states = States::Motion;
+        let rows = Rows::npz((coordinates, states), columns, |arrays| NpzRows::create(path, arrays))?;
+        Ok(Self::behind(rows, states, (1, 0), true))
     }
 
     /// A writer that continues behind a mark; the next grid point is `index`.
@@ -144,7 +184,7 @@ impl TrajectoryWriter {
     pub(crate) fn resume(
         directory: &Path,
         mark: &TrajectoryMark,
-        (coordinates, columns): (usize, &Columns),
+        (states, coordinates, columns): (States, usize, &Columns),
         every: usize,
         index: usize,
     ) -> io::Result<Self> {
@@ -152,15 +192,15 @@ impl TrajectoryWriter {
         let rows = match (mark.format, mark.files.as_slice()) {
             (Format::Csv, [csv]) => Rows::Csv(GrowingFile::resume(&path, 0, csv, || whole(&path))?),
             (Format::Npz, marks) => {
-                Rows::npz(coordinates, columns, |arrays| NpzRows::resume(&path, arrays, marks))?
+                Rows::npz((coordinates, states), columns, |arrays| NpzRows::resume(&path, arrays, marks))?
             }
             _ => return Err(io::ErrorKind::InvalidData.into()),
         };
-        Ok(Self::behind(rows, every, index, mark.written))
+        Ok(Self::behind(rows, states, (every, index), mark.written))
     }
 
-    fn behind(rows: Rows, every: usize, index: usize, written: bool) -> Self {
-        Self { rows, every: every.max(1), index, written, line: String::new() }
+    fn behind(rows: Rows, states: States, (every, index): (usize, usize), written: bool) -> Self {
+        Self { rows, states, every: every.max(1), index, written, line: String::new() }
     }
 
     /// True if the marked rows still exist. Changes nothing.
@@ -214,15 +254,21 @@ impl TrajectoryWriter {
         match &mut self.rows {
             Rows::Csv(file) => {
                 self.line.clear();
-                state.append_row(&mut self.line);
+                match self.states {
+                    States::Motion => state.append_row(&mut self.line),
+                    States::Unknowns => state.append_unknowns(&mut self.line),
+                }
                 file.write_all(self.line.as_bytes())
             }
             Rows::Npz(rows, quantities) => {
                 let (time, energy) = ([state.time], [state.energy]);
                 let of = |quantity: &Quantity| quantity.of(&state.columns).collect();
                 let more: Vec<Vec<f64>> = quantities.iter().map(of).collect();
-                let row = [&time[..], &state.position, &state.momentum, &energy];
-                rows.push(row.into_iter().chain(more.iter().map(Vec::as_slice)))
+                let row: &[&[f64]] = match self.states {
+                    States::Motion => &[&time, &state.position, &state.momentum, &energy],
+                    States::Unknowns => &[&time, &state.position],
+                };
+                rows.push(row.iter().copied().chain(more.iter().map(Vec::as_slice)))
             }
         }
     }
@@ -285,7 +331,7 @@ mod tests {
     fn rows(every: usize, count: usize) -> Vec<String> {
         let directory = tempfile::tempdir().unwrap();
         let columns = Columns::default();
-        let one = Shape { coordinates: &[0], columns: &columns, parameters: 0 };
+        let one = Shape { states: States::Motion, coordinates: &[0], columns: &columns, parameters: 0 };
         let mut writer = TrajectoryWriter::create(directory.path(), Format::Csv, one, every).unwrap();
         (0..count).for_each(|index| writer.push(&state(index)).unwrap());
         let path = directory.path().join("trajectory.csv");
@@ -323,7 +369,8 @@ mod tests {
                 let written = |interrupted: bool, finished: bool| {
                     let directory = tempfile::tempdir().unwrap();
                     let columns = Columns::default();
-                    let one = Shape { coordinates: &[0], columns: &columns, parameters: 0 };
+                    let one =
+                        Shape { states: States::Motion, coordinates: &[0], columns: &columns, parameters: 0 };
                     let mut writer = TrajectoryWriter::create(directory.path(), format, one, every).unwrap();
                     (0..11).for_each(|index| writer.push(&state(index)).unwrap());
                     if interrupted {
@@ -336,8 +383,14 @@ mod tests {
                             drop(writer);
                         }
                         assert!(TrajectoryWriter::can_resume(directory.path(), &mark));
-                        writer = TrajectoryWriter::resume(directory.path(), &mark, (1, &columns), every, 11)
-                            .unwrap();
+                        writer = TrajectoryWriter::resume(
+                            directory.path(),
+                            &mark,
+                            (States::Motion, 1, &columns),
+                            every,
+                            11,
+                        )
+                        .unwrap();
                     }
                     (11..20).for_each(|index| writer.push(&state(index)).unwrap());
                     writer.finish(&state(19)).unwrap();

@@ -4,6 +4,7 @@ use super::initial::InitialState;
 use super::system::{Derivative, System};
 use crate::language::document::Table;
 use crate::language::error::InputError;
+use crate::language::expression::Moment;
 use fvi_core::{max_or_nan, min_or_nan};
 
 /// Largest number of steps chosen during the run.
@@ -24,6 +25,11 @@ const SMALL_PART: f64 = 0.03;
 const SHORTEST_OF_CREEP: f64 = 1e-140;
 const LARGEST_CREEP: f64 = 1e3;
 
+/// The smallest power of a creep that is told apart, and two times at which it is seen how a right side
+/// begins.
+const LEAST_CREEP: f64 = 1e-3;
+const NEAR_START: [f64; 2] = [1e-20, 1e-12];
+
 /// The first pair of steps, in units of the shortest, if no step is short enough.
 const UNJUDGED: f64 = 1000.0;
 
@@ -34,6 +40,9 @@ const SHORTER_THAN_FIRST: f64 = 1e-3;
 /// Range of tolerances in double precision; see [`Adaptive::smallest_tolerance`] for single precision.
 const SMALLEST_TOLERANCE: f64 = 1e-12;
 const LARGEST_TOLERANCE: f64 = 0.1;
+
+/// The tolerance of an equation, if none is given.
+const USUAL_TOLERANCE: f64 = 1e-6;
 
 /// Settings for steps chosen during the run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +81,9 @@ pub struct Start {
     pub power: f64,
     /// c, the largest of all terms; zero if e is 1.
     pub size: f64,
+    /// True for an equation: a tolerance need not be given, and other coordinates than the unknowns begin to
+    /// move like any power.
+    pub of_equation: bool,
 }
 
 impl Adaptive {
@@ -79,20 +91,28 @@ impl Adaptive {
     pub(super) fn read(table: &Table<'_>, start: Start) -> Result<Self, InputError> {
         let positive = |key: &str| table.optional(key).map(|value| value.positive()).transpose();
         let end = table.required("end")?.positive()?;
-        let value = table.required("tolerance")?;
-        let tolerance = value.number()?;
-        if !(SMALLEST_TOLERANCE..=LARGEST_TOLERANCE).contains(&tolerance) {
-            return Err(value.out_of_range(format!(
-                "{SMALLEST_TOLERANCE:e} ≤ tolerance ≤ {LARGEST_TOLERANCE}: below, rounding decides and not the steps"
-            )));
-        }
+        let tolerance = match (table.optional("tolerance"), start.of_equation) {
+            (None, true) => USUAL_TOLERANCE,
+            _ => {
+                let value = table.required("tolerance")?;
+                let tolerance = value.number()?;
+                if !(SMALLEST_TOLERANCE..=LARGEST_TOLERANCE).contains(&tolerance) {
+                    return Err(value.out_of_range(format!(
+                        "{SMALLEST_TOLERANCE:e} ≤ tolerance ≤ {LARGEST_TOLERANCE}: below, rounding decides and not the steps"
+                    )));
+                }
+                tolerance
+            }
+        };
         let (first, longest) = (positive("first")?, positive("longest")?);
         let scale = positive("scale")?.unwrap_or(1.0);
         let most = (start.size * libm::pow(end, start.power)).max(scale);
         let small = SMALL_PART * tolerance * (scale / most);
         let asked = if start.power < 1.0 { libm::pow(small, 1.0 / start.power) * end } else { end };
         let part_of_creep = |size: f64| match start.creep {
-            creep if creep < 1.0 => libm::pow(SMALL_PART * tolerance / size, 1.0 / creep) * end,
+            creep if creep < 1.0 || start.of_equation => {
+                libm::pow(SMALL_PART * tolerance / size, 1.0 / creep) * end
+            }
             _ => end,
         };
         let shortest = positive("shortest")?.unwrap_or_else(|| {
@@ -122,7 +142,7 @@ impl Adaptive {
         }
         let is_out_of_reach = asked < shortest && table.optional("shortest").is_none();
         let unjudged = is_out_of_reach.then_some(UNJUDGED * shortest);
-        let creep = part_of_creep(1.0);
+        let creep = if start.creep < 1.0 { part_of_creep(1.0) } else { end };
         Ok(Self { end, tolerance, first, shortest, longest, scale, start, asked, creep, unjudged })
     }
 
@@ -157,7 +177,8 @@ impl Adaptive {
             moved.map(|(force, mass)| (force / mass).abs()).fold(0.0, max_or_nan)
         };
         let terms = system.damping.iter().filter(|term| term.derivative == Derivative::RiemannLiouville);
-        let mut start = Start { creep: Self::creep(system), power: 1.0, size: 0.0 };
+        let of_equation = system.stands_for_equation();
+        let mut start = Start { creep: Self::creep(system, initial), power: 1.0, size: 0.0, of_equation };
         for term in terms {
             let (power, size) = match term.transfer.growth() {
                 order if order < 1.0 => (1.0 - order, by_mass(term.coefficient.times(&initial.position))),
@@ -182,8 +203,10 @@ impl Adaptive {
     }
 
     /// The smallest power of t with which a coordinate without mass begins to move, at most 1: that of the
-    /// kernel on its own motion that grows fastest.
-    fn creep(system: &System) -> f64 {
+    /// kernel on its own motion that grows fastest, less what a right side of an equation that is unbounded
+    /// at the start takes off. What an equation moves besides its unknowns is held to the tolerance less
+    /// tightly the faster it forgets, as if it began like t.
+    fn creep(system: &System, initial: &InitialState) -> f64 {
         let mut held: Vec<Option<(f64, f64)>> = vec![None; system.coordinates()];
         for term in &system.damping {
             let (growth, power) = (term.transfer.growth(), term.transfer.creep_power());
@@ -195,8 +218,24 @@ impl Adaptive {
                 }
             }
         }
-        let massless = system.massless();
-        massless.iter().filter_map(|&row| held[row]).map(|(_, power)| power).fold(1.0, min_or_nan)
+        let powers = system.massless().into_iter().filter_map(|row| Some((row, held[row]?.1)));
+        let powers = powers.map(|(row, power)| match system.unknowns {
+            None => power,
+            Some(count) if row < count => (power + Self::push(system, initial, row)).max(LEAST_CREEP),
+            Some(_) => (1.0 + Self::push(system, initial, row)).max(LEAST_CREEP),
+        });
+        powers.fold(1.0, min_or_nan)
+    }
+
+    /// The power of t, at most 0, with which the right side of an equation begins: −0.3 for one like t^−0.3,
+    /// from its values near the start.
+    fn push(system: &System, initial: &InitialState, row: usize) -> f64 {
+        let Some(force) = system.force.as_ref().and_then(|force| force.get(row)) else { return 0.0 };
+        let at = |time: f64| force.value(Moment::inside(time), &initial.position).abs();
+        let [early, late] = NEAR_START.map(at);
+        let power = libm::log(early / late) / libm::log(NEAR_START[0] / NEAR_START[1]);
+        // Not a number where a value is 0 or none.
+        if power < -0.01 { power } else { 0.0 }
     }
 
     /// The smallest tolerance in a precision with this rounding unit.

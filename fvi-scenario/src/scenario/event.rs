@@ -75,15 +75,16 @@ pub enum Action {
 impl Event {
     pub(super) fn read(table: &Table<'_>, system: &System) -> Result<Self, InputError> {
         table.allow(&["when", "direction", "action"])?;
-        let count = system.coordinates();
-        let names = |letter: char| (0..count).map(move |index| format!("{letter}{index}"));
-        if let Some(name) = names('p').find(|name| system.parameters.contains_key(name)) {
+        // The unknowns of an equation have no momenta.
+        let momenta = if system.stands_for_equation() { 0 } else { system.coordinates() };
+        let momenta = || (0..momenta).map(|index| format!("p{index}"));
+        if let Some(name) = momenta().find(|name| system.parameters.contains_key(name)) {
             return Err(table.required("when")?.error(Problem::Incompatible {
                 with: format!("a parameter with the name `{name}`"),
                 allowed: "another name of the parameter: here it is a momentum".to_owned(),
             }));
         }
-        let symbols = system.symbols().with_time().with_variables(names('q')).with_variables(names('p'));
+        let symbols = system.symbols().with_time().with_variables(system.names()).with_variables(momenta());
         let value = table.required("when")?;
         let when = value.expression(&symbols)?;
         if when.root().as_number().is_some() {

@@ -53,12 +53,13 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Reads a grid with different steps from `[time]`. `start` describes the beginning of the momentum.
+    /// Reads a grid with different steps from `[time]`; without the name of one it is adaptive. `start`
+    /// describes the beginning of the momentum.
     pub(super) fn read(table: &Table<'_>, start: Start, document: &Document) -> Result<Self, InputError> {
-        let kind = table.required("grid")?;
         let keys = ["grid", "start", "must_hit", "allow_unstable", "energy_guard"];
         let allow = |own: &[&str]| table.allow(&[&keys, own].concat());
-        let name = kind.text()?;
+        let kind = table.optional("grid");
+        let name = kind.map_or(Ok("adaptive"), |kind| kind.text())?;
         let (rule, times) = match name {
             "graded" => {
                 allow(&["end", "steps", "exponent"])?;

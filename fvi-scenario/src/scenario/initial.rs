@@ -17,12 +17,25 @@ pub struct InitialState {
     /// The motion before the start, for the memories; absent: the system was at rest at q₀.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub past: Option<Past>,
+    /// True for the state of an [`Equation`](super::Equation), whose keys are written in place of these.
+    #[serde(skip)]
+    pub of_equation: bool,
 }
 
 impl InitialState {
     /// Rest at the origin.
     pub(super) fn at_rest(count: usize) -> Self {
-        Self { position: vec![0.0; count], momentum: vec![0.0; count], past: None }
+        Self { position: vec![0.0; count], momentum: vec![0.0; count], past: None, of_equation: false }
+    }
+
+    /// The state of the coordinates of an equation.
+    pub(super) fn of_equation(position: Vec<f64>) -> Self {
+        Self { of_equation: true, momentum: vec![0.0; position.len()], position, past: None }
+    }
+
+    /// True if it is written by the keys of an equation.
+    pub(super) fn is_of_equation(&self) -> bool {
+        self.of_equation
     }
 
     /// Reads the keys; without momentum and velocity it is at rest.
@@ -46,7 +59,7 @@ impl InitialState {
                 given[massless]
             )));
         }
-        Ok(Self { position, momentum, past: None })
+        Ok(Self { position, momentum, past: None, of_equation: false })
     }
 
     /// Steps of the past.

@@ -65,15 +65,18 @@ impl Reference {
         (grid, output): (&TimeGrid, &OutputOptions),
         document: &Document,
     ) -> Result<Self, InputError> {
+        if system.stands_for_equation() {
+            table.allow(&["position", "file"])?;
+        }
         table.allow(&["position", "momentum", "energy", "file"])?;
-        let count = system.coordinates();
+        let count = system.names().count();
         if let Some(value) = table.optional("file") {
             for key in ["position", "momentum", "energy"] {
                 if let Some(other) = table.optional(key) {
                     return Err(other.error(Problem::Conflict { other: "reference.file".to_owned() }));
                 }
             }
-            let rows = read_rows(&value, document, count)?;
+            let rows = read_rows(&value, document, system)?;
             let reference = Self { source: ReferenceSource::Table { file: value.text()?.to_owned(), rows } };
             if !reference.meets(grid, output) {
                 let reason = match &grid.grid {
@@ -218,10 +221,13 @@ fn check_finite_somewhere(
 fn read_rows(
     value: &crate::language::document::Value<'_>,
     document: &Document,
-    count: usize,
+    system: &System,
 ) -> Result<Vec<ReferenceRow>, InputError> {
-    let named = |letter: char| (0..count).map(move |index| format!("{letter}{index}"));
-    let columns: Vec<String> = named('q').chain(named('p')).chain(["energy".to_owned()]).collect();
+    let mut columns: Vec<String> = system.names().collect();
+    let count = columns.len();
+    if !system.stands_for_equation() {
+        columns.extend((0..count).map(|index| format!("p{index}")).chain(["energy".to_owned()]));
+    }
     let table = NumberTable::read(value, document, &columns)?;
     let place = |column: &String| table.names.iter().position(|name| name == column);
     let places: Vec<Option<usize>> = columns.iter().map(place).collect();

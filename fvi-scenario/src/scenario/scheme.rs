@@ -139,6 +139,11 @@ impl Scheme {
         }
     }
 
+    /// The scheme of equations that name none, for singular starts and stiffness.
+    pub(super) fn for_equations() -> Self {
+        Self::Collocation
+    }
+
     /// The scheme with the default quadrature: a Galerkin scheme without one takes Gauss's with as many
     /// points as its degree, unless the convolution quadrature determines it.
     pub(super) fn with_quadrature_for(self, family: ConvolutionFamily) -> Self {

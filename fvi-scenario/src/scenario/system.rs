@@ -12,6 +12,7 @@ use super::sparse_matrix::{KnownMatrices, Matrices, SparseMatrix};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Symbols};
+use fvi_core::ParameterError;
 use fvi_fft::transfer::Active;
 use fvi_fft::transfer::TransferFunction;
 use nalgebra::DMatrix;
@@ -58,6 +59,10 @@ pub struct System {
     /// Patterns and factors shared with other scenarios.
     #[serde(skip)]
     pub known: Option<KnownMatrices>,
+    /// Number of unknowns of the [`Equation`](super::Equation) that this system stands for, its first
+    /// coordinates; `None` for a mechanical system.
+    #[serde(skip)]
+    pub unknowns: Option<usize>,
 }
 
 /// One damping term ρ K(D) q.
@@ -222,7 +227,23 @@ impl System {
             loads,
             own_terms: None,
             known: shared.cloned(),
+            unknowns: None,
         })
+    }
+
+    /// True if it stands for an [`Equation`](super::Equation), whose keys are written in place of its own.
+    pub fn stands_for_equation(&self) -> bool {
+        self.unknowns.is_some()
+    }
+
+    /// The names of what moves in files and expressions: the coordinates q0, q1, …, or the unknowns of an
+    /// equation, x0, x1, …
+    pub fn names(&self) -> impl Iterator<Item = String> + use<> {
+        let (letter, count) = match self.unknowns {
+            Some(count) => ('x', count),
+            None => ('q', self.coordinates()),
+        };
+        (0..count).map(move |index| format!("{letter}{index}"))
     }
 
     /// Coordinates without mass, from 0.
@@ -275,6 +296,18 @@ impl System {
 }
 
 impl Damping {
+    /// Caputo's derivative of an order, with a diagonal ρ.
+    pub(super) fn of_order(order: f64, coefficient: Vec<f64>) -> Result<Self, ParameterError> {
+        Ok(Self {
+            transfer: TransferFunction::power(order)?,
+            coefficient: SymmetricMatrix::Diagonal(coefficient),
+            derivative: Derivative::Caputo,
+            attached: None,
+            scale: None,
+            matrix: None,
+        })
+    }
+
     fn read(
         table: &Table<'_>,
         count: usize,

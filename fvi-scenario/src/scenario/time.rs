@@ -139,7 +139,10 @@ impl TimeGrid {
             ("points", false),
             ("adaptive", false),
         ];
-        let uniform = table.optional("grid").map_or(Ok(true), |value| value.choice(&KINDS))?;
+        let has = |key: &str| table.optional(key).is_some();
+        // A tolerance asks for adaptive steps; an equation does so without any key for steps.
+        let chosen = has("tolerance") || (start.of_equation && !has("step") && !has("steps"));
+        let uniform = table.optional("grid").map_or(Ok(!chosen), |value| value.choice(&KINDS))?;
         let allow_unstable = table.optional("allow_unstable").map_or(Ok(false), |value| value.truth())?;
         let reactions =
             [("stop", OnEnergyGrowth::Stop), ("warn", OnEnergyGrowth::Warn), ("off", OnEnergyGrowth::Ignore)];

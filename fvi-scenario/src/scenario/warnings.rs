@@ -2,6 +2,7 @@
 //! expected.
 
 use super::Scenario;
+use super::adaptive::Adaptive;
 use super::scheme::DampedAt;
 use super::system::{Damping, Derivative};
 use crate::language::expression::{Function, Kind, Node};
@@ -20,7 +21,8 @@ impl Scenario {
         let jumps = self.jumps_warning();
         let of_starting = starting.into_iter().chain(growing).chain(lowering);
         let start = self.start_warning();
-        of_starting.chain(singular).chain(start).chain(jumps).chain(self.off_grid_warning()).collect()
+        let further = start.into_iter().chain(jumps).chain(self.off_grid_warning());
+        of_starting.chain(singular).chain(further).chain(self.equal_steps_warning()).collect()
     }
 
     /// Warns of starting weights that their exponents do not determine.
@@ -79,6 +81,18 @@ impl Scenario {
         ))
     }
 
+    /// Warns of equal steps through the singular start of an equation.
+    fn equal_steps_warning(&self) -> Option<String> {
+        self.equation.as_ref()?;
+        let power = Adaptive::start(&self.system, &self.initial).creep;
+        (self.time.grid.is_none() && power < 1.0).then(|| {
+            format!(
+                "time.step: the solution begins like t^{power}, which the first of equal steps do not resolve; `end` and \
+                 `tolerance` without a step choose steps that do"
+            )
+        })
+    }
+
     /// Warns of forces that jump in the position, if steps do not end at the jumps.
     fn jumps_warning(&self) -> Option<String> {
         let count = self.coordinates();
@@ -93,10 +107,14 @@ impl Scenario {
         }
         let force = components.any(|component| jumps(component.root(), &Node::varies));
         let potential = self.system.potential.iter().any(|potential| jumps(potential.root(), &Node::varies));
-        let key = if force { "system.force" } else { "system.potential" };
+        let (key, what) = match (&self.equation, force) {
+            (Some(_), _) => ("equation.right", "an unknown"),
+            (None, true) => ("system.force", "the position"),
+            (None, false) => ("system.potential", "the position"),
+        };
         ((force || potential) && self.time.adaptive().is_none()).then(|| {
             format!(
-                "{key}: `step` or `sign` of the position jumps inside of steps, which leaves the order 1 at best; \
+                "{key}: `step` or `sign` of {what} jumps inside of steps, which leaves the order 1 at best; \
                  `time.grid` = \"adaptive\" ends steps there"
             )
         })

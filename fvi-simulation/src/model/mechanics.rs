@@ -50,6 +50,9 @@ pub struct Model<T> {
     is_constant: bool,
     /// True if the restoring force is that of one expression alone, without jumps and kinks as switches.
     is_of_expression: bool,
+    /// True if slopes of the forces that are not finite, as of √x at 0, are left out of Newton's matrix:
+    /// forces alone decide what the iteration ends at.
+    leaves_out_slopes: bool,
     /// Forces that are rough in time, with exact moments.
     rough: Option<RoughForces>,
     /// Potentials and forces supplied as code.
@@ -250,6 +253,7 @@ impl<T: Elementary> Model<T> {
             potential,
             is_constant,
             is_of_expression: false,
+            leaves_out_slopes: scenario.equation.is_some(),
             forced: !force.is_zero(),
             is_linear: false,
             rough,
@@ -723,8 +727,11 @@ impl<T: Elementary> Model<T> {
         self.force.derivatives(moment(instant), point, registers, pushed, jacobian);
         restoring.iter_mut().zip(pushed).for_each(|(restoring, force)| *restoring -= *force);
         if self.resistance_slots.is_empty() {
+            let leaves_out = self.leaves_out_slopes;
             for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {
-                values[slot] -= entry;
+                if !leaves_out || entry.is_finite() {
+                    values[slot] -= entry;
+                }
             }
         } else {
             for (&slot, &mut entry) in self.jacobian_slots.iter().zip(jacobian) {

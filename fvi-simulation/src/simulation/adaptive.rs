@@ -5,7 +5,7 @@ use super::crossings::{Crossings, Standing, Verdict};
 use super::error_budget::ErrorBudget;
 use super::step_control::StepControl;
 use super::{GridState, Precision, Simulation};
-use fvi_core::{StateError, StepError};
+use fvi_core::{StateError, StepError, max_or_nan};
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Adaptive, Scenario};
 use serde::{Deserialize, Serialize};
@@ -15,6 +15,9 @@ const FIRST: f64 = 1e-3;
 
 /// The shortest step in single precision, as a fraction of the end.
 const SHORTEST_IN_SINGLE: f64 = 1e-30;
+
+/// Growth from which on a solution that no step continues counts as unbounded.
+const UNBOUNDED: f64 = 1e6;
 
 /// Largest number of attempts at one step.
 const MOST_ATTEMPTS: usize = 60;
@@ -32,6 +35,10 @@ pub(crate) struct AdaptiveSteps<'s> {
     progress: Progress,
     /// Rounding unit of the precision, by which times are distinguished.
     epsilon: f64,
+    /// Exponent of the part of a step in the whole time by which the error of a coordinate counts less: of
+    /// an equation 1 − β for the further coordinates, which D^β moves and which forget the faster the smaller
+    /// β is. Those that begin like t^β need not be followed from a start that no step resolves.
+    forgetting: Vec<f64>,
     /// Reference size of each momentum.
     momentum_scale: Vec<f64>,
     /// State before the pair, and between its halves.
@@ -151,8 +158,13 @@ impl<'s> AdaptiveSteps<'s> {
         let standing = crossings.as_ref().map(|crossings| crossings.standing().clone());
         let progress =
             Progress { control, budget, second: None, time: 0.0, largest, counts, at_break: true, standing };
+        let forgetting = scenario.equation.as_ref().map_or_else(Vec::new, |equation| {
+            let exponents = equation.orders_of_coordinates().map(|order| 1.0 - order).enumerate();
+            exponents.map(|(row, power)| if row < equation.unknowns() { 0.0 } else { power }).collect()
+        });
         Ok(Some(Self {
             breaks: Breaks::of(scenario, rule.shortest),
+            forgetting,
             crossings,
             momentum_scale,
             scenario,
@@ -286,6 +298,9 @@ impl<'s> AdaptiveSteps<'s> {
                 Err(AttemptError::Step(_)) => None,
                 Err(AttemptError::State(error)) => return Err(error.to_string()),
             };
+            if self.turns_after_failure(simulation, &made)? {
+                continue;
+            }
             let mut at_break = at_break;
             match (&mut self.crossings, &made, error) {
                 (Some(crossings), Ok(_), Some(error)) if error <= 1.0 => {
@@ -335,16 +350,40 @@ impl<'s> AdaptiveSteps<'s> {
             simulation.restore(&self.saved).map_err(|error| error.to_string())?;
             // An error that is not a number counts as a failure.
             self.progress.control.reject(length, error.filter(|error| error.is_finite()));
-            worst = Some(match made {
-                Err(AttemptError::Step(reason)) => reason.to_string(),
-                _ => format!("the error is {:.1e} times the tolerance", error.unwrap_or(f64::INFINITY)),
-            });
+            worst = Some(self.what_failed(&made, error));
             tried = half;
             if length <= shortest || (at_break && length < 2.0 * shortest) {
                 break;
             }
         }
         Err(self.too_rough(&worst.unwrap_or_default(), tried))
+    }
+
+    /// What is wrong with an attempt.
+    fn what_failed(&self, made: &Result<u32, AttemptError>, error: Option<f64>) -> String {
+        match made {
+            Err(AttemptError::Step(StepError::NotFinite)) if self.scenario.equation.is_some() => {
+                "the right side, or the result, is not a finite number".to_owned()
+            }
+            Err(AttemptError::Step(reason)) => reason.to_string(),
+            _ => format!("the error is {:.1e} times the tolerance", error.unwrap_or(f64::INFINITY)),
+        }
+    }
+
+    /// True if an attempt whose forces were not finite is to be repeated on another side of a jump or kink.
+    fn turns_after_failure(
+        &mut self,
+        simulation: &mut Simulation,
+        made: &Result<u32, AttemptError>,
+    ) -> Result<bool, String> {
+        let Err(AttemptError::Step(StepError::NotFinite)) = made else { return Ok(false) };
+        let turns = |crossings: &mut Crossings| crossings.turns_after_failure(simulation);
+        if !self.crossings.as_mut().is_some_and(turns) {
+            return Ok(false);
+        }
+        self.progress.counts.rejected += 1;
+        simulation.restore(&self.saved).map_err(|error| error.to_string())?;
+        Ok(true)
     }
 
     /// The message that no step is accurate enough, down to the one tried last.
@@ -360,15 +399,43 @@ impl<'s> AdaptiveSteps<'s> {
             );
         }
         if is_start && creep < shortest {
+            let what = match self.scenario.equation {
+                Some(_) => "the solution begins",
+                None => "a coordinate without mass begins to move",
+            };
             return format!(
-                "{worst}, with steps of {tried:.1e} even, the shortest here (`time.shortest`): a coordinate without mass begins to move \
+                "{worst}, with steps of {tried:.1e} even, the shortest here (`time.shortest`): {what} \
                  like t^{:.3}, and `time.tolerance` asks for a first step of {creep:.1e}",
                 start.creep
             );
         }
+        if self.scenario.equation.is_some() && !is_start {
+            return self.ends(worst, tried);
+        }
         format!(
             "{worst}, with steps of {tried:.1e} even, the shortest here (`time.shortest`): a jump of a force belongs on a grid point \
              (`time.must_hit`), and a tolerance above what rounding leaves"
+        )
+    }
+
+    /// The message that the solution of an equation does not go on.
+    fn ends(&self, worst: &str, tried: f64) -> String {
+        let time = self.progress.time;
+        let unknowns = self.scenario.system.unknowns.unwrap_or(0);
+        let begun = self.scenario.initial.position.iter().map(|x| x.abs()).fold(self.rule.scale, max_or_nan);
+        let (row, most) = self.progress.largest[0].iter().take(unknowns).enumerate().fold(
+            (0, 0.0),
+            |(row, most), (other, &size)| if size > most { (other, size) } else { (row, most) },
+        );
+        if most > UNBOUNDED * begun {
+            return format!(
+                "the solution grows without bound, it ends near t = {time}: |x{row}| is {most:.1e} there, and {worst}, with steps of \
+                 {tried:.1e} even"
+            );
+        }
+        format!(
+            "{worst}, with steps of {tried:.1e} even, the shortest here (`time.shortest`): near t = {time} the solution ends, or the \
+             right side jumps (put that time into `time.must_hit`), or the tolerance is below what rounding leaves"
         )
     }
 
@@ -425,11 +492,12 @@ impl<'s> AdaptiveSteps<'s> {
     fn error(&self, pair: [f64; 2]) -> f64 {
         let is_judged = self.rule.longest_unjudged(self.progress.time).is_none();
         let of_momenta = if is_judged { 1.0 } else { 0.0 };
-        let at_end =
-            self.progress.budget.of(self.largest_difference(&self.whole, &self.end, [1.0, of_momenta]), pair);
+        let length = pair[1] - pair[0];
+        let at_end = self.largest_difference([&self.whole, &self.end], [1.0, of_momenta], length);
+        let at_end = self.progress.budget.of(at_end, pair);
         let inside = self.inside.as_ref().map_or(0.0, |[whole, of_half]| {
             let [positions, momenta] = self.share_inside;
-            let error = self.largest_difference(whole, of_half, [positions, of_momenta * momenta]);
+            let error = self.largest_difference([whole, of_half], [positions, of_momenta * momenta], length);
             // Rescaled to the same dependence on the length as the other.
             libm::pow(error, self.progress.budget.order_of_pairs() / self.order_inside)
         });
@@ -437,17 +505,21 @@ impl<'s> AdaptiveSteps<'s> {
     }
 
     /// The largest difference of two states in units of the tolerance, with the given weights of positions
-    /// and momenta.
-    fn largest_difference(&self, one: &GridState, other: &GridState, shares: [f64; 2]) -> f64 {
+    /// and momenta, after a step of this length.
+    fn largest_difference(&self, [one, other]: [&GridState; 2], shares: [f64; 2], length: f64) -> f64 {
         let Self { rule, progress, momentum_scale, .. } = self;
+        let of_row = |row: usize| match self.forgetting.get(row) {
+            Some(&power) if power > 0.0 => shares[0] * libm::pow(length / rule.end, power),
+            _ => shares[0],
+        };
         let [positions, momenta] = &progress.largest;
         let relative = |one: f64, other: f64, most: f64, scale: f64| {
             (one - other).abs() / most.max(other.abs()).max(scale)
         };
-        let positions = one.position.iter().zip(&other.position).zip(positions);
+        let positions = one.position.iter().zip(&other.position).zip(positions).enumerate();
         let momenta = one.momentum.iter().zip(&other.momentum).zip(momenta).zip(momentum_scale);
-        let positions =
-            positions.map(|((&one, &other), &most)| shares[0] * relative(one, other, most, rule.scale));
+        let positions = positions
+            .map(|(row, ((&one, &other), &most))| of_row(row) * relative(one, other, most, rule.scale));
         let momenta =
             momenta.map(|(((&one, &other), &most), &scale)| shares[1] * relative(one, other, most, scale));
         // A value that is not a number counts as larger than every number.

@@ -73,6 +73,12 @@ pub(super) fn placed(scenario: &Scenario) -> Result<Placed<'_>, InputError> {
     }
     let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
     let held = Held::new(scenario, rows, &mut model)?;
+    if scenario.equation.is_some() {
+        // Each coordinate has a damper that holds it where it begins, whatever its right side is.
+        held.check_scheme(scenario)?;
+        held.check_growth(scenario)?;
+        return Ok(unchanged(held.sorted(scenario)));
+    }
     held.check_damping(scenario, &scenario.initial.position)?;
     held.check_scheme(scenario)?;
     held.check_hold(scenario)?;
@@ -253,6 +259,30 @@ impl Held {
             return Err(scenario.error_at("scheme", Problem::Incompatible { with, allowed }));
         }
         Ok(())
+    }
+
+    /// Refuses equal steps over which a right side grows by more than its unknown: of the numbers that such
+    /// steps would give none is near the solution.
+    fn check_growth(&self, scenario: &Scenario) -> Result<(), InputError> {
+        if scenario.time.grid.is_some() {
+            return Ok(());
+        }
+        let h = scenario.time.step;
+        let mut own = own_entries(&self.stiffness, &self.places, self.rows.len());
+        for term in &scenario.system.damping {
+            let value = term.transfer.value(Complex::new(h.recip(), 0.0)).re;
+            own.iter_mut().zip(term.coefficient.diagonal()).for_each(|(own, entry)| *own += value * entry);
+        }
+        match own.iter().any(|&own| own <= 0.0) {
+            true => {
+                let with =
+                    "a right side that grows faster with its unknown than such a step resolves".to_owned();
+                let allowed =
+                    "shorter steps; or `end` with a `tolerance` alone, which chooses them".to_owned();
+                Err(scenario.error_at("time.step", Problem::Incompatible { with, allowed }))
+            }
+            false => Ok(()),
+        }
     }
 
     /// Refuses coordinates that neither stiffness nor damping holds.

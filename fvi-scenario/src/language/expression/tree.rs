@@ -67,7 +67,8 @@ impl Node {
         Self { kind: Kind::Time, varies: false }
     }
 
-    pub(super) fn variable(index: usize) -> Self {
+    /// A variable, by its index.
+    pub fn variable(index: usize) -> Self {
         Self { kind: Kind::Variable(index), varies: true }
     }
 

@@ -35,6 +35,7 @@ macro_rules! features {
 }
 
 features! {
+    Equation: "an equation", "[equation]", |s| on(s.equation.is_some());
     Potential: "a potential", "system.potential", |s| on(s.system.potential.is_some());
     Force: "a force in words", "system.force", |s| on(s.system.force.is_some());
     ForceOfVelocity: "a force of the velocity", "system.force", |s| on(s.system.has_forces_of_velocity());

@@ -7,6 +7,7 @@ const fn row(refused: Feature, beside: Feature, why: &'static str, instead: &'st
     Row { refused, beside, why, instead }
 }
 
+const OF_MECHANICS: &str = "a scenario with `[system]`: coordinates without mass, each with its damper";
 const ANY_WEIGHTS: &str = "\"direct\", \"block-fft\" or \"real-time\"";
 const LINEAR: &str = "cases of a linear structure, one factor for all: springs in `stiffness`, forces in `[[system.load]]` and `[[case.load]]`";
 const SMOOTH: &str = "expressions without jumps and kinks in the position";
@@ -16,6 +17,11 @@ const ONE_MOTION: &str = "scenarios without cases; `fvi run` and `fvi.run_cases`
 
 /// The table. Where several rows apply, the first is told.
 pub const ROWS: &[Row] = &[
+    // Fractional differential equations.
+    row(Equation, Sweep, "", OF_MECHANICS),
+    row(Equation, Fit, "", OF_MECHANICS),
+    row(Equation, Converge, "", "`fvi run`, whose steps follow `time.tolerance`"),
+    row(Equation, Response, "", OF_MECHANICS),
     // Schemes and quadratures.
     row(NotRadau, Collocation, "", "\"radau-iia\", whose nodes the scheme collocates at"),
     row(
