@@ -87,9 +87,11 @@ pub(crate) fn run<'py>(
                     event.own = function.map(|function| watched(function, slot.clone()));
                 }
                 if let Some(callables) = terms {
-                    let mut terms = PythonTerms::new(callables, scenario.coordinates(), slot.clone());
+                    // Of an equation they act on its unknowns.
+                    let size = scenario.system.names().count();
+                    let mut terms = PythonTerms::new(callables, size, slot.clone());
                     if go_on.is_none() {
-                        let (start, position) = (scenario.time.start, &scenario.initial.position);
+                        let (start, position) = (scenario.time.start, &scenario.initial.position[..size]);
                         let velocity = scenario.initial_velocity();
                         terms.look_at_the_start(start, position, velocity.as_deref())?;
                     }
@@ -384,7 +386,10 @@ impl Rows {
             value.map_err(|error| Failure::Failed(error.to_string()))
         };
         let end = json(serde_json::to_string(&summary.in_short()))?;
-        let summary = json(serde_json::to_string(summary))?;
+        let summary = match summary.scenario.equation {
+            Some(_) => json(summary.record().map(|record| record.to_string()))?,
+            None => json(serde_json::to_string(summary))?,
+        };
         let Self { coordinates, time, position, momentum, energy, columns, of_columns, derivatives } = self;
         let rows = time.len();
         let table = |numbers: Vec<f64>, columns| numbers.into_pyarray(py).reshape([rows, columns]);

@@ -12,6 +12,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `Model`                 a system that is integrated several times
 `run_cases`,            several load cases of a linear system together
 `integrate_cases`
+`solve_fde`             fractional differential equations D^α x = f(t, x)
 `derivative`            fractional derivatives and integrals of samples
 `weights`               weights of convolution quadrature
 `Kernel`                transfer functions in place of s^β
@@ -32,6 +33,7 @@ The compiled part releases the interpreter lock while it computes; results are b
 """
 
 from fvi._controller import FractionalPid
+from fvi._equation import Solution, solve_fde
 from fvi._errors import InputError, StepError
 from fvi._fit import Estimate, Fit, FitTable, fit
 from fvi._fvi import __version__
@@ -68,6 +70,7 @@ __all__ = [
     "Potential",
     "Response",
     "Result",
+    "Solution",
     "StepError",
     "Table",
     "Tuning",
@@ -83,6 +86,7 @@ __all__ = [
     "response",
     "run",
     "run_cases",
+    "solve_fde",
     "sweep",
     "tune",
     "weights",

@@ -368,8 +368,14 @@ class Result:
 
 def of_arrays(arrays: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, dict[str, FloatArray]]:
     """t, q, p, energy and the columns in a file of NumPy arrays."""
-    t, q, p, energy = (arrays[name] for name in _STATE)
-    return t, q, p, energy, {name: arrays[name] for name in arrays if name not in (*_STATE, "end", "derivatives")}
+    if "x" in arrays:
+        # The unknowns of an equation have neither momenta nor an energy.
+        t, q = arrays["t"], arrays["x"]
+        p, energy = np.zeros_like(q), np.zeros_like(t)
+    else:
+        t, q, p, energy = (arrays[name] for name in _STATE)
+    others = (*_STATE, "x", "end", "derivatives")
+    return t, q, p, energy, {name: arrays[name] for name in arrays if name not in others}
 
 
 def ending(known: Mapping[str, Any]) -> tuple[int, str]:
@@ -406,17 +412,20 @@ def _of_directory(path: str) -> Result:
     def part(pattern: str) -> FloatArray:
         return np.ascontiguousarray(rows[:, taken(pattern)])
 
-    q, p = part(r"q\d+"), part(r"p\d+")
+    q, p = part(r"[qx]\d+"), part(r"p\d+")
+    if not taken(r"p\d+"):
+        p = np.zeros_like(q)
     columns = {}
     for heading in names:
         name = heading.rstrip("0123456789")
-        if re.fullmatch(r"t|energy|[qp]\d+|d[qp]\d+_d\d+", heading) or name in columns:
+        if re.fullmatch(r"t|energy|[qpx]\d+|d[qp]\d+_d\d+", heading) or name in columns:
             continue
         columns[name] = part(re.escape(name))[:, 0] if name == heading else part(rf"{re.escape(name)}\d+")
     parameters = len(taken(r"dq\d+_d\d+")) // q.shape[1]
     by_parameter = [part(rf"d{letter}\d+_d{parameter}") for parameter in range(parameters) for letter in "qp"]
     derivatives = np.concatenate(by_parameter, axis=1) if by_parameter else None
-    t, energy = part("t")[:, 0], part("energy")[:, 0]
+    t = part("t")[:, 0]
+    energy = part("energy")[:, 0] if "energy" in names else np.zeros_like(t)
     return Result(t, q, p, energy, status == 0, status, message, record, warned, columns=columns, _derivatives=derivatives)
 
 

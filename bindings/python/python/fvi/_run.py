@@ -308,7 +308,7 @@ def _result(
     )
 
 
-def _raise(raised: BaseException, computed: Result | dict[str, Result]) -> NoReturn:
+def _raise(raised: BaseException, computed: object) -> NoReturn:
     """Raises the exception that stopped a run, with what was computed until then."""
     try:
         setattr(raised, "result", computed)

@@ -1,0 +1,335 @@
+"""Fractional differential equations."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fvi import _arrays, _fvi
+from fvi._errors import InputError
+from fvi._result import ending
+from fvi._run import Progress, _outside, _raise, check_progress
+from fvi._scenario import source
+from fvi._terms import Event, Function, Terms
+from fvi._types import FloatArray
+
+
+@dataclass(frozen=True, repr=False)
+class Solution:
+    """The solution of a fractional differential equation.
+
+    Attributes
+    ----------
+    t : ndarray
+        Times: those of `t_eval`, or of the steps.
+    x : ndarray, rows × unknowns
+        Unknowns at these times.
+    success : bool
+        Whether the end, or an event that ends the solution, was reached.
+    status : int
+        0 at the end, 1 at an event that ends the solution, −1 where no step could be made.
+    message : str
+        How it ended.
+    t_events, x_events : list of ndarray
+        Times of each event, and the unknowns there, row by row.
+    steps : int
+        Steps made.
+    warnings : tuple of str
+        Warnings; they are issued as well.
+    """
+
+    t: FloatArray
+    x: FloatArray
+    success: bool
+    status: int
+    message: str
+    t_events: list[FloatArray]
+    x_events: list[FloatArray]
+    steps: int
+    warnings: tuple[str, ...]
+    _record: str = field(repr=False)
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The record of the run, with the inputs as used."""
+        record: dict[str, Any] = json.loads(self._record)
+        return record
+
+    def __repr__(self) -> str:
+        rows, unknowns = self.x.shape
+        span = f", t = {self.t[0]:g} … {self.t[-1]:g}" if rows else ""
+        return f"Solution({self.message!r}, {rows} rows of {unknowns} unknown{'s' * (unknowns != 1)}{span})"
+
+
+def solve_fde(
+    right: Function | str | Sequence[str],
+    order: float | Sequence[float] | None,
+    span: float | Sequence[float],
+    initial: ArrayLike | Sequence[Any],
+    rtol: float = 1e-6,
+    t_eval: ArrayLike | None = None,
+    args: tuple[Any, ...] = (),
+    *,
+    terms: Sequence[Any] | None = None,
+    derivative: str = "caputo",
+    jac: Function | None = None,
+    events: Any = (),
+    parameters: Mapping[str, float] | None = None,
+    scale: float | None = None,
+    max_step: float | None = None,
+    progress: Progress | None = None,
+) -> Solution:
+    """Solves D^α x = f(t, x) for one or several unknowns, with steps chosen for a tolerance.
+
+    Parameters
+    ----------
+    right : callable or list of str
+        f(t, x, *args), which returns a number for each unknown; or an expression for each in t, x0, x1, … and the parameters.
+        Expressions are faster by far, and have exact derivatives.
+    order : float or list of float
+        α > 0, one for all unknowns or one for each; `None` with `terms`.
+    span : (float, float) or float
+        The start t₀, where the derivatives begin, and the end; or the end alone, from 0. Expressions need t₀ = 0.
+    initial : array_like
+        x(t₀) of each unknown; for orders above 1 a list [x(t₀), x'(t₀), …] for each, as many values as the order rounded up.
+    rtol : float
+        Error allowed, from 1e-12 to 0.1, relative to the largest value of an unknown so far or, while that is smaller, to `scale`.
+    t_eval : array_like, optional
+        Increasing times of the rows; default: the steps.
+    args : tuple
+        Further arguments of the functions.
+    terms : list, optional
+        In place of `order`, for Σ a_j D^{α_j} x = f: for each equation a list of pairs (α, a), or of dictionaries with `order` and
+        `coefficient`; for one unknown the list alone.
+    derivative : {"caputo", "riemann-liouville"}
+        The derivative.
+    jac : callable, optional
+        ∂f/∂x(t, x, *args), a matrix; default: differences.
+    events : callable, Event or list of them, optional
+        Functions event(t, x, *args) whose zero crossings are found, with the attributes `terminal` and `direction` of
+        `scipy.integrate.solve_ivp`; or `Event` objects with expressions in t, x0, ….
+    parameters : mapping, optional
+        Named constants of the expressions.
+    scale : float, optional
+        Size of unknowns below which errors are absolute; default: 1.
+    max_step : float, optional
+        The longest step.
+    progress : callable, optional
+        As in `run`.
+
+    Returns
+    -------
+    Solution
+        With `success` false, and the reason in `message`, where the solution could not be continued to the end, as at a blow-up.
+
+    Raises
+    ------
+    InputError
+        If an argument cannot be used; its `key` names it.
+    Exception
+        An exception raised by a function, with its traceback.
+
+    Examples
+    --------
+    >>> import numpy as np, fvi
+    >>> r = fvi.solve_fde(lambda t, x: -x, 0.5, (0, 1), [1.0], rtol=1e-8, t_eval=[0.0, 0.25, 1.0])
+    >>> np.round(r.x[:, 0], 6)
+    array([1.      , 0.61569 , 0.427584])
+    >>> r = fvi.solve_fde(["-k*x0"], 1.8, (0, 10), [[1.0, 0.0]], parameters={"k": 4.0})
+    >>> r.success, r.x.shape[1]
+    (True, 1)
+    """
+    begin, end = _span(span)
+    expressions = [right] if isinstance(right, str) else None
+    if expressions is None and not callable(right):
+        expressions = list(right)
+        for index, text in enumerate(expressions):
+            if not isinstance(text, str):
+                place = f"right[{index}]"
+                raise InputError(f"{place} = {text!r}: an expression in quotes is needed, or one function for all", place, repr(text))
+    if expressions is not None and begin != 0.0:
+        message = f"span[0] = {begin}: expressions count the time from 0, where the derivatives begin; give a function for another start"
+        raise InputError(message, "span[0]", str(begin))
+    equation: dict[str, Any] = {"derivative": derivative}
+    if (order is None) == (terms is None):
+        raise InputError("order: give either an order or terms", "order", repr(order))
+    values = _initial(initial)
+    count = len(expressions) if expressions is not None else _unknowns(order, terms, values)
+    if count == 1 and values and not isinstance(values[0], list):
+        values = [values]
+    equation["initial"] = values
+    equation["right"] = expressions if expressions is not None else ["0"] * count
+    if terms is not None:
+        equation["terms"] = _terms(terms, count)
+    else:
+        assert order is not None
+        one = np.ndim(order) == 0
+        equation["order"] = _arrays.real("order", order) if one else [float(number) for number in _arrays.numbers("order", order)]
+    if parameters is not None:
+        equation["parameters"] = {name: float(value) for name, value in parameters.items()}
+    time: dict[str, Any] = {"end": end - begin, "tolerance": _arrays.real("rtol", rtol)}
+    if scale is not None:
+        time["scale"] = _arrays.real("scale", scale)
+    if max_step is not None and np.isfinite(max_step):
+        time["longest"] = _arrays.real("max_step", max_step)
+    scenario: dict[str, Any] = {"equation": equation, "time": time}
+    if t_eval is not None:
+        scenario["output"] = {"times": [float(at) - begin for at in _arrays.numbers("t_eval", t_eval)]}
+    described, watched = _events(events, begin, args, count)
+    if described:
+        scenario["event"] = described
+    functions = None
+    if expressions is None and callable(right):
+        functions = Terms(None, None, None, _shifted(right, begin, args), None if jac is None else _shifted(jac, begin, args), True)
+    elif jac is not None:
+        raise InputError("jac: belongs to a function; expressions have their own derivatives", "jac", repr(jac))
+    try:
+        motions, raised, _ = _fvi.run(
+            source(scenario, {}), precision="f64", progress=check_progress(progress), terms=functions, events=watched, keep=False
+        )
+    except InputError as error:
+        raise _named(error) from None
+    ((_, t, x, _, _, _, _, ended, record),) = motions
+    solution = _solution(t + begin, x, json.loads(ended), record, len(described), begin)
+    if raised is not None:
+        _raise(_named(raised) if isinstance(raised, InputError) else raised, solution)
+    for warning in solution.warnings:
+        warnings.warn(warning, stacklevel=_outside())
+    return solution
+
+
+def _solution(t: FloatArray, x: FloatArray, ended: Mapping[str, Any], record: str, events: int, begin: float) -> Solution:
+    status, message = ending(ended)
+    happened: list[list[tuple[float, Any]]] = [[] for _ in range(events)]
+    for event in json.loads(record).get("events", []) if events else []:
+        happened[event["event"]].append((event["time"] + begin, event["x"]))
+    t_events = [np.array([time for time, _ in one]) for one in happened]
+    x_events = [np.array([values for _, values in one]).reshape(len(one), x.shape[1]) for one in happened]
+    success = status == 0
+    if ended["status"] == "event":
+        status = 1
+    return Solution(t, x, success, status, message, t_events, x_events, ended["steps"], tuple(ended.get("warnings", ())), record)
+
+
+def _span(span: Any) -> tuple[float, float]:
+    if np.ndim(span) == 0:
+        return 0.0, _arrays.real("span", span)
+    numbers = _arrays.numbers("span", span)
+    if numbers.shape != (2,) or not numbers[1] > numbers[0]:
+        raise InputError(f"span = {span!r}: (start, end) with a later end is needed", "span", repr(span))
+    return float(numbers[0]), float(numbers[1])
+
+
+def _initial(initial: Any) -> list[Any]:
+    """Initial values: a number, or a list of them, for each unknown."""
+    if np.ndim(initial) == 0 if not isinstance(initial, (list, tuple)) else False:
+        return [_arrays.real("initial", initial)]
+    values: list[Any] = []
+    for index, value in enumerate(initial):
+        place = f"initial[{index}]"
+        if isinstance(value, (list, tuple, np.ndarray)) and np.ndim(value) > 0:
+            values.append([float(number) for number in _arrays.numbers(place, value)])
+        else:
+            values.append(_arrays.real(place, value))
+    return values
+
+
+def _unknowns(order: Any, terms: Any, initial: Sequence[Any]) -> int:
+    """Number of unknowns of a function: that of orders or terms, or of initial values."""
+    if order is not None and np.ndim(order) > 0:
+        return len(order)
+    if terms is not None:
+        return 1 if len(terms) and _is_term(terms[0]) else len(terms)
+    nested = any(isinstance(value, list) for value in initial)
+    # One unknown of an order above 1 may have its values in one list.
+    return 1 if order is not None and order > 1 and not nested else len(initial)
+
+
+def _is_term(entry: Any) -> bool:
+    """Whether it is a term, and not a list of terms."""
+    return isinstance(entry, Mapping) or (len(entry) == 2 and not any(isinstance(part, (Mapping, Sequence, np.ndarray)) for part in entry))
+
+
+def _terms(terms: Sequence[Any], count: int) -> list[Any]:
+    def one(term: Any, place: str) -> dict[str, Any]:
+        if isinstance(term, Mapping):
+            return dict(term)
+        pair = _arrays.numbers(place, term)
+        if pair.shape != (2,):
+            raise InputError(f"{place} = {term!r}: a pair (order, coefficient) is needed", place, repr(term))
+        return {"order": float(pair[0]), "coefficient": float(pair[1])}
+
+    if count == 1 and len(terms) and _is_term(terms[0]):
+        return [[one(term, f"terms[{index}]") for index, term in enumerate(terms)]]
+    return [[one(term, f"terms[{row}][{index}]") for index, term in enumerate(of_row)] for row, of_row in enumerate(terms)]
+
+
+def _shifted(function: Function, begin: float, args: tuple[Any, ...]) -> Function:
+    """A function of (t, x) whose time counts from the start."""
+    if begin == 0.0 and not args:
+        return function
+    return lambda t, x: function(t + begin, x, *args)
+
+
+def _events(given: Any, begin: float, args: tuple[Any, ...], count: int) -> tuple[list[dict[str, Any]], list[Any]]:
+    """Events as entries of a scenario, and their functions."""
+    several: Iterable[Any] = [given] if callable(given) or isinstance(given, (Event, Mapping)) else () if given is None else given
+    entries: list[dict[str, Any]] = []
+    watched: list[Any] = []
+    for index, event in enumerate(several):
+        if isinstance(event, Event):
+            event = {"when": event.when, "direction": event.direction, "action": event.action}
+        elif callable(event):
+            sign = float(getattr(event, "direction", 0.0))
+            direction = "rising" if sign > 0 else "falling" if sign < 0 else "both"
+            action = "stop" if getattr(event, "terminal", False) else "record"
+            event = {"when": event, "direction": direction, "action": action}
+        elif not isinstance(event, Mapping):
+            place = f"events[{index}]"
+            raise InputError(f"{place} = {event!r}: a function of (t, x) or a fvi.Event is needed", place, repr(event))
+        event = dict(event)
+        function = None
+        if callable(when := event.get("when")):
+            # A placeholder expression for the function.
+            event["when"], function = "t - 1", _of_unknowns(when, begin, args, count)
+        entries.append(event)
+        watched.append(function)
+    return entries, watched
+
+
+def _of_unknowns(when: Function, begin: float, args: tuple[Any, ...], count: int) -> Callable[[float, FloatArray, FloatArray], Any]:
+    return lambda t, x, _: when(t + begin, x[:count], *args)
+
+
+NAMES = (
+    ("equation.", ""),
+    ("time.tolerance", "rtol"),
+    ("time.end", "span"),
+    ("time.longest", "max_step"),
+    ("time.scale", "scale"),
+    ("output.times", "t_eval"),
+    ("event", "events"),
+    ("force.jacobian", "jac"),
+    ("force", "right"),
+)
+"""Keys of a scenario, and the arguments that they come from."""
+
+
+def _named(error: InputError) -> InputError:
+    """An error about a key of a scenario, as one about the argument that it came from."""
+    if error.key == "potential":
+        # What the functions have returned at the start.
+        text = str(error).partition("is not finite")[2].replace("q =", "x =")
+        return InputError(f"right: is not finite{text}", "right", error.value)
+    for path, name in NAMES:
+        if error.key.startswith(path):
+            key = name + error.key[len(path) :]
+            text = str(error).replace(error.key, key).replace("equation.", "")
+            return InputError(text, key, error.value).with_traceback(error.__traceback__)
+    return error

@@ -1,0 +1,131 @@
+"""Fractional differential equations by `solve_fde`: known solutions, functions as expressions, events, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+import fvi
+
+
+def relaxation(t):
+    """E_½(−√t), the solution of D^½ x = −x from 1."""
+    return math.exp(t) * math.erfc(math.sqrt(t))
+
+
+@pytest.mark.parametrize("rtol", [1e-3, 1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("right", [["-x0"], "-x0", lambda t, x: -x, lambda t, x: [-float(x[0])]])
+def test_the_error_follows_the_tolerance(right, rtol):
+    times = [0.0, 1e-4, 0.1, 1.0, 5.0]
+    r = fvi.solve_fde(right, 0.5, (0, 5), [1.0], rtol=rtol, t_eval=times)
+    assert r.success and r.status == 0 and r.x.shape == (5, 1)
+    np.testing.assert_array_equal(r.t, times)
+    assert np.max(np.abs(r.x[:, 0] - [relaxation(t) for t in times])) < 10 * rtol
+
+
+def test_functions_give_what_expressions_give():
+    # x0 = 1 + t, x1 = t^1.5: orders of their own, and arguments of the functions.
+    half = math.gamma(2.5) / math.gamma(2.0)
+
+    def right(t, x, k):
+        return [k * (t**1.5 - x[1]) + t**0.5 / math.gamma(1.5), half * (x[0] - 1.0)]
+
+    def slopes(t, x, k):
+        return [[0.0, -k], [half, 0.0]]
+
+    texts = ["k*(t^1.5 - x1) + t^0.5/gamma(1.5)", "h*(x0 - 1)"]
+    by_text = fvi.solve_fde(texts, [0.5, 0.5], 3.0, [1.0, 0.0], 1e-9, parameters={"k": 2.0, "h": half})
+    for jac in (None, slopes):
+        by_function = fvi.solve_fde(right, [0.5, 0.5], 3.0, [1.0, 0.0], 1e-9, args=(2.0,), jac=jac)
+        assert abs(by_function.x[-1] - by_text.x[-1]).max() < 1e-8
+    assert abs(by_text.x[:, 0] - 1 - by_text.t).max() < 1e-8
+
+
+def test_orders_above_one_and_terms():
+    # x'' + D^1.5 x + x = 1 + t has the solution 1 + t.
+    for right in (["1 + t"], lambda t, x: 1 + t):
+        for terms in ([(2, 1), (1.5, 1), (0, 1)], [[{"order": 2, "coefficient": 1}, (1.5, 1), (0, 1)]]):
+            r = fvi.solve_fde(right, None, 10, [1.0, 1.0], 1e-9, terms=terms)
+            assert r.x.shape[1] == 1 and abs(r.x[:, 0] - 1 - r.t).max() < 1e-8
+    r = fvi.solve_fde(lambda t, x: -x, 2, (0, 3), [[1.0, 0.0]], 1e-9)
+    assert abs(r.x[:, 0] - np.cos(r.t)).max() < 1e-8
+    assert r.summary["equation" if "equation" in r.summary else "scenario"]["equation"]["order"] == [2.0]
+
+
+def test_another_start_moves_the_time():
+    late = fvi.solve_fde(lambda t, x: t - 3.0 - x, 0.7, (3.0, 5.0), [0.5], 1e-9, t_eval=[3.0, 4.0, 5.0])
+    early = fvi.solve_fde(["t - x0"], 0.7, (0.0, 2.0), [0.5], 1e-9, t_eval=[0.0, 1.0, 2.0])
+    np.testing.assert_array_equal(late.t, [3.0, 4.0, 5.0])
+    assert abs(late.x - early.x).max() < 1e-9
+    with pytest.raises(fvi.InputError) as error:
+        fvi.solve_fde(["t - x0"], 0.7, (3.0, 5.0), [0.5])
+    assert error.value.key == "span[0]"
+
+
+def test_events_are_those_of_solve_ivp():
+    def half(t, x, k):
+        return x[0] - 0.5
+
+    half.terminal, half.direction = True, -1
+    r = fvi.solve_fde(lambda t, x, k: -k * x, 0.5, (0, 5), [1.0], 1e-9, args=(1.0,), events=[half, fvi.Event("x0 - 0.8")])
+    assert r.success and r.status == 1 and "event 0" in r.message
+    (at,), (value,) = r.t_events[0], r.x_events[0]
+    assert abs(relaxation(at) - 0.5) < 1e-8 and abs(value[0] - 0.5) < 1e-12 and r.t[-1] == at
+    assert len(r.t_events[1]) == 1
+
+
+def test_a_blow_up_is_a_message_with_its_time():
+    r = fvi.solve_fde(["x0^2"], 1.0, (0, 5), [1.0], 1e-8)
+    assert not r.success and r.status == -1 and "grows without bound" in r.message and "0.99999" in r.message
+    assert r.x[-1, 0] > 1e6
+
+
+def test_exceptions_pass_with_what_was_computed():
+    class Stop(Exception):
+        pass
+
+    def right(t, x):
+        if t > 0.5:
+            raise Stop("enough")
+        return -x
+
+    with pytest.raises(Stop) as error:
+        fvi.solve_fde(right, 0.5, 1.0, [1.0])
+    assert error.value.result.t[-1] <= 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        ({"order": 0.0}, "order"),
+        ({"order": [0.5, -1.0]}, "order"),
+        ({"order": 1.5}, "initial"),
+        ({"rtol": 1e-15}, "rtol"),
+        ({"span": (1.0, 0.5)}, "span"),
+        ({"span": -1.0}, "span"),
+        ({"right": ["-x1"]}, "right[0]"),
+        ({"right": [lambda t, x: x]}, "right[0]"),
+        ({"right": lambda t, x: [1.0, 2.0]}, "right"),
+        ({"right": lambda t, x: math.nan}, "right"),
+        ({"initial": [math.nan]}, "initial[0]"),
+        ({"t_eval": [0.0, 2.0]}, "t_eval"),
+        ({"order": None}, "order"),
+        ({"events": "x0"}, "events[0]"),
+        ({"derivative": "riemann-liouville"}, "initial"),
+        ({"jac": lambda t, x: 1.0}, "jac"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_by_its_name(arguments, key):
+    with pytest.raises(fvi.InputError) as error:
+        fvi.solve_fde(**{"right": ["-x0"], "order": 0.5, "span": 1.0, "initial": [1.0], **arguments})
+    assert error.value.key.startswith(key), (error.value.key, str(error.value))
+    assert "equation." not in str(error.value) and "mass" not in str(error.value)
+
+
+def test_scenarios_with_an_equation_run_too(tmp_path):
+    scenario = {"equation": {"order": 1.5, "right": ["-x0"], "initial": [[1.0, 0.0]]}, "time": {"end": 2.0}}
+    r = fvi.run(scenario)
+    kept = fvi.run(scenario, out=tmp_path / "out")
+    assert r.q.shape[1] == 1
+    np.testing.assert_array_equal(r.q, kept.q)
+    np.testing.assert_array_equal(r.q, fvi.load(tmp_path / "out").q)
