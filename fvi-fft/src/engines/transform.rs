@@ -101,7 +101,7 @@ impl<T: Scalar> Transform<T> {
         Self::with_leaves(block, leaf, PIECE, |size| Leaves::Double(plans.plan(size)), unit)
     }
 
-    /// The same with leaves in the precision of the scalar, which may be as short as 16, and at most `piece`
+    /// The same with leaves in the precision of the scalar, of at most `leaf` ≥ 32, and at most `piece`
     /// butterflies in a piece.
     pub(crate) fn in_own_precision(
         block: usize,
@@ -237,6 +237,14 @@ impl<T: Scalar> Transform<T> {
                 self.leaves.forward(numbers, scratch);
                 self.unit.dispatch(Separate { numbers, spectrum: &mut spectrum[packets] });
             }
+        }
+    }
+
+    /// The packets of the spectrum that a piece of a forward transform writes.
+    pub(crate) fn packets_of(&self, piece: usize) -> core::ops::Range<usize> {
+        match self.locate(piece) {
+            PieceKind::Pass { .. } => 0..0,
+            PieceKind::Leaf(leaf) => leaf * self.leaf / PACKET..(leaf + 1) * self.leaf / PACKET,
         }
     }
 

@@ -117,7 +117,7 @@ fn context<'a, T: Scalar>(
         index,
         plan: &geometry.partition.stages[index],
         transform: &geometry.transforms[index],
-        tile: geometry.partition.grain.tile,
+        tile: geometry.tile(index),
         inputs: geometry.inputs,
         outputs: geometry.outputs,
         unit: geometry.unit,

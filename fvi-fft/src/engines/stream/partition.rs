@@ -48,7 +48,7 @@ pub(crate) struct Grain {
 }
 
 /// For calls of a few samples: a task costs about as much as a sample.
-const FINE: Grain = Grain { leaf: 32, piece: 32, tile: 2 };
+const FINE: Grain = Grain { leaf: 32, piece: 16, tile: 2 };
 /// Otherwise.
 const COARSE: Grain = Grain { leaf: 256, piece: 64, tile: 8 };
 /// Samples of a call from which tasks are coarse.
@@ -103,7 +103,7 @@ struct Cost {
     doubling: f64,
 }
 
-const COST: Cost = Cost { tap: 0.06, product: 0.35, transform: 1.5, doubling: 0.35 };
+const COST: Cost = Cost { tap: 0.06, product: 0.2, transform: 1.5, doubling: 0.35 };
 
 /// How many inputs, outputs, and pairs with a response.
 struct Count {

@@ -34,6 +34,11 @@ impl<T: Scalar> Geometry<T> {
         Self { partition, transforms, inputs, outputs, unit }
     }
 
+    /// Packets of a tile of the spectra of a stage.
+    pub(crate) fn tile(&self, index: usize) -> usize {
+        self.partition.grain.tile.min(self.transforms[index].packets())
+    }
+
     /// Scratch for every transform.
     pub(crate) fn scratch(&self) -> Vec<Complex<f64>> {
         let most = self.transforms.iter().map(Transform::scratch).max();
@@ -58,7 +63,8 @@ pub struct PreparedResponses<T: Scalar> {
     pub(crate) geometry: Arc<Geometry<T>>,
     /// The near weights of each response.
     pub(crate) near: Vec<NearFilter<T>>,
-    /// For each stage the spectra of each response at each block distance; they include the factor 1/B.
+    /// For each stage the spectra of each response, tile by tile, at each block distance; they include the
+    /// factor 1/B.
     pub(crate) spectra: Vec<Vec<Packet<T>>>,
     paths: Vec<Path>,
     /// For each output the end of its paths.
@@ -97,8 +103,10 @@ impl<T: Scalar> Preparer<T> {
         let near = self.geometry.back() + partition.first;
         let near = filters.iter().map(|weights| NearFilter::new(weights, near)).collect();
         let mut scratch = self.geometry.scratch();
-        let stages = partition.stages.iter().zip(&self.geometry.transforms);
-        let spectra = stages.map(|(stage, transform)| spectra(stage, transform, &filters, &mut scratch));
+        let stages = partition.stages.iter().zip(&self.geometry.transforms).enumerate();
+        let spectra = stages.map(|(index, (stage, transform))| {
+            spectra(stage, transform, self.geometry.tile(index), &filters, &mut scratch)
+        });
         let paths = responses.paths().to_vec();
         let ends = (0..*outputs).map(|output| paths.partition_point(|path| path.output <= output));
         let places = paths.iter().map(|path| T::from_count((path.output * inputs + path.input) as u64));
@@ -138,6 +146,7 @@ impl<T: Scalar> PreparedResponses<T> {
 fn spectra<T: Scalar>(
     stage: &StagePlan,
     transform: &Transform<T>,
+    tile: usize,
     filters: &[Vec<T>],
     scratch: &mut [Complex<f64>],
 ) -> Vec<Packet<T>> {
@@ -145,9 +154,11 @@ fn spectra<T: Scalar>(
     let scale = T::of(1.0 / block as f64);
     let distances = stage.most_inputs();
     let mut spectra = vec![Packet::zero(); filters.len() * distances * packets];
+    let mut spectrum = vec![Packet::zero(); packets];
     let mut polynomial = vec![Complex::new(T::zero(), T::zero()); block];
-    let places = filters.iter().flat_map(|weights| (stage.nearest..=stage.reach).map(move |d| (weights, d)));
-    for ((weights, distance), spectrum) in places.zip(spectra.chunks_mut(packets)) {
+    let distances_of = |filter| (stage.nearest..=stage.reach).map(move |distance| (filter, distance));
+    for (filter, distance) in (0..filters.len()).flat_map(distances_of) {
+        let weights = &filters[filter];
         let weight =
             |lag: Option<usize>| lag.and_then(|lag| weights.get(lag)).map_or(T::zero(), |w| *w * scale);
         for (j, number) in polynomial.iter_mut().enumerate() {
@@ -156,7 +167,12 @@ fn spectra<T: Scalar>(
             *number = Complex::new(weight(lower), weight(Some(distance * block + j)));
         }
         for piece in 0..transform.pieces() {
-            transform.forward_in_place(piece, &mut polynomial, spectrum, scratch);
+            transform.forward_in_place(piece, &mut polynomial, &mut spectrum, scratch);
+        }
+        for (index, packets) in spectrum.chunks(tile).enumerate() {
+            let tiles = filter * spectrum.len() / tile + index;
+            let place = (tiles * distances + distance - stage.nearest) * tile;
+            spectra[place..place + tile].copy_from_slice(packets);
         }
     }
     spectra

@@ -23,6 +23,7 @@ pub(crate) struct Context<'a, T: Scalar> {
     pub(crate) index: usize,
     pub(crate) plan: &'a StagePlan,
     pub(crate) transform: &'a Transform<T>,
+    /// Packets of a tile, a divisor of those of a spectrum.
     pub(crate) tile: usize,
     pub(crate) inputs: usize,
     pub(crate) outputs: usize,
@@ -34,9 +35,11 @@ pub(crate) struct Context<'a, T: Scalar> {
 
 /// Spectra, outputs and the current job of a stage.
 pub(crate) struct Stage<T: Scalar> {
-    /// Spectra of the last input blocks, all inputs of a block after each other.
+    /// Spectra of the last input blocks, tile by tile for each input: what is multiplied together is close
+    /// together.
     signal: Vec<Packet<T>>,
     slots: usize,
+    /// The spectrum of an input while it is computed, then the sum of the products of an output.
     sum: Vec<Packet<T>>,
     polynomial: Vec<Complex<T>>,
     /// For each bank the last two output blocks, one output after the other in each.
@@ -197,7 +200,7 @@ impl<T: Scalar> Stage<T> {
                 let paths = with.banks[bank(second)].as_ref().map_or(0, |bank| bank.paths(output).len());
                 let products = paths * (job.inputs.end - job.inputs.start) as usize;
                 let cost = self.products(with, &job, bank(second), (output, tile, group), products);
-                let tiles = with.transform.packets().div_ceil(with.tile);
+                let tiles = with.transform.packets() / with.tile;
                 let next = match ((group + 1) * GROUP < products, tile + 1 < tiles) {
                     (true, _) => Place::Products { second, output, tile, group: group + 1 },
                     (_, true) => Place::Products { second, output, tile: tile + 1, group: 0 },
@@ -236,10 +239,18 @@ impl<T: Scalar> Stage<T> {
     ) {
         let length = with.plan.block;
         let samples = with.history.samples(input, block * length as u64, length);
-        let packets = with.transform.packets();
-        let first = (self.slot(block) * with.inputs + input) * packets;
-        let spectrum = &mut self.signal[first..first + packets];
-        with.transform.forward(piece, samples, spectrum, &mut self.polynomial, scratch);
+        with.transform.forward(piece, samples, &mut self.sum, &mut self.polynomial, scratch);
+        let slot = self.slot(block);
+        for packet in with.transform.packets_of(piece) {
+            let place = self.signal_place(with, input, packet / with.tile, slot) + packet % with.tile;
+            self.signal[place] = self.sum[packet];
+        }
+    }
+
+    /// Place of a tile of the spectrum in a slot of an input.
+    fn signal_place(&self, with: &Context<'_, T>, input: usize, tile: usize, slot: usize) -> usize {
+        let tiles = with.transform.packets() / with.tile;
+        ((input * tiles + tile) * self.slots + slot) * with.tile
     }
 
     fn slot(&self, block: u64) -> usize {
@@ -255,13 +266,11 @@ impl<T: Scalar> Stage<T> {
         (output, tile, group): (usize, usize, usize),
         products: usize,
     ) -> usize {
-        let packets = with.transform.packets();
-        let tile = tile * with.tile..packets.min((tile + 1) * with.tile);
         if group == 0 {
-            self.sum[tile.clone()].fill(Packet::zero());
+            self.sum[tile * with.tile..(tile + 1) * with.tile].fill(Packet::zero());
         }
         let first = group * GROUP;
-        let cost = GROUP.min(products - first.min(products)) * PACKET * tile.len();
+        let cost = GROUP.min(products - first.min(products)) * PACKET * with.tile;
         let Some(responses) = &with.banks[bank] else { return cost };
         let at = (output, tile, first);
         match products - first.min(products) {
@@ -281,24 +290,26 @@ impl<T: Scalar> Stage<T> {
         with: &Context<'_, T>,
         job: &Job,
         responses: &PreparedResponses<T>,
-        (output, tile, first): (usize, Range<usize>, usize),
+        (output, tile, first): (usize, usize, usize),
     ) {
-        let packets = with.transform.packets();
+        let tiles = with.transform.packets() / with.tile;
         let distances = with.plan.most_inputs();
         let of_path = (job.inputs.end - job.inputs.start) as usize;
         let paths = responses.paths(output);
         let spectra = &responses.spectra[with.index];
-        let in_tile = |spectrum: usize| spectrum * packets + tile.start..spectrum * packets + tile.end;
         let mut signal: [&[Packet<T>]; M] = [&[]; M];
         let mut kernel: [&[Packet<T>]; M] = [&[]; M];
         for (place, (signal, kernel)) in (first..).zip(signal.iter_mut().zip(&mut kernel)) {
             let path = &paths[place / of_path];
             let input = job.inputs.start + (place % of_path) as u64;
             let distance = (job.output - input) as usize - with.plan.nearest;
-            *signal = &self.signal[in_tile(self.slot(input) * with.inputs + path.input)];
-            *kernel = &spectra[in_tile(path.filter * distances + distance)];
+            let place = self.signal_place(with, path.input, tile, self.slot(input));
+            *signal = &self.signal[place..place + with.tile];
+            let place = ((path.filter * tiles + tile) * distances + distance) * with.tile;
+            *kernel = &spectra[place..place + with.tile];
         }
-        with.unit.dispatch(Products { sum: &mut self.sum[tile], signal, kernel });
+        let sum = &mut self.sum[tile * with.tile..(tile + 1) * with.tile];
+        with.unit.dispatch(Products { sum, signal, kernel });
     }
 
     fn output_place(&self, with: &Context<'_, T>, bank: usize, block: u64, output: usize) -> usize {
