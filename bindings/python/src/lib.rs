@@ -4,6 +4,7 @@
 //! become exceptions.
 
 mod controller;
+mod convolver;
 mod derivative;
 mod documents;
 mod engines;
@@ -26,6 +27,8 @@ use pyo3::prelude::*;
 mod _fvi {
     #[pymodule_export]
     use super::controller::FractionalPid;
+    #[pymodule_export]
+    use super::convolver::Convolver;
     #[pymodule_export]
     use super::derivative::derivative;
     #[pymodule_export]

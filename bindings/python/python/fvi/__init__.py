@@ -17,6 +17,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `weights`               weights of convolution quadrature
 `Kernel`                transfer functions in place of s^β
 `Memory`, `Operator`    the engines and the operator D^β, sample by sample
+`Convolver`             finite responses on a stream without end, block by block
 `FractionalPid`         a fractional PID controller, sample by sample
 `load`                  a result that was saved
 `sweep`                 one scenario with many values of its keys, here or on a cluster
@@ -33,6 +34,7 @@ The compiled part releases the interpreter lock while it computes; results are b
 """
 
 from fvi._controller import FractionalPid
+from fvi._convolver import Convolver
 from fvi._equation import Solution, solve_fde
 from fvi._errors import InputError, StepError
 from fvi._fit import Estimate, Fit, FitTable, fit
@@ -51,6 +53,7 @@ from fvi._terms import Damping, Element, Event, Force, Load, Potential
 from fvi._tune import Tuning, tune
 
 __all__ = [
+    "Convolver",
     "Damping",
     "Element",
     "Estimate",
