@@ -23,6 +23,7 @@ mod galerkin;
 mod integrator;
 mod kernel;
 mod linear;
+mod mechanism;
 mod memory;
 mod memoryless;
 mod newton;
@@ -71,6 +72,10 @@ pub use kernel::{Kernel, Rule, Symbol};
 pub use linear::{
     Singular, add_multiple, combine, combine_four, combine_two, factor, invert_factored,
     is_positive_definite_in_place, keep_factors, solve, substitute, substitute_kept,
+};
+pub use mechanism::{
+    DamperRow, Dampers, GaussLobatto, Lagrangian, MOST_STAGES, MechanismError, MechanismIntegrator, RelaxationTable, Relaxing,
+    Second,
 };
 pub use memory::{ActsOn, Memory, MemoryError, SavedChannels, check_channels};
 pub use memoryless::Memoryless;

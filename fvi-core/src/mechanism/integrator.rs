@@ -1,0 +1,713 @@
+//! The integrator of a mechanism.
+
+use core::fmt;
+
+use crate::error::{ParameterError, check_step_size};
+use crate::linear::{Singular, all_finite, at};
+use crate::mechanism::gauss_lobatto::GaussLobatto;
+use crate::mechanism::lagrangian::{Dampers, Lagrangian};
+use crate::mechanism::step::{
+    Equations, Room, Shape as StepShape, add_transposed, form_saddle, from, product, solve_saddle,
+};
+use crate::memory::MemoryError;
+use crate::real::{Real, max_or_nan};
+use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
+use crate::scheme::StepError;
+use crate::space::parts_mut;
+use crate::system::{Approach, Instant};
+
+/// Kind of the saved state.
+const TAG: [u8; 4] = *b"mech";
+
+/// Largest |c| and |C v|, relative to the sizes that they are made of, with which a motion may begin.
+const ON_CONSTRAINTS: f64 = 1e-8;
+
+/// Relative size of what is left of a constraint's gradient beside those of the others that counts as none.
+const REDUNDANT: f64 = 1e-10;
+
+/// Largest number of corrections of an initial position.
+const MOST_CORRECTIONS: usize = 50;
+
+/// Integrates d/dt L_v − L_q = F − Σ_e G_eᵀ f_e − Cᵀ λ, c(q) = 0, by the (s, s)-Gauss–Lobatto method, with
+/// dampers whose memories have the Gauss method's weights.
+///
+/// ```text
+/// Q_i = q₀ + h Σ_j a_ij V_j ,      Q̃_j = q₀ + h Σ_k ã_jk V_k ,      W = G(Q) V ,      f = Z(∂_h) W
+/// L_v(Q_i, V_i) = p₀ + h Σ_j a_ij Y_j − h Σ_{j<s} â_ij C(Q̃_j)ᵀ Λ_j ,      Y_i = L_q + F − G_iᵀ f_i
+/// 0 = c(Q̃_j) ,  j = 1 … s
+/// q₁ = q₀ + h Σ b_i V_i ,      p₁ = p₀ + h Σ b_i Y_i − h Σ_{j≤s} b̃_j C(Q̃_j)ᵀ Λ_j  with  C(q₁) v₁ = 0
+/// ```
+///
+/// Positions have order 2s, and c and C v vanish at grid points to rounding. With a constant mass, a
+/// quadratic potential and linear constraints the energy changes by the work of forces and dampers exactly.
+/// Momenta with the [excess](Dampers::excess) of the memory's impulse have order 2s for kernels that grow no
+/// faster than s. Without constraints and with L = ½vᵀMv − U it is Gauss collocation of Hamilton's equations,
+/// the Galerkin scheme of degree s with s Gauss points \[MW01\].
+///
+/// `B` is a buffer of [`numbers`](MechanismIntegrator::numbers), `P` one of
+/// [`unknowns`](MechanismIntegrator::unknowns) indices. Sources: \[Jay07\], \[HLW\] VI.6; \[BanjaiFerrari22\]
+/// for the weights.
+#[derive(Clone, Debug)]
+pub struct MechanismIntegrator<T, L, D, B, P> {
+    rule: GaussLobatto<T>,
+    shape: StepShape,
+    system: L,
+    dampers: D,
+    numbers: B,
+    pivots: P,
+    step_size: T,
+    steps: u64,
+    /// Index and time of the grid point from which times are counted with the step size.
+    anchor: (u64, T),
+    /// Work that the dampers have taken up, and its rounding error.
+    work: [T; 2],
+}
+
+/// Reason why a mechanism cannot be integrated from a start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum MechanismError {
+    /// The step size is not positive and finite, or a buffer has another length than it must.
+    Parameter(ParameterError),
+    /// Position, velocity or momentum have another number of coordinates, or are not finite.
+    InitialState,
+    /// Constraint `index` does not hold at the initial position: its value.
+    OffConstraint {
+        /// From 0.
+        index: usize,
+        /// c.
+        value: f64,
+    },
+    /// The initial velocity leaves constraint `index`: its rate.
+    LeavesConstraint {
+        /// From 0.
+        index: usize,
+        /// C v.
+        rate: f64,
+    },
+    /// The gradient of constraint `index` is a combination of those before it, at the initial position.
+    Redundant {
+        /// From 0.
+        index: usize,
+    },
+    /// The mass is singular for velocities that the constraints allow.
+    SingularMass,
+    /// No position on the constraints was found near the initial one.
+    NotProjected,
+}
+
+impl fmt::Display for MechanismError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Parameter(error) => error.fmt(f),
+            Self::InitialState => write!(f, "the initial position, velocity or momentum is not finite"),
+            Self::OffConstraint { index, value } => {
+                write!(f, "constraint {index} (from 0) is {value:e} and not 0 at the initial position")
+            }
+            Self::LeavesConstraint { index, rate } => {
+                write!(f, "the initial velocity changes constraint {index} (from 0) at the rate {rate:e}")
+            }
+            Self::Redundant { index } => {
+                write!(f, "constraint {index} (from 0) is redundant beside those before it")
+            }
+            Self::SingularMass => {
+                write!(f, "the mass is singular for velocities that the constraints allow")
+            }
+            Self::NotProjected => write!(f, "no position on the constraints was found near the initial one"),
+        }
+    }
+}
+
+impl core::error::Error for MechanismError {}
+
+impl From<ParameterError> for MechanismError {
+    fn from(error: ParameterError) -> Self {
+        Self::Parameter(error)
+    }
+}
+
+/// The numbers that are carried from step to step.
+struct Carried<'a, T> {
+    position: &'a mut [T],
+    momentum: &'a mut [T],
+    /// Rounding errors of both.
+    position_rest: &'a mut [T],
+    momentum_rest: &'a mut [T],
+    velocity: &'a mut [T],
+    /// First guess of the unknowns of the next step.
+    guess: &'a mut [T],
+    /// W₀, and the dampers' forces at the present grid point.
+    start: &'a mut [T],
+    tensions: &'a mut [T],
+    /// V of the last step, for positions inside it.
+    solution: &'a mut [T],
+}
+
+impl StepShape {
+    /// Numbers that are carried.
+    const fn carried(self) -> usize {
+        5 * self.n + self.unknowns() + 2 * self.e + self.s * self.n
+    }
+}
+
+fn carried<T>(shape: StepShape, mut buffer: &mut [T]) -> (Carried<'_, T>, &mut [T]) {
+    let mut take = |count: usize| {
+        let (part, rest) = parts_mut(core::mem::take(&mut buffer), count);
+        buffer = rest;
+        part
+    };
+    let StepShape { s, n, e, .. } = shape;
+    let carried = Carried {
+        position: take(n),
+        momentum: take(n),
+        position_rest: take(n),
+        momentum_rest: take(n),
+        velocity: take(n),
+        guess: take(shape.unknowns()),
+        start: take(e),
+        tensions: take(e),
+        solution: take(s * n),
+    };
+    (carried, buffer)
+}
+
+impl<T, L, D, B, P> MechanismIntegrator<T, L, D, B, P>
+where
+    T: Real,
+    L: Lagrangian<T>,
+    D: Dampers<T>,
+    B: AsRef<[T]> + AsMut<[T]>,
+    P: AsMut<[usize]>,
+{
+    /// Numbers of the buffer for s stages, N coordinates, M constraints and E elongations.
+    pub const fn numbers(stages: usize, [n, m, e]: [usize; 3]) -> usize {
+        let shape = StepShape { s: stages, n, m, e };
+        shape.carried() + shape.work()
+    }
+
+    /// Number of unknowns of a step, the length of `P`.
+    pub const fn unknowns(stages: usize, [n, m, e]: [usize; 3]) -> usize {
+        StepShape { s: stages, n, m, e }.unknowns()
+    }
+
+    /// The integrator at a start on the constraints, or with `project` at the point on them that is found
+    /// nearest in the metric of the mass.
+    ///
+    /// # Errors
+    /// [`MechanismError`].
+    pub fn new(
+        rule: GaussLobatto<T>,
+        (system, dampers): (L, D),
+        (step_size, start): (T, T),
+        (position, velocity): (&[T], &[T]),
+        project: bool,
+        (numbers, pivots): (B, P),
+    ) -> Result<Self, MechanismError> {
+        check_step_size(step_size.to_f64())?;
+        let (n, m, e) = (system.coordinates(), system.constraints(), system.elongations());
+        let shape = StepShape { s: rule.stages(), n, m, e };
+        let check = |is, parameter, found: usize, allowed| {
+            ParameterError::check(is, parameter, found as f64, allowed)
+        };
+        let found = dampers.elongations();
+        check(found == e, "elongations of the dampers", found, "as many as the system has")?;
+        let (long, found) = (shape.carried() + shape.work(), numbers.as_ref().len());
+        check(found == long, "numbers of the buffer", found, "those of `numbers`")?;
+        let anchor = (0, start);
+        let work = [T::zero(); 2];
+        let mut made =
+            Self { rule, shape, system, dampers, numbers, pivots, step_size, steps: 0, anchor, work };
+        let found = made.pivots.as_mut().len();
+        check(found == shape.unknowns(), "indices of the buffer", found, "those of `unknowns`")?;
+        let fits = position.len() == n && velocity.len() == n;
+        if !(fits && all_finite(position) && all_finite(velocity)) {
+            return Err(MechanismError::InitialState);
+        }
+        let (carried, _) = carried(shape, made.numbers.as_mut());
+        carried.position.copy_from_slice(position);
+        carried.velocity.copy_from_slice(velocity);
+        made.check_rank()?;
+        if project {
+            made.project()?;
+        }
+        made.check_start()?;
+        made.begin()?;
+        Ok(made)
+    }
+
+    /// The instant of the present grid point, from the right.
+    fn now(&self) -> Instant<T> {
+        Instant::in_step(self.time(), T::zero(), self.step_size)
+    }
+
+    /// The carried numbers and the work arrays, with the system.
+    fn split(&mut self) -> (Carried<'_, T>, Room<'_, T>, &mut L, &mut [usize]) {
+        let (carried, work) = carried(self.shape, self.numbers.as_mut());
+        (carried, Room::new(self.shape, work), &mut self.system, self.pivots.as_mut())
+    }
+
+    /// Refuses constraints whose gradients depend on each other at the present position.
+    fn check_rank(&mut self) -> Result<(), MechanismError> {
+        let StepShape { n, m, .. } = self.shape;
+        let (carried, room, system, _) = self.split();
+        let (rows, _) = parts_mut(room.constraints, m * n);
+        system.constrain(carried.position, room.values, rows);
+        if !(all_finite(room.values) && all_finite(rows)) {
+            return Err(MechanismError::InitialState);
+        }
+        for index in 0..m {
+            let (before, rest) = parts_mut(rows, index * n);
+            let (row, _) = parts_mut(rest, n);
+            let whole = dot(row, row);
+            // Twice, for rows that are nearly parallel; those before are orthonormal.
+            for _ in 0..2 {
+                for other in before.chunks_exact(n.max(1)) {
+                    let along = dot(row, other);
+                    row.iter_mut().zip(other).for_each(|(place, &other)| *place -= along * other);
+                }
+            }
+            let left = dot(row, row);
+            if left <= T::of(REDUNDANT * REDUNDANT) * whole || whole == T::zero() {
+                return Err(MechanismError::Redundant { index });
+            }
+            let scale = T::one() / left.sqrt();
+            row.iter_mut().for_each(|place| *place *= scale);
+        }
+        Ok(())
+    }
+
+    /// Moves position and velocity onto the constraints.
+    fn project(&mut self) -> Result<(), MechanismError> {
+        let (instant, shape) = (self.now(), self.shape);
+        let (carried, mut room, system, pivots) = self.split();
+        let room = &mut room;
+        let mut last = T::max_value().unwrap_or(T::one());
+        for _ in 0..MOST_CORRECTIONS {
+            form_saddle(system, shape, (instant, carried.position, carried.velocity), room);
+            let size = largest(T::zero(), room.values);
+            if !size.is_finite() {
+                return Err(MechanismError::NotProjected);
+            }
+            if size == T::zero() || (size < T::of(1e-6) && size >= last) {
+                break;
+            }
+            last = size;
+            room.residual.fill(T::zero());
+            let places = room.residual.iter_mut().skip(shape.n).zip(&*room.values);
+            places.for_each(|(place, &value)| *place = -value);
+            solve_saddle(shape, room, pivots).map_err(|Singular| MechanismError::SingularMass)?;
+            let moves = carried.position.iter_mut().zip(&*room.residual);
+            moves.for_each(|(place, &change)| *place += change);
+        }
+        form_saddle(system, shape, (instant, carried.position, carried.velocity), room);
+        room.residual.fill(T::zero());
+        let momentum = product(from(room.mass, 0, shape.n * shape.n), carried.velocity);
+        room.residual.iter_mut().zip(momentum).for_each(|(place, p)| *place = p);
+        solve_saddle(shape, room, pivots).map_err(|Singular| MechanismError::SingularMass)?;
+        carried.velocity.iter_mut().zip(&*room.residual).for_each(|(place, &v)| *place = v);
+        Ok(())
+    }
+
+    /// Refuses a start off the constraints, and a mass that is singular where they let it move.
+    fn check_start(&mut self) -> Result<(), MechanismError> {
+        let (instant, shape) = (self.now(), self.shape);
+        let (carried, mut room, system, pivots) = self.split();
+        form_saddle(system, shape, (instant, carried.position, carried.velocity), &mut room);
+        let tolerance = T::of(ON_CONSTRAINTS).max(T::of(1e3) * T::EPSILON);
+        let (near, slow) = (largest(T::one(), carried.position), largest(T::one(), carried.velocity));
+        let rows = room.constraints.chunks_exact(shape.n.max(1));
+        for (index, (&value, row)) in room.values.iter().zip(rows).enumerate() {
+            let steep = largest(T::zero(), row);
+            let rate = dot(row, carried.velocity);
+            if value.abs() > tolerance * steep * near || !value.is_finite() {
+                return Err(MechanismError::OffConstraint { index, value: value.to_f64() });
+            }
+            if rate.abs() > tolerance * steep * slow || !rate.is_finite() {
+                return Err(MechanismError::LeavesConstraint { index, rate: rate.to_f64() });
+            }
+        }
+        room.residual.fill(T::zero());
+        solve_saddle(shape, &mut room, pivots).map_err(|Singular| MechanismError::SingularMass)
+    }
+
+    /// Sets momentum, memories and the first guess for the present position and velocity.
+    fn begin(&mut self) -> Result<(), MechanismError> {
+        let (instant, StepShape { s, n, e, .. }) = (self.now(), self.shape);
+        let (carried, room, system, _) = self.split();
+        let (force, jacobian) = (parts_mut(room.forces, n).0, parts_mut(room.jacobians, e * n).0);
+        system.first(instant, carried.position, carried.velocity, carried.momentum, force);
+        system.elongate(carried.position, jacobian);
+        let rates = product(jacobian, carried.velocity);
+        carried.start.iter_mut().zip(rates).for_each(|(place, rate)| *place = rate);
+        if ![&*carried.momentum, force, jacobian, carried.start].iter().all(|numbers| all_finite(numbers)) {
+            return Err(MechanismError::InitialState);
+        }
+        carried.position_rest.fill(T::zero());
+        carried.momentum_rest.fill(T::zero());
+        carried.guess.fill(T::zero());
+        for stage in carried.guess.chunks_exact_mut(n.max(1)).take(s) {
+            stage.copy_from_slice(carried.velocity);
+        }
+        carried.solution.copy_from_slice(from(carried.guess, 0, s * n));
+        let (carried, _) = super::integrator::carried(self.shape, self.numbers.as_mut());
+        self.dampers.begin(carried.start);
+        self.dampers.sudden(carried.start, carried.tensions);
+        Ok(())
+    }
+
+    /// Time of the present state.
+    pub fn time(&self) -> T {
+        let (index, time) = self.anchor;
+        time + T::from_count(self.steps - index) * self.step_size
+    }
+
+    /// Number of steps made.
+    pub fn steps(&self) -> u64 {
+        self.steps
+    }
+
+    /// Makes a step of the step size h with a force held over it; missing numbers are zero. Returns the number
+    /// of Newton's corrections.
+    ///
+    /// # Errors
+    /// [`StepError`]; the state is as before.
+    pub fn step(&mut self, input: &[T]) -> Result<u32, StepError> {
+        let (index, time) = self.anchor;
+        let end = time + T::from_count((self.steps - index).saturating_add(1)) * self.step_size;
+        let corrections = self.make(self.step_size, end, input)?;
+        self.steps += 1;
+        Ok(corrections)
+    }
+
+    /// Makes a step of any length to the time `end`.
+    ///
+    /// # Errors
+    /// [`StepError`]; the state is as before.
+    pub fn step_over(&mut self, length: T, end: T, input: &[T]) -> Result<u32, StepError> {
+        if !(length > T::zero() && end.is_finite()) {
+            return Err(MemoryError::StepLength.into());
+        }
+        let corrections = self.make(length, end, input)?;
+        self.steps += 1;
+        self.anchor = (self.steps, end);
+        Ok(corrections)
+    }
+
+    fn make(&mut self, length: T, end: T, input: &[T]) -> Result<u32, StepError> {
+        let (time, shape) = (self.time(), self.shape);
+        self.dampers.begin_step(length)?;
+        let (carried, work) = carried(shape, self.numbers.as_mut());
+        let mut room = Room::new(shape, work);
+        room.unknowns.copy_from_slice(carried.guess);
+        self.dampers.known(room.known);
+        let mut equations = Equations {
+            rule: &self.rule,
+            shape,
+            system: &mut self.system,
+            dampers: &self.dampers,
+            time,
+            length,
+            position: &*carried.position,
+            momentum: &*carried.momentum,
+            input,
+        };
+        let corrections = equations.solve(&mut room, self.pivots.as_mut())?;
+        let last = Instant { time: end, approach: Approach::FromLeft };
+        let ended = Ended { rule: &self.rule, shape, length, last };
+        ended.write_next(&mut self.system, &carried, &mut room, self.pivots.as_mut())?;
+        // Nothing fails from here on.
+        self.work = ended.advance(carried, &room, self.work);
+        self.dampers.push(room.rates);
+        Ok(corrections)
+    }
+
+    /// q_k.
+    pub fn position(&self) -> &[T] {
+        from(self.numbers.as_ref(), 0, self.shape.n)
+    }
+
+    /// p_k of the scheme, L_v.
+    pub fn momentum(&self) -> &[T] {
+        from(self.numbers.as_ref(), self.shape.n, self.shape.n)
+    }
+
+    /// v_k, of this momentum.
+    pub fn velocity(&self) -> &[T] {
+        from(self.numbers.as_ref(), 4 * self.shape.n, self.shape.n)
+    }
+
+    /// V_1 … V_s of the last step.
+    pub fn solution(&self) -> &[T] {
+        let StepShape { s, n, .. } = self.shape;
+        from(self.numbers.as_ref(), self.shape.carried() - s * n, s * n)
+    }
+
+    /// The dampers' forces at the present grid point, continued from the nodes of the last step.
+    pub fn tensions(&self) -> &[T] {
+        let StepShape { n, e, .. } = self.shape;
+        from(self.numbers.as_ref(), 5 * n + self.shape.unknowns() + e, e)
+    }
+
+    /// The energy L_vᵀ v − L of the scheme's state.
+    pub fn energy(&mut self) -> T {
+        let (carried, _, system, _) = self.split();
+        system.energy(carried.position, carried.velocity)
+    }
+
+    /// The work that the dampers have taken up so far, h Σ_k Σ_i b_i W_iᵀ f_i.
+    pub fn work(&self) -> T {
+        let [work, _] = self.work;
+        work
+    }
+
+    /// The energy stored in the dampers.
+    pub fn stored(&self) -> T {
+        self.dampers.stored()
+    }
+
+    /// The method.
+    pub fn rule(&self) -> &GaussLobatto<T> {
+        &self.rule
+    }
+
+    /// The system.
+    pub fn system(&self) -> &L {
+        &self.system
+    }
+
+    /// The system, to be changed between steps.
+    pub fn system_mut(&mut self) -> &mut L {
+        &mut self.system
+    }
+
+    /// The dampers.
+    pub fn dampers(&self) -> &D {
+        &self.dampers
+    }
+
+    /// Writes p_k + Π Gᵀ δ_k, where δ is the [excess](Dampers::excess) of the memory's impulse and Π the
+    /// projection onto momenta that keep the constraints: it has the order of the positions. Returns false,
+    /// with the scheme's momentum, if there is no such projection.
+    pub fn write_momentum(&mut self, momentum: &mut [T]) -> bool {
+        let (instant, shape) = (self.now(), self.shape);
+        let (carried, work) = carried(shape, self.numbers.as_mut());
+        let mut room = Room::new(shape, work);
+        momentum.copy_from_slice(carried.momentum);
+        let excess = parts_mut(room.tensions, shape.e).0;
+        self.dampers.excess(carried.start, excess);
+        if excess.iter().all(|&number| number == T::zero()) {
+            return true;
+        }
+        let jacobian = parts_mut(room.jacobians, shape.e * shape.n).0;
+        self.system.elongate(carried.position, jacobian);
+        let kick = parts_mut(room.next, shape.n).0;
+        kick.fill(T::zero());
+        add_transposed(T::one(), jacobian, excess, kick);
+        form_saddle(&mut self.system, shape, (instant, carried.position, carried.velocity), &mut room);
+        room.residual.fill(T::zero());
+        room.residual.iter_mut().zip(room.next.iter().take(shape.n)).for_each(|(place, &kick)| *place = kick);
+        if shape.m > 0 {
+            if solve_saddle(shape, &mut room, self.pivots.as_mut()).is_err() {
+                return false;
+            }
+            let rows = from(room.constraints, 0, shape.m * shape.n);
+            let multipliers = from(room.residual, shape.n, shape.m);
+            add_transposed(-T::one(), rows, multipliers, parts_mut(room.next, shape.n).0);
+        }
+        momentum.iter_mut().zip(&*room.next).for_each(|(place, &kick)| *place += kick);
+        true
+    }
+
+    /// Writes the multipliers λ of the constraints at the present grid point, from the accelerations that keep
+    /// them: the constraint forces are −Cᵀλ. Returns false if they are not determined.
+    pub fn write_multipliers(&mut self, multipliers: &mut [T]) -> bool {
+        let (instant, shape) = (self.now(), self.shape);
+        let StepShape { n, m, e, .. } = shape;
+        let (carried, mut room, system, pivots) = self.split();
+        let room = &mut room;
+        let (position, velocity) = (&*carried.position, &*carried.velocity);
+        let (momentum, force) = (parts_mut(room.momenta, n).0, parts_mut(room.forces, n).0);
+        system.first(instant, position, velocity, momentum, force);
+        let jacobian = parts_mut(room.jacobians, e * n).0;
+        system.elongate(position, jacobian);
+        add_transposed(-T::one(), jacobian, carried.tensions, force);
+        form_saddle(system, shape, (instant, position, velocity), room);
+        room.residual.fill(T::zero());
+        let turned = product(from(room.coupling, 0, n * n), velocity);
+        let parts = room.residual.iter_mut().zip(room.forces.iter().zip(turned));
+        parts.for_each(|(place, (&force, turned))| *place = force - turned);
+        for index in 0..m {
+            room.values.fill(T::zero());
+            room.values.iter_mut().skip(index).take(1).for_each(|one| *one = T::one());
+            room.curvature.fill(T::zero());
+            system.add_constraint_curvature(position, room.values, T::one(), room.curvature);
+            let bent = product(room.curvature, velocity).zip(velocity);
+            let sum = bent.fold(T::zero(), |sum, (bent, &v)| sum + bent * v);
+            room.residual.iter_mut().skip(n + index).take(1).for_each(|place| *place = -sum);
+        }
+        let solved = solve_saddle(shape, room, pivots).is_ok();
+        multipliers.iter_mut().zip(from(room.residual, n, m)).for_each(|(place, &found)| *place = found);
+        solved
+    }
+
+    /// The largest |c| at the present position.
+    pub fn constraint_error(&mut self) -> T {
+        let shape = self.shape;
+        let (carried, room, system, _) = self.split();
+        system.constrain(carried.position, room.values, parts_mut(room.constraints, shape.m * shape.n).0);
+        largest(T::zero(), room.values)
+    }
+
+    fn shape_of_state(&self) -> Shape<4> {
+        let StepShape { s, n, m, e } = self.shape;
+        [("stages", s as u64), ("coordinates", n as u64), ("constraints", m as u64), ("elongations", e as u64)]
+    }
+}
+
+fn dot<T: Real>(a: &[T], b: &[T]) -> T {
+    a.iter().zip(b).fold(T::zero(), |sum, (&a, &b)| sum + a * b)
+}
+
+/// The largest absolute value of `least` and the numbers.
+fn largest<T: Real>(least: T, numbers: &[T]) -> T {
+    numbers.iter().fold(least, |most, x| max_or_nan(most, x.abs()))
+}
+
+/// A step whose equations are solved.
+struct Ended<'a, T> {
+    rule: &'a GaussLobatto<T>,
+    shape: StepShape,
+    length: T,
+    /// The instant at its end.
+    last: Instant<T>,
+}
+
+impl<T: Real> Ended<'_, T> {
+    /// Writes the state at the end of the step to the room.
+    fn write_next<L: Lagrangian<T>>(
+        &self,
+        system: &mut L,
+        carried: &Carried<'_, T>,
+        room: &mut Room<'_, T>,
+        pivots: &mut [usize],
+    ) -> Result<(), StepError> {
+        let StepShape { s, n, m, .. } = self.shape;
+        let h = self.length;
+        let next = core::mem::take(&mut room.next);
+        let (position, rest) = parts_mut(next, n);
+        let (momentum, rest) = parts_mut(rest, n);
+        let (position_rest, rest) = parts_mut(rest, n);
+        let (momentum_rest, velocity) = parts_mut(rest, n);
+        position_rest.copy_from_slice(carried.position_rest);
+        momentum_rest.copy_from_slice(carried.momentum_rest);
+        for i in 0..s {
+            let factor = h * self.rule.weight(i);
+            let (moves, kicks) = (from(room.unknowns, i * n, n), from(room.forces, i * n, n));
+            position_rest.iter_mut().zip(moves).for_each(|(sum, &velocity)| *sum += factor * velocity);
+            momentum_rest.iter_mut().zip(kicks).for_each(|(sum, &force)| *sum += factor * force);
+            let rows = from(room.constraints, i * m * n, m * n);
+            let multipliers = from(room.unknowns, s * n + i * m, m);
+            add_transposed(-h * self.rule.knot_weight(i), rows, multipliers, momentum_rest);
+        }
+        add_compensated(carried.position, position_rest, position);
+        // The velocity of this momentum may leave the constraints: the multipliers of the last knot take off
+        // what does. The mass does not depend on the velocity.
+        velocity.fill(T::zero());
+        system.first(self.last, position, velocity, room.point, room.vector);
+        form_saddle(system, self.shape, (self.last, position, velocity), room);
+        room.residual.fill(T::zero());
+        let moving = carried.momentum.iter().zip(&*momentum_rest).zip(&*room.point);
+        let moving = moving.map(|((&p, &kick), &still)| (p - still) + kick);
+        room.residual.iter_mut().zip(moving).for_each(|(place, number)| *place = number);
+        solve_saddle(self.shape, room, pivots).map_err(|Singular| StepError::SingularJacobian)?;
+        velocity.iter_mut().zip(&*room.residual).for_each(|(place, &v)| *place = v);
+        let rows = from(room.constraints, 0, m * n);
+        add_transposed(-T::one(), rows, from(room.residual, n, m), momentum_rest);
+        add_compensated(carried.momentum, momentum_rest, momentum);
+        room.next = next;
+        if all_finite(room.next) { Ok(()) } else { Err(StepError::NotFinite) }
+    }
+
+    /// Takes over the end of the step; returns the dampers' work up to there.
+    fn advance(&self, carried: Carried<'_, T>, room: &Room<'_, T>, [work, rest]: [T; 2]) -> [T; 2] {
+        let StepShape { s, n, m, e } = self.shape;
+        let next = [carried.position, carried.momentum, carried.position_rest, carried.momentum_rest, carried.velocity];
+        for (place, numbers) in next.into_iter().zip(room.next.chunks_exact(n.max(1))) {
+            place.copy_from_slice(numbers);
+        }
+        carried.solution.copy_from_slice(from(room.unknowns, 0, s * n));
+        let (guess, multipliers) = parts_mut(carried.guess, s * n);
+        guess.fill(T::zero());
+        for (i, stage) in guess.chunks_exact_mut(n.max(1)).enumerate() {
+            for j in 0..s {
+                let factor = self.rule.ahead(i, j);
+                let parts = stage.iter_mut().zip(from(room.unknowns, j * n, n));
+                parts.for_each(|(place, &velocity)| *place += factor * velocity);
+            }
+        }
+        multipliers.copy_from_slice(from(room.unknowns, s * n, s * m));
+        carried.tensions.fill(T::zero());
+        let mut taken = rest;
+        for i in 0..s {
+            let (factor, tensions) = (self.rule.at_end(i), from(room.tensions, i * e, e));
+            let places = carried.tensions.iter_mut().zip(tensions);
+            places.for_each(|(place, &tension)| *place += factor * tension);
+            for (elongation, &tension) in tensions.iter().enumerate() {
+                taken += self.length * self.rule.weight(i) * at(room.rates, elongation * s + i) * tension;
+            }
+        }
+        let sum = work + taken;
+        [sum, taken - (sum - work)]
+    }
+}
+
+/// `next` ← start + change, and `change` ← what the sum lost to rounding.
+fn add_compensated<T: Real>(start: &[T], change: &mut [T], next: &mut [T]) {
+    for ((next, &start), change) in next.iter_mut().zip(start).zip(change) {
+        *next = start + *change;
+        *change -= *next - start;
+    }
+}
+
+impl<T, L, D, B, P> Stateful for MechanismIntegrator<T, L, D, B, P>
+where
+    T: Real,
+    L: Lagrangian<T>,
+    D: Dampers<T> + Stateful,
+    B: AsRef<[T]> + AsMut<[T]>,
+    P: AsMut<[usize]>,
+{
+    fn state_bytes(&self) -> usize {
+        header_bytes(4) + 16 + (3 + self.shape.carried()) * T::BYTES + self.dampers.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        to.header::<T, 4>(TAG, &self.shape_of_state())?;
+        to.count(self.steps)?;
+        to.count(self.anchor.0)?;
+        to.numbers([&self.anchor.1])?;
+        to.numbers(&self.work)?;
+        to.numbers(from(self.numbers.as_ref(), 0, self.shape.carried()))?;
+        self.dampers.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        from.header::<T, 4>(TAG, &self.shape_of_state())?;
+        let steps = from.count()?;
+        from.count_up_to("steps", usize::try_from(steps).unwrap_or(usize::MAX))?;
+        from.skip::<T>(3 + self.shape.carried())?;
+        self.dampers.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.check_state(&mut from.clone())?;
+        from.header::<T, 4>(TAG, &self.shape_of_state())?;
+        self.steps = from.count()?;
+        let first = from.count_up_to("steps", usize::try_from(self.steps).unwrap_or(usize::MAX))?;
+        self.anchor = (first as u64, from.number()?);
+        self.work = [from.number()?, from.number()?];
+        let (carried, _) = parts_mut(self.numbers.as_mut(), self.shape.carried());
+        from.numbers(carried)?;
+        self.dampers.restore(from)
+    }
+}
