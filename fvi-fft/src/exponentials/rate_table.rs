@@ -57,7 +57,7 @@ pub fn rate_table<T: Real, const R: usize>(
     Ok(table(exponent, leading, &relaxations, [shortest, horizon]))
 }
 
-fn check_ranges(shortest: f64, horizon: f64, tolerance: f64) -> Result<(), ParameterError> {
+pub(super) fn check_ranges(shortest: f64, horizon: f64, tolerance: f64) -> Result<(), ParameterError> {
     let range = |accepted, parameter, value, allowed| match accepted {
         true => Ok(()),
         false => Err(ParameterError { parameter, value, allowed }),
@@ -142,7 +142,7 @@ impl From<ParameterError> for RateTableError {
 }
 
 /// Fastest rate, as rate · shortest step: faster relaxations only contribute through c/λ.
-const ENDLESS: f64 = 1e16;
+pub(super) const ENDLESS: f64 = 1e16;
 
 /// The table of any transfer function whose singularities lie on the negative real axis.
 ///
