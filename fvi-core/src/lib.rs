@@ -74,8 +74,8 @@ pub use linear::{
     is_positive_definite_in_place, keep_factors, solve, substitute, substitute_kept,
 };
 pub use mechanism::{
-    DamperRow, Dampers, GaussLobatto, Lagrangian, MOST_STAGES, MechanismError, MechanismIntegrator, RelaxationTable, Relaxing,
-    Second,
+    DamperRow, Dampers, GaussLobatto, Lagrangian, MOST_STAGES, MechanismError, MechanismIntegrator,
+    RelaxationTable, Relaxing, Second,
 };
 pub use memory::{ActsOn, Memory, MemoryError, SavedChannels, check_channels};
 pub use memoryless::Memoryless;

@@ -324,7 +324,9 @@ impl MemoryRequest<'_> {
             // rounding.
             _ if self.transfer.spring() != 0.0 => ActsOn::Values,
             ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => ActsOn::Increments,
-            ConvolutionFamily::RadauIia { .. } | ConvolutionFamily::LobattoIiic { .. } => ActsOn::Rises,
+            ConvolutionFamily::RadauIia { .. }
+            | ConvolutionFamily::LobattoIiic { .. }
+            | ConvolutionFamily::Gauss { .. } => ActsOn::Rises,
         }
     }
 
@@ -366,7 +368,9 @@ impl MemoryRequest<'_> {
         if let Some(staged) = self.family.staged() {
             return with_staged_method!(staged, method => self.matrix_kernel(&method))?;
         }
-        let rule = self.family.multistep()?.unwrap_or(MultistepRule::Trapezoidal);
+        let allowed = "a multistep rule, Radau IIA or Lobatto IIIC; Gauss weights are those of mechanisms";
+        let unknown = ParameterError { parameter: "family", value: f64::NAN, allowed };
+        let rule = self.family.multistep()?.ok_or(unknown)?;
         let first = transfer.table().map_or(2, |table| table.weights().len().min(2));
         let weights = multistep_weights(transfer, rule, step_size, false, first)?;
         // A table of one weight is that of a memory without lags.
@@ -437,7 +441,10 @@ impl MemoryRequest<'_> {
         if let Some(staged) = self.family.staged() {
             return with_staged_method!(staged, method => self.staged(engine, &method, tables))?;
         }
-        let rule = self.family.multistep()?.unwrap_or(MultistepRule::Trapezoidal);
+        let Some(rule) = self.family.multistep()? else {
+            let reason = "Gauss weights are those of the dampers of mechanisms";
+            return Err(EngineError::Unsuited { engine, reason });
+        };
         self.scalar(engine, rule, tables)
     }
 
@@ -786,6 +793,7 @@ impl MemoryRequest<'_> {
             ConvolutionFamily::RadauIia { stages } => (1, stages),
             ConvolutionFamily::LobattoIiic { stages } => (2, stages),
             ConvolutionFamily::Trapezoidal => (3, 2),
+            ConvolutionFamily::Gauss { stages } => (4, stages),
         };
         let on_values = u64::from(self.acts_on() == ActsOn::Values);
         let numbers = [family, size as u64, on_values, self.step_size.to_bits(), reach, tolerance.to_bits()];

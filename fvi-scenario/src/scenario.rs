@@ -16,6 +16,7 @@ mod gyroscopic;
 mod initial;
 mod kernel;
 mod keys;
+mod kinetic;
 mod load;
 mod matrix;
 mod own_terms;
@@ -59,7 +60,7 @@ pub use scheme::{Convolution, DampedAt, Quadrature, Scheme};
 pub use scheme_descriptor::SchemeDescriptor;
 pub use sensitivity::{Named, Parameter, Quantity, Sensitivity};
 pub use sparse_matrix::{KnownMatrices, SparseMatrix};
-pub use system::{Attached, Damping, Derivative, ForceQuadrature, System};
+pub use system::{Along, Attached, Damping, Derivative, ForceQuadrature, System};
 pub use time::{
     LARGEST_TOLERANCE, MOST_STEPS, OnEnergyGrowth, OutputOptions, ReportedMomentum,
     SMALLEST_SINGLE_TOLERANCE, TimeGrid,
@@ -252,10 +253,12 @@ impl Scenario {
         let scheme = match root.optional("scheme") {
             Some(value) => Scheme::read(&value.table()?)?,
             None if equation.is_some() => Scheme::for_equations(),
+            None if system.is_mechanism() => Scheme::OF_MECHANISMS,
             None => Scheme::default(),
         };
         let convolution = match root.optional("convolution") {
-            Some(value) => Convolution::read(&value.table()?, &scheme)?,
+            Some(value) => Convolution::read(&value.table()?, &scheme, system.is_mechanism())?,
+            None if system.is_mechanism() => Convolution::of_mechanism(&scheme),
             None => Convolution::default_for(&scheme),
         };
         let scheme = scheme.with_quadrature_for(convolution.family);
@@ -348,7 +351,11 @@ impl Scenario {
             let (equation, system, initial) = Equation::read(&value.table()?)?;
             return Ok((Some(equation), system, initial));
         }
-        let system = System::read(&root.required("system")?.table()?, known, step)?;
+        // Errors in it are reported when `initial` is read.
+        let start = root
+            .optional("initial")
+            .and_then(|value| value.table().ok()?.optional("position")?.numbers().ok());
+        let system = System::read(&root.required("system")?.table()?, known, step, start.as_deref())?;
         let initial = match root.optional("initial") {
             Some(value) => InitialState::read(&value.table()?, &system)?,
             None => InitialState::at_rest(system.coordinates()),
@@ -438,6 +445,11 @@ impl Scenario {
         self.reference.as_ref().is_none_or(|reference| reference.meets(&self.time, &self.output))
     }
 
+    /// True if it is integrated as a mechanism, with Gauss weights.
+    pub fn is_mechanism(&self) -> bool {
+        matches!(self.convolution.family, fvi_fft::quadrature::ConvolutionFamily::Gauss { .. })
+    }
+
     /// True if the motion is needed between grid points.
     pub fn is_looked_into(&self) -> bool {
         !self.output.times.is_empty() || !self.events.is_empty()
@@ -503,7 +515,10 @@ impl Scenario {
                 let mut regular = mass.clone();
                 self.system.massless().into_iter().for_each(|row| regular[(row, row)] = 1.0);
                 let inverse = dense::inverse(regular)?;
-                Some((inverse * DVector::from_column_slice(momentum)).as_slice().to_vec())
+                let mut moving = DVector::from_column_slice(momentum);
+                let linear = self.system.linear_momentum();
+                moving.iter_mut().zip(linear).for_each(|(p, a)| *p -= a);
+                Some((inverse * moving).as_slice().to_vec())
             }
             SymmetricMatrix::Sparse(_) => None,
         }

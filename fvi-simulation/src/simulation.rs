@@ -20,6 +20,9 @@ mod gyroscopic;
 mod massless;
 #[cfg(test)]
 mod massless_tests;
+mod mechanism;
+#[cfg(test)]
+mod mechanism_tests;
 mod memory_energy;
 mod momentum_offset;
 pub mod motion;
@@ -52,6 +55,7 @@ use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{self, DampedAt, Past, ReportedMomentum, Scenario};
 use gyroscopic::Gyroscopic;
 use massless::Placed;
+use mechanism::TypedMechanism;
 use momentum_offset::MomentumOffset;
 use nalgebra::DMatrix;
 use piece::{Piece, WithinStep};
@@ -111,6 +115,14 @@ trait Stepper: Stateful {
     fn shared(&self) -> Vec<Vec<usize>>;
     fn overruns(&self) -> Option<usize>;
     fn memory_bytes(&self) -> usize;
+    /// Writes the multipliers of the constraints.
+    fn write_multipliers(&mut self, _: &mut [f64]) -> Result<(), String> {
+        Ok(())
+    }
+    /// The energies stored and dissipated by memories, where the simulation knows them.
+    fn memory_energies(&self) -> Option<[f64; 2]> {
+        None
+    }
 }
 
 /// The state at a grid point, in double precision whatever the precision of the run. With load cases position
@@ -195,6 +207,9 @@ impl Simulation {
         scenario.check_combinations()?;
         forces_of_time::check(scenario)?;
         given_weights::check(scenario)?;
+        if scenario.is_mechanism() {
+            return Self::of_mechanism(scenario, precision);
+        }
         let (given, placed) = (scenario, massless::placed(scenario)?);
         let scenario = &*placed.scenario;
         let space = match sparse_space(scenario, choice)? {
@@ -228,12 +243,34 @@ impl Simulation {
         Ok(Self { stepper, engines, shared, precision, solver, warning })
     }
 
+    fn of_mechanism(scenario: &Scenario, precision: Precision) -> Result<Self, InputError> {
+        let stepper: Box<dyn Stepper> = match precision {
+            Precision::F64 => Box::new(TypedMechanism::<f64>::new(scenario)?),
+            Precision::F32 => Box::new(TypedMechanism::<f32>::new(scenario)?),
+        };
+        let engines = stepper.engines();
+        Ok(Self { stepper, engines, shared: Vec::new(), precision, solver: Solver::Dense, warning: None })
+    }
+
+    /// Writes the multipliers λ of the constraints at the present grid point.
+    pub(crate) fn write_multipliers(&mut self, multipliers: &mut [f64]) -> Result<(), String> {
+        self.stepper.write_multipliers(multipliers)
+    }
+
+    /// The energies stored and dissipated by the dampers of a mechanism; `None` for other simulations.
+    pub(crate) fn memory_energies(&self) -> Option<[f64; 2]> {
+        self.stepper.memory_energies()
+    }
+
     /// True if no motion near the start grows at the step of the scenario, according to the check of the
     /// step.
     ///
     /// # Errors
     /// If the check is not possible.
     pub fn is_predicted_stable(scenario: &Scenario) -> Result<bool, InputError> {
+        if scenario.is_mechanism() {
+            return Ok(true);
+        }
         let mut scenario = massless::placed(scenario)?.scenario.into_owned();
         scenario.time.allow_unstable = false;
         match check_stability(&scenario) {

@@ -124,6 +124,18 @@ fn problems() -> Vec<Fragment> {
                 "kernel": { "symbol": "4*s^2/(s^2 + s + 9)" }, "coefficient": [0.3, 0.0], "derivative": "riemann-liouville",
             })),
         ),
+        problem(
+            "elongation",
+            damped(json!({ "order": 0.6, "coefficient": 0.9, "along": "hypot(q0 + 2, 1.5*q1)" })),
+        ),
+        problem(
+            "lagrangian",
+            system(json!({ "kinetic": "0.5*v0^2 + 0.35*v1^2 + 0.3*q0^2*v0*v1 + 0.5*(q0*v1 - q1*v0)" })),
+        ),
+        problem(
+            "constraint",
+            json!({ "system": { "constraints": ["q0 + 2*q1 - 0.3 - 0.1*q0^2"] }, "initial": { "project": true } }),
+        ),
         problem("past", json!({ "initial": { "past": [] } })),
         problem("start", json!({ "time": { "start": 0.25 } })),
         problem("input", json!({ "input": { "samples": [[3.0, 0.0], [-1.0, 0.5]], "period": 0.25 } })),
@@ -163,10 +175,15 @@ fn methods() -> Vec<Fragment> {
         value
     };
     let scheme = |scheme: Value| json!({ "scheme": scheme });
+    let gauss = |time: Value| {
+        let gauss = json!({ "scheme": galerkin(2), "convolution": { "family": "gauss" } });
+        if time == json!({}) { gauss } else { with(gauss, "time", time) }
+    };
     let convolution = |convolution: Value| json!({ "convolution": convolution });
     vec![
         method("explicit Euler", scheme(json!({ "kind": "explicit-euler" }))),
         method("implicit Euler", scheme(json!({ "kind": "implicit-euler" }))),
+        method("projected", json!({ "initial": { "project": true } })),
         method("symplectic Euler", scheme(json!({ "kind": "low-order", "kappa": 0.0 }))),
         method("symplectic Euler of the beginning", scheme(json!({ "kind": "low-order", "kappa": 1.0 }))),
         method("galerkin", scheme(galerkin(2))),
@@ -177,6 +194,10 @@ fn methods() -> Vec<Fragment> {
         ),
         method("galerkin, Radau", staged(galerkin(2), "radau-iia", 2)),
         method("galerkin, Lobatto IIIC", staged(galerkin(2), "lobatto-iiic", 2)),
+        method("gauss", gauss(json!({}))),
+        method("gauss at one point", convolution(json!({ "family": "gauss" }))),
+        method("graded gauss", gauss(graded())),
+        method("adaptive gauss", gauss(json!({ "grid": "adaptive", "end": 1.0, "tolerance": 1e-5 }))),
         method("collocation", staged(collocation(), "radau-iia", 3)),
         method("collocation, Lobatto IIIC", staged(collocation(), "lobatto-iiic", 2)),
         method("order 1", convolution(json!({ "order": 1 }))),
@@ -275,6 +296,9 @@ fn whole(keys: &Value, step: f64) -> Value {
         }
     };
     over(&mut usual, keys);
+    if !keys["system"]["kinetic"].is_null() {
+        usual["system"].as_object_mut().unwrap().remove("mass");
+    }
     let base = json!({ "order": 0.5, "coefficient": [[0.4, -0.1], [-0.1, 0.3]] });
     let damping = usual["system"].as_object_mut().unwrap().entry("damping").or_insert(json!([]));
     damping.as_array_mut().unwrap().insert(0, base);
@@ -290,6 +314,7 @@ fn fractions(scenario: &Value) -> Vec<f64> {
     let convolution = &scenario["convolution"];
     match (scenario["scheme"]["kind"].as_str(), convolution["family"].as_str()) {
         _ if convolution["at"] == "main-nodes" || !convolution["starting"].is_null() => vec![],
+        _ if is_mechanism(scenario) => vec![0.5 - root(1.0 / 12.0), 0.5 + root(1.0 / 12.0)],
         (Some("galerkin"), Some("radau-iia")) => vec![1.0 / 3.0, 1.0],
         (_, Some("lobatto-iiic")) => vec![0.0, 1.0],
         (Some("galerkin"), _) if scenario["scheme"]["points"] == 3 => {
@@ -300,6 +325,13 @@ fn fractions(scenario: &Value) -> Vec<f64> {
         (Some("collocation"), _) => vec![0.4 - root(0.06), 0.4 + root(0.06), 1.0],
         _ => vec![],
     }
+}
+
+/// True if it has a Lagrangian, or damping along elongations.
+fn is_mechanism(scenario: &Value) -> bool {
+    let system = &scenario["system"];
+    let terms = system["damping"].as_array().into_iter().flatten();
+    !system["kinetic"].is_null() || terms.into_iter().any(|term| !term["along"].is_null())
 }
 
 /// U(q) = q0⁴/4 in code.
@@ -378,7 +410,7 @@ fn run(scenario: &Value, precision: Precision) -> End {
 fn row_of(error: &InputError) -> Option<&'static Row> {
     let Problem::Incompatible { with, allowed } = error.problem() else { return None };
     ROWS.iter().find(|row| {
-        let plain = |key: &str| key.replace(['[', ']', 'i', '0', '1'], "");
+        let plain = |key: &str| key.replace(['[', ']', 'i', '0', '1', '2'], "");
         let name = row.beside.name().replace(" i ", " 1 ");
         row.instead == allowed && with.starts_with(&name) && plain(error.key()) == plain(&row.refused.key())
     })

@@ -51,6 +51,10 @@ pub(crate) fn weights<'py>(
                     3 => (matrices(RungeKutta::<3>::lobatto_iiic(), power()?, step, count)?, Some(3)),
                     _ => (matrices(RungeKutta::<4>::lobatto_iiic(), power()?, step, count)?, Some(4)),
                 },
+                // No family of this function; mechanisms have it.
+                ConvolutionFamily::Gauss { .. } => {
+                    return Err(Failure::argument("family", family, "\"bdf\", \"trapezoidal\", \"radau-iia\" or \"lobatto-iiic\""));
+                }
             };
             if numbers.iter().all(|weight| *weight == 0.0 || weight.is_normal()) {
                 Ok((numbers, stages))

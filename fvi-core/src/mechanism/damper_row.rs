@@ -34,9 +34,9 @@ impl<T: Real, D: Dampers<T>, S: AsRef<[D]> + AsMut<[D]>> Dampers<T> for DamperRo
 
     fn begin(&mut self, mut velocities: &[T]) {
         for dampers in self.row.as_mut() {
-            let (own, rest) = velocities.split_at_checked(dampers.elongations()).unwrap_or_default();
-            dampers.begin(own);
-            velocities = rest;
+            let count = dampers.elongations();
+            dampers.begin(part(velocities, count));
+            velocities = part_from(velocities, count);
         }
     }
 

@@ -1,6 +1,7 @@
 //! The Gauss rule of a step with the Lobatto rule of its constraints.
 
 use crate::error::ParameterError;
+use crate::linear::at;
 use crate::quadrature::{gauss_rule, lobatto_rule};
 use crate::real::Real;
 
@@ -24,10 +25,9 @@ impl<T: Real, const R: usize, const C: usize> Table<T, R, C> {
         Self(rows)
     }
 
-    /// Zero beyond the table, which no caller asks for.
     #[inline(always)]
     fn at(&self, row: usize, column: usize) -> T {
-        self.0.get(row).and_then(|row| row.get(column)).copied().unwrap_or_default()
+        at(self.0.as_flattened(), row * C + column)
     }
 }
 
@@ -68,7 +68,7 @@ impl<T: Real> GaussLobatto<T> {
         lobatto_rule(knots_in_use, weights_in_use)?;
         let c = nodes.get(..stages).unwrap_or(&[]);
         let basis = Basis { nodes: c, weights: weights.get(..stages).unwrap_or(&[]) };
-        let number = |numbers: &[f64], index: usize| numbers.get(index).copied().unwrap_or_default();
+        let number = |numbers: &[f64], index: usize| at(numbers, index);
         let matrix = Table::of(|i, j| basis.integral(j, number(&nodes, i)));
         let at_knots = Table::of(|j, k| basis.integral(k, number(&knots, j)));
         // Of stages that are not there, whose weights are 0, nothing is asked.

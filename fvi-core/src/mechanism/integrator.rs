@@ -7,7 +7,7 @@ use crate::linear::{Singular, all_finite, at};
 use crate::mechanism::gauss_lobatto::GaussLobatto;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian};
 use crate::mechanism::step::{
-    Equations, Room, Shape as StepShape, add_transposed, form_saddle, from, product, solve_saddle,
+    Equations, Room, Shape as StepShape, add_transposed, copy, form_saddle, from, product, solve_saddle,
 };
 use crate::memory::MemoryError;
 use crate::real::{Real, max_or_nan};
@@ -42,7 +42,7 @@ const MOST_CORRECTIONS: usize = 50;
 /// quadratic potential and linear constraints the energy changes by the work of forces and dampers exactly.
 /// Momenta with the [excess](Dampers::excess) of the memory's impulse have order 2s for kernels that grow no
 /// faster than s. Without constraints and with L = ½vᵀMv − U it is Gauss collocation of Hamilton's equations,
-/// the Galerkin scheme of degree s with s Gauss points \[MW01\].
+/// the Galerkin scheme of degree s with s Gauss points \[MW\].
 ///
 /// `B` is a buffer of [`numbers`](MechanismIntegrator::numbers), `P` one of
 /// [`unknowns`](MechanismIntegrator::unknowns) indices. Sources: \[Jay07\], \[HLW\] VI.6; \[BanjaiFerrari22\]
@@ -224,8 +224,8 @@ where
             return Err(MechanismError::InitialState);
         }
         let (carried, _) = carried(shape, made.numbers.as_mut());
-        carried.position.copy_from_slice(position);
-        carried.velocity.copy_from_slice(velocity);
+        copy(carried.position, position);
+        copy(carried.velocity, velocity);
         made.check_rank()?;
         if project {
             made.project()?;
@@ -346,9 +346,9 @@ where
         carried.momentum_rest.fill(T::zero());
         carried.guess.fill(T::zero());
         for stage in carried.guess.chunks_exact_mut(n.max(1)).take(s) {
-            stage.copy_from_slice(carried.velocity);
+            copy(stage, carried.velocity);
         }
-        carried.solution.copy_from_slice(from(carried.guess, 0, s * n));
+        copy(carried.solution, from(carried.guess, 0, s * n));
         let (carried, _) = super::integrator::carried(self.shape, self.numbers.as_mut());
         self.dampers.begin(carried.start);
         self.dampers.sudden(carried.start, carried.tensions);
@@ -366,8 +366,8 @@ where
         self.steps
     }
 
-    /// Makes a step of the step size h with a force held over it; missing numbers are zero. Returns the number
-    /// of Newton's corrections.
+    /// Makes a step of the step size h with a force held over it; missing numbers are zero. Returns the
+    /// number of Newton's corrections.
     ///
     /// # Errors
     /// [`StepError`]; the state is as before.
@@ -398,7 +398,7 @@ where
         self.dampers.begin_step(length)?;
         let (carried, work) = carried(shape, self.numbers.as_mut());
         let mut room = Room::new(shape, work);
-        room.unknowns.copy_from_slice(carried.guess);
+        copy(room.unknowns, carried.guess);
         self.dampers.known(room.known);
         let mut equations = Equations {
             rule: &self.rule,
@@ -492,7 +492,7 @@ where
         let (instant, shape) = (self.now(), self.shape);
         let (carried, work) = carried(shape, self.numbers.as_mut());
         let mut room = Room::new(shape, work);
-        momentum.copy_from_slice(carried.momentum);
+        copy(momentum, carried.momentum);
         let excess = parts_mut(room.tensions, shape.e).0;
         self.dampers.excess(carried.start, excess);
         if excess.iter().all(|&number| number == T::zero()) {
@@ -518,8 +518,8 @@ where
         true
     }
 
-    /// Writes the multipliers λ of the constraints at the present grid point, from the accelerations that keep
-    /// them: the constraint forces are −Cᵀλ. Returns false if they are not determined.
+    /// Writes the multipliers λ of the constraints at the present grid point, from the accelerations that
+    /// keep them: the constraint forces are −Cᵀλ. Returns false if they are not determined.
     pub fn write_multipliers(&mut self, multipliers: &mut [T]) -> bool {
         let (instant, shape) = (self.now(), self.shape);
         let StepShape { n, m, e, .. } = shape;
@@ -560,7 +560,12 @@ where
 
     fn shape_of_state(&self) -> Shape<4> {
         let StepShape { s, n, m, e } = self.shape;
-        [("stages", s as u64), ("coordinates", n as u64), ("constraints", m as u64), ("elongations", e as u64)]
+        [
+            ("stages", s as u64),
+            ("coordinates", n as u64),
+            ("constraints", m as u64),
+            ("elongations", e as u64),
+        ]
     }
 }
 
@@ -598,8 +603,8 @@ impl<T: Real> Ended<'_, T> {
         let (momentum, rest) = parts_mut(rest, n);
         let (position_rest, rest) = parts_mut(rest, n);
         let (momentum_rest, velocity) = parts_mut(rest, n);
-        position_rest.copy_from_slice(carried.position_rest);
-        momentum_rest.copy_from_slice(carried.momentum_rest);
+        copy(position_rest, carried.position_rest);
+        copy(momentum_rest, carried.momentum_rest);
         for i in 0..s {
             let factor = h * self.rule.weight(i);
             let (moves, kicks) = (from(room.unknowns, i * n, n), from(room.forces, i * n, n));
@@ -631,11 +636,17 @@ impl<T: Real> Ended<'_, T> {
     /// Takes over the end of the step; returns the dampers' work up to there.
     fn advance(&self, carried: Carried<'_, T>, room: &Room<'_, T>, [work, rest]: [T; 2]) -> [T; 2] {
         let StepShape { s, n, m, e } = self.shape;
-        let next = [carried.position, carried.momentum, carried.position_rest, carried.momentum_rest, carried.velocity];
+        let next = [
+            carried.position,
+            carried.momentum,
+            carried.position_rest,
+            carried.momentum_rest,
+            carried.velocity,
+        ];
         for (place, numbers) in next.into_iter().zip(room.next.chunks_exact(n.max(1))) {
-            place.copy_from_slice(numbers);
+            copy(place, numbers);
         }
-        carried.solution.copy_from_slice(from(room.unknowns, 0, s * n));
+        copy(carried.solution, from(room.unknowns, 0, s * n));
         let (guess, multipliers) = parts_mut(carried.guess, s * n);
         guess.fill(T::zero());
         for (i, stage) in guess.chunks_exact_mut(n.max(1)).enumerate() {
@@ -645,7 +656,7 @@ impl<T: Real> Ended<'_, T> {
                 parts.for_each(|(place, &velocity)| *place += factor * velocity);
             }
         }
-        multipliers.copy_from_slice(from(room.unknowns, s * n, s * m));
+        copy(multipliers, from(room.unknowns, s * n, s * m));
         carried.tensions.fill(T::zero());
         let mut taken = rest;
         for i in 0..s {

@@ -30,7 +30,14 @@ pub trait Lagrangian<T> {
     }
 
     /// Writes L_v and L_q + F, N numbers each.
-    fn first(&mut self, instant: Instant<T>, position: &[T], velocity: &[T], momentum: &mut [T], force: &mut [T]);
+    fn first(
+        &mut self,
+        instant: Instant<T>,
+        position: &[T],
+        velocity: &[T],
+        momentum: &mut [T],
+        force: &mut [T],
+    );
 
     /// Writes the derivatives of L_v and of L_q + F, N×N matrices.
     fn second(&mut self, instant: Instant<T>, position: &[T], velocity: &[T], parts: Second<'_, T>);

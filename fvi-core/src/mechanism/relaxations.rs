@@ -184,7 +184,7 @@ impl<T: Real, C: AsRef<[T]>, B: AsRef<[T]> + AsMut<[T]>> Relaxing<T, C, B> {
             let worth = if is_inertial { -c * rate } else { c };
             let start = index * stride;
             let operators = self.parts_mut().operators;
-            let places = operators.get_mut(start..).unwrap_or_default();
+            let (_, places) = parts_mut(operators, start);
             let outputs = found.column.iter().take(stages).map(|output| worth * output);
             let inputs = found.row.iter().take(stages).map(|input| length * input);
             let kept = libm::exp(-x);
@@ -272,7 +272,8 @@ impl<T: Real, C: AsRef<[T]>, B: AsRef<[T]> + AsMut<[T]>> Relaxing<T, C, B> {
                 *pair = [sum, change - (sum - y)];
             }
         }
-        for (block, pair) in parts.operators.chunks_exact(stride).zip(parts.remainders.as_chunks_mut::<2>().0) {
+        for (block, pair) in parts.operators.chunks_exact(stride).zip(parts.remainders.as_chunks_mut::<2>().0)
+        {
             let decays = part_from(block, 2 * stages);
             let [exact, gap] = *pair;
             // R Π R − e^{−x} e^{−λt}, with the difference of the two factors known to its own digits.

@@ -5,7 +5,7 @@ use crate::mechanism::gauss_lobatto::GaussLobatto;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian, Second};
 use crate::real::{Real, max_or_nan};
 use crate::scheme::StepError;
-use crate::space::{part, parts_mut};
+use crate::space::{part, part_from, parts_mut};
 use crate::system::Instant;
 
 /// Largest number of corrections; a well-posed step needs three to five.
@@ -118,13 +118,19 @@ fn vector_mut<T>(numbers: &mut [T], width: usize, index: usize) -> &mut [T] {
     from_mut(numbers, index * width, width)
 }
 
+/// Writes numbers to places; those that are more than the other are left out.
+pub(super) fn copy<T: Copy>(places: &mut [T], numbers: &[T]) {
+    places.iter_mut().zip(numbers).for_each(|(place, &number)| *place = number);
+}
+
 /// `count` numbers from `start` on.
 pub(super) fn from<T>(numbers: &[T], start: usize, count: usize) -> &[T] {
-    numbers.get(start..).map_or(&[], |rest| part(rest, count))
+    part(part_from(numbers, start), count)
 }
 
 fn from_mut<T>(numbers: &mut [T], start: usize, count: usize) -> &mut [T] {
-    numbers.get_mut(start..).and_then(|rest| rest.get_mut(..count)).unwrap_or_default()
+    let (_, rest) = parts_mut(numbers, start);
+    parts_mut(rest, count).0
 }
 
 fn put<T>(numbers: &mut [T], index: usize, number: T) {
@@ -307,8 +313,8 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
             let coupled = self.length * self.rule.matrix(i, l);
             for (row, column) in (0..n).flat_map(|row| (0..n).map(move |column| (row, column))) {
                 let entry = row * n + column;
-                let mut sum = own * at(room.mass, i * square + entry)
-                    + coupled * at(room.coupling, i * square + entry);
+                let mut sum =
+                    own * at(room.mass, i * square + entry) + coupled * at(room.coupling, i * square + entry);
                 for j in 0..s {
                     let slope = at(room.slopes, (j * s + l) * square + entry);
                     sum -= self.length * self.rule.matrix(i, j) * slope;
@@ -430,10 +436,10 @@ pub(super) fn form_saddle<T: Real, L: Lagrangian<T>>(
     let matrix = from_mut(room.matrix, 0, width * width);
     matrix.fill(T::zero());
     for (row, masses) in from(room.mass, 0, square).chunks_exact(n.max(1)).enumerate() {
-        from_mut(matrix, row * width, n).copy_from_slice(masses);
+        copy(from_mut(matrix, row * width, n), masses);
     }
     for (index, gradient) in from(room.constraints, 0, m * n).chunks_exact(n.max(1)).enumerate() {
-        from_mut(matrix, (n + index) * width, n).copy_from_slice(gradient);
+        copy(from_mut(matrix, (n + index) * width, n), gradient);
         gradient.iter().enumerate().for_each(|(row, &c)| put(matrix, row * width + n + index, c));
     }
 }

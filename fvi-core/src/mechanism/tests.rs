@@ -106,7 +106,12 @@ fn elements(rule: &GaussLobatto<f64>, shortest: f64) -> Element {
     Relaxing::new(rule, table, vec![0.8], 1, numbers).unwrap()
 }
 
-fn swinging(swing: Swing, stages: usize, h: f64, start: ([f64; 2], [f64; 2])) -> Result<Swinging, MechanismError> {
+fn swinging(
+    swing: Swing,
+    stages: usize,
+    h: f64,
+    start: ([f64; 2], [f64; 2]),
+) -> Result<Swinging, MechanismError> {
     let rule = GaussLobatto::new(stages).unwrap();
     let shape = [2, swing.constraints(), swing.elongations()];
     let dampers = Row::new(if swing.is_damped { vec![elements(&rule, h)] } else { Vec::new() });
@@ -172,7 +177,8 @@ fn a_rod_swings_as_the_pendulum_of_its_angle_does() {
         assert!((q[0] * v[0] + q[1] * v[1]).abs() < 1e-14);
     }
     let expected = [angle.sin(), -angle.cos()];
-    let error = swinging.position().iter().zip(expected).fold(0.0, |most, (q, e)| max_or_nan(most, (q - e).abs()));
+    let error =
+        swinging.position().iter().zip(expected).fold(0.0, |most, (q, e)| max_or_nan(most, (q - e).abs()));
     assert!(error < 1e-11, "{error:e}");
     // The rod carries gravity and the centripetal force: −2 λ = −(g cos φ + φ'²).
     let mut multiplier = [0.0];
@@ -227,7 +233,10 @@ fn the_energy_of_a_quadratic_potential_changes_by_the_work_of_the_dampers_alone(
             let (energy, work, stored) = (rolling.energy(), rolling.work(), rolling.stored());
             assert!((energy + work - first).abs() < 3e-13, "{stages} stages, step {step}: {energy}, {work}");
             // What the dampers have taken up is stored at most.
-            assert!(stored >= 0.0 && work - stored > -1e-13, "{stages} stages, step {step}: {work}, {stored}");
+            assert!(
+                stored >= 0.0 && work - stored > -1e-13,
+                "{stages} stages, step {step}: {work}, {stored}"
+            );
         }
         assert!(rolling.work() > 0.5 * first);
     }
@@ -249,7 +258,10 @@ fn a_saved_state_goes_on_with_the_same_bits() {
         whole.step(&[0.1]).unwrap();
         other.step(&[0.1]).unwrap();
         assert_eq!(whole.position(), other.position());
-        assert_eq!((whole.time(), whole.work(), whole.tensions()), (other.time(), other.work(), other.tensions()));
+        assert_eq!(
+            (whole.time(), whole.work(), whole.tensions()),
+            (other.time(), other.work(), other.tensions())
+        );
     }
     let mut another = swinging(SPRING, 2, 0.02, START).unwrap();
     assert!(another.restore(&mut StateReader::new(&bytes)).is_err());
@@ -257,11 +269,14 @@ fn a_saved_state_goes_on_with_the_same_bits() {
 
 #[test]
 fn what_cannot_be_integrated_is_refused_with_its_numbers() {
-    let refused = |swing: Swing, position, velocity| swinging(swing, 2, 0.1, (position, velocity)).unwrap_err();
+    let refused =
+        |swing: Swing, position, velocity| swinging(swing, 2, 0.1, (position, velocity)).unwrap_err();
     let off = refused(ROD, [1.1, 0.0], [0.0, 0.0]);
     assert!(matches!(off, MechanismError::OffConstraint { index: 0, value } if (value - 0.21).abs() < 1e-12));
     let leaves = refused(ROD, [1.0, 0.0], [0.5, 0.0]);
-    assert!(matches!(leaves, MechanismError::LeavesConstraint { index: 0, rate } if (rate - 1.0).abs() < 1e-12));
+    assert!(
+        matches!(leaves, MechanismError::LeavesConstraint { index: 0, rate } if (rate - 1.0).abs() < 1e-12)
+    );
     let twice = refused(Swing { is_twice: true, ..ROD }, [1.0, 0.0], [0.0, 0.0]);
     assert_eq!(twice, MechanismError::Redundant { index: 1 });
     assert_eq!(refused(ROD, [1.0, f64::NAN], [0.0, 0.0]), MechanismError::InitialState);

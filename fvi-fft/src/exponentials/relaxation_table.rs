@@ -22,8 +22,8 @@ const FASTEST: f64 = 1e13;
 /// Source: \[LFS16\] for sums of relaxations; \[BanjaiFerrari22\] for the weights.
 ///
 /// # Errors
-/// [`RateTableError`]: for kernels with singularities off the negative real axis, kernels that vanish at large
-/// s, and those given by weights; and for lengths out of range.
+/// [`RateTableError`]: for kernels with singularities off the negative real axis, kernels that vanish at
+/// large s, and those given by weights; and for lengths out of range.
 pub fn relaxation_table(
     transfer: &TransferFunction,
     shortest: f64,

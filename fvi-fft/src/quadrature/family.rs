@@ -26,6 +26,12 @@ pub enum ConvolutionFamily {
         /// Number of stages, 2 to 4.
         stages: usize,
     },
+    /// The Gauss method of a [mechanism](fvi_core::MechanismIntegrator), whose dampers integrate the kernel's
+    /// relaxations with it.
+    Gauss {
+        /// Number of stages, 1 to 6.
+        stages: usize,
+    },
 }
 
 impl Serialize for ConvolutionFamily {
@@ -46,6 +52,7 @@ impl Serialize for ConvolutionFamily {
                 map.serialize_entry("family", "lobatto-iiic")?;
                 map.serialize_entry("stages", stages)?;
             }
+            Self::Gauss { .. } => map.serialize_entry("family", "gauss")?,
         }
         map.end()
     }
@@ -60,22 +67,22 @@ impl ConvolutionFamily {
         Ok(match self {
             Self::Bdf { order } => Some(BdfOrder::new(*order)?.into()),
             Self::Trapezoidal => Some(MultistepRule::Trapezoidal),
-            Self::RadauIia { .. } | Self::LobattoIiic { .. } => None,
+            Self::RadauIia { .. } | Self::LobattoIiic { .. } | Self::Gauss { .. } => None,
         })
     }
 
-    /// The underlying Runge–Kutta method; `None` for multistep rules.
+    /// The underlying stiffly accurate Runge–Kutta method; `None` for multistep rules and for Gauss's.
     pub fn staged(&self) -> Option<StagedMethod> {
         match *self {
             Self::RadauIia { stages } => Some(StagedMethod::RadauIia(stages)),
             Self::LobattoIiic { stages } => Some(StagedMethod::LobattoIiic(stages)),
-            Self::Bdf { .. } | Self::Trapezoidal => None,
+            Self::Bdf { .. } | Self::Trapezoidal | Self::Gauss { .. } => None,
         }
     }
 
-    /// True if the scheme is a Runge–Kutta family, with stages.
+    /// True if it is a Runge–Kutta family, with stages.
     pub fn is_staged(&self) -> bool {
-        self.staged().is_some()
+        !matches!(self, Self::Bdf { .. } | Self::Trapezoidal)
     }
 
     /// Order of the quadrature on smooth signals.
@@ -83,6 +90,7 @@ impl ConvolutionFamily {
         match (*self, self.staged()) {
             (_, Some(method)) => method.order(),
             (Self::Bdf { order }, _) => order,
+            (Self::Gauss { stages }, _) => 2 * stages,
             _ => 2,
         }
     }

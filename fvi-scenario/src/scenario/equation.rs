@@ -501,6 +501,9 @@ impl Chains {
             right[unknown].with_root(force)
         });
         Ok(System {
+            kinetic: None,
+            constraints: Vec::new(),
+            linear_momentum: Vec::new(),
             mass: SymmetricMatrix::Diagonal(vec![0.0; count]),
             stiffness: None,
             gyroscopic: None,

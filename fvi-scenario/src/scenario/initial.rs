@@ -12,7 +12,7 @@ use serde::Serialize;
 pub struct InitialState {
     /// q₀.
     pub position: Vec<f64>,
-    /// p₀ = M v₀; zero for coordinates without mass.
+    /// p₀ = M v₀, or L_v(q₀, v₀); zero for coordinates without mass.
     pub momentum: Vec<f64>,
     /// The motion before the start, for the memories; absent: the system was at rest at q₀.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -20,17 +20,26 @@ pub struct InitialState {
     /// True for the state of an [`Equation`](super::Equation), whose keys are written in place of these.
     #[serde(skip)]
     pub of_equation: bool,
+    /// True if position and velocity are moved onto the constraints first.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub project: bool,
 }
 
 impl InitialState {
     /// Rest at the origin.
     pub(super) fn at_rest(count: usize) -> Self {
-        Self { position: vec![0.0; count], momentum: vec![0.0; count], past: None, of_equation: false }
+        Self {
+            position: vec![0.0; count],
+            momentum: vec![0.0; count],
+            past: None,
+            of_equation: false,
+            project: false,
+        }
     }
 
     /// The state of the coordinates of an equation.
     pub(super) fn of_equation(position: Vec<f64>) -> Self {
-        Self { of_equation: true, momentum: vec![0.0; position.len()], position, past: None }
+        Self { of_equation: true, momentum: vec![0.0; position.len()], position, past: None, project: false }
     }
 
     /// True if it is written by the keys of an equation.
@@ -43,12 +52,14 @@ impl InitialState {
         table.allow(&keys::INITIAL)?;
         let count = system.coordinates();
         let position = table.required("position")?.vector(count)?;
+        let project = table.optional("project").map_or(Ok(false), |value| value.truth())?;
         if table.optional("momentum").or(table.optional("velocity")).is_none() {
-            return Ok(Self { position, ..Self::at_rest(count) });
+            let momentum = system.momentum_at_start(&vec![0.0; count]);
+            return Ok(Self { position, momentum, past: None, of_equation: false, project });
         }
         let (is_momentum, value) = table.either("momentum", "velocity")?;
         let given = value.vector(count)?;
-        let momentum = if is_momentum { given.clone() } else { system.mass.times(&given) };
+        let momentum = if is_momentum { given.clone() } else { system.momentum_at_start(&given) };
         if momentum.iter().any(|entry| !entry.is_finite()) {
             return Err(value.out_of_range("a velocity whose momentum M v is finite"));
         }
@@ -59,7 +70,7 @@ impl InitialState {
                 given[massless]
             )));
         }
-        Ok(Self { position, momentum, past: None, of_equation: false })
+        Ok(Self { position, momentum, past: None, of_equation: false, project })
     }
 
     /// Steps of the past.

@@ -366,7 +366,8 @@ pub(super) fn unsuited(node: &Node) -> Option<String> {
             unsuited(first).or_else(|| operands.iter().find_map(|(_, operand)| unsuited(operand)))
         }
         Kind::Power(sides) => sides.iter().find_map(unsuited),
-        Kind::Choice(..) => Some("min or max".to_owned()),
+        Kind::Choice(function, _) if function.selects() => Some("min or max".to_owned()),
+        Kind::Choice(function, _) => Some(function.name().to_owned()),
         Kind::Call(function, argument) => match function {
             Function::Sqrt
             | Function::Exp

@@ -1,7 +1,7 @@
 //! The keys of the tables for the integration of a system.
 
 /// Keys of `[initial]`.
-pub(super) const INITIAL: [&str; 4] = ["position", "momentum", "velocity", "past"];
+pub(super) const INITIAL: [&str; 5] = ["position", "momentum", "velocity", "past", "project"];
 
 /// Keys of `[history]`.
 pub(super) const HISTORY: [&str; 7] =

@@ -166,6 +166,12 @@ impl SymmetricMatrix {
         }
     }
 
+    /// True if both have the same entries, to rounding of the largest.
+    pub(super) fn is_close_to(&self, other: &Self) -> bool {
+        let (Self::Dense(one), Self::Dense(other)) = (self, other) else { return false };
+        one.shape() == other.shape() && (one - other).amax() <= 1e-12 * other.amax()
+    }
+
     /// Refuses a matrix with an eigenvalue < 0 (beyond rounding).
     pub(super) fn positive_semidefinite(
         self,

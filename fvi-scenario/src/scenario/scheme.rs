@@ -90,12 +90,18 @@ enum FamilyName {
     Bdf,
     RadauIia,
     LobattoIiic,
+    Gauss,
 }
 
 impl Default for Scheme {
     fn default() -> Self {
         Self::LowOrder { kappa: 0.5 }
     }
+}
+
+impl Scheme {
+    /// The default of mechanisms, of order 4.
+    pub(super) const OF_MECHANISMS: Self = Self::Galerkin { degree: 2, quadrature: None };
 }
 
 impl Default for Convolution {
@@ -236,14 +242,24 @@ impl Convolution {
         Self { family, at, starting: Vec::new() }
     }
 
-    pub(super) fn read(table: &Table<'_>, scheme: &Scheme) -> Result<Self, InputError> {
+    /// The default of mechanisms: the weights of the Gauss method that is the scheme.
+    pub fn of_mechanism(scheme: &Scheme) -> Self {
+        let stages = if let Scheme::Galerkin { degree, .. } = scheme { *degree } else { 1 };
+        Self { family: ConvolutionFamily::Gauss { stages }, at: DampedAt::Nodes, starting: Vec::new() }
+    }
+
+    pub(super) fn read(table: &Table<'_>, scheme: &Scheme, is_mechanism: bool) -> Result<Self, InputError> {
         let family_value = table.optional("family");
+        let is_multistep = table.optional("symbol").or(table.optional("order")).is_some()
+            || table.optional("at").is_some_and(|at| at.text().is_ok_and(|at| at == "main-nodes"));
         let name = match &family_value {
             Some(value) => value.choice(&[
                 ("bdf", FamilyName::Bdf),
                 ("radau-iia", FamilyName::RadauIia),
                 ("lobatto-iiic", FamilyName::LobattoIiic),
+                ("gauss", FamilyName::Gauss),
             ])?,
+            None if is_mechanism && !is_multistep => FamilyName::Gauss,
             None if *scheme == Scheme::Collocation => FamilyName::RadauIia,
             None => FamilyName::Bdf,
         };
@@ -293,6 +309,10 @@ impl Convolution {
             FamilyName::LobattoIiic => {
                 table.allow(&["family", "stages", "at", "starting"])?;
                 (ConvolutionFamily::LobattoIiic { stages: stages(2, 4)? }, DampedAt::of_stages(table)?)
+            }
+            FamilyName::Gauss => {
+                table.allow(&["family", "at", "starting"])?;
+                (Self::of_mechanism(scheme).family, DampedAt::of_stages(table)?)
             }
         };
         let starting = match table.optional("starting") {
@@ -351,6 +371,8 @@ impl Convolution {
             ConvolutionFamily::Trapezoidal => "trapezoidal rule at the nodes".to_owned(),
             ConvolutionFamily::RadauIia { stages } => format!("Radau IIA, {stages} stages"),
             ConvolutionFamily::LobattoIiic { stages } => format!("Lobatto IIIC, {stages} stages"),
+            ConvolutionFamily::Gauss { stages: 1 } => "Gauss, 1 stage".to_owned(),
+            ConvolutionFamily::Gauss { stages } => format!("Gauss, {stages} stages"),
         };
         if self.starting.is_empty() { family } else { format!("{family} with starting weights") }
     }

@@ -34,7 +34,10 @@ pub struct SchemeDescriptor {
 impl Scheme {
     /// The descriptor of the scheme with a convolution quadrature.
     pub fn descriptor(&self, family: ConvolutionFamily) -> SchemeDescriptor {
-        let stages = family.staged().map(|method| method.stages());
+        let stages = match family {
+            ConvolutionFamily::Gauss { stages } => Some(stages),
+            _ => family.staged().map(|method| method.stages()),
+        };
         let variational = SchemeDescriptor {
             unknowns: 1,
             nodes: 1,
@@ -63,6 +66,18 @@ impl Scheme {
                 takes_inputs_inside: kappa != 0.0,
                 ..variational
             },
+            // Gauss collocation: forces are evaluated at the nodes, inputs held over steps.
+            Self::Galerkin { degree, .. } if matches!(family, ConvolutionFamily::Gauss { .. }) => {
+                SchemeDescriptor {
+                    unknowns: degree,
+                    nodes: degree,
+                    order: 2 * degree,
+                    order_inside: degree + 1,
+                    takes_moments: false,
+                    takes_inputs_inside: false,
+                    ..variational
+                }
+            }
             Self::Galerkin { degree, quadrature } => SchemeDescriptor {
                 unknowns: degree,
                 nodes: stages.or(quadrature.map(|rule| rule.points())).unwrap_or(degree),
@@ -107,5 +122,6 @@ mod tests {
         assert_eq!(counts(galerkin(2, None), ConvolutionFamily::LobattoIiic { stages: 3 }), (2, 3, 4));
         assert_eq!(counts(Scheme::Collocation, ConvolutionFamily::RadauIia { stages: 3 }), (3, 3, 5));
         assert_eq!(counts(Scheme::ImplicitEuler, bdf(1)), (1, 1, 1));
+        assert_eq!(counts(galerkin(3, None), ConvolutionFamily::Gauss { stages: 3 }), (3, 3, 6));
     }
 }

@@ -3,6 +3,7 @@
 use super::element::Element;
 use super::gyroscopic::SkewMatrix;
 use super::kernel::read_transfer;
+use super::kinetic::Kinetic;
 use super::load::Load;
 use super::matrix::SymmetricMatrix;
 use super::own_terms::SharedTerms;
@@ -25,8 +26,18 @@ use std::sync::Arc;
 /// D^{β_m} or of another transfer function.
 #[derive(Clone, Debug, Serialize)]
 pub struct System {
+    /// T(q, v) of the Lagrangian T − U, a polynomial of degree 2 in the velocities, in the variables q_0 …
+    /// q_{N−1}, v_0 … v_{N−1}; absent: ½ vᵀ M v.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kinetic: Option<Expression>,
+    /// c(q) = 0, in the variables q_0 … q_{N−1}.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub constraints: Vec<Expression>,
+    /// a(q₀) of the momentum M v + a at the start; empty without `kinetic`.
+    #[serde(skip)]
+    pub(super) linear_momentum: Vec<f64>,
     /// M, symmetric and positive definite apart from rows and columns of zeros, which are coordinates without
-    /// mass.
+    /// mass. With `kinetic` that of the initial position.
     pub mass: SymmetricMatrix,
     /// K, symmetric; absent: none.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -74,6 +85,9 @@ pub struct Damping {
     pub coefficient: SymmetricMatrix,
     /// Signal that the derivative acts on.
     pub derivative: Derivative,
+    /// The elongations that it acts along in place of coordinates, and ρ for them; `coefficient` is then
+    /// zero.
+    pub along: Option<Along>,
     /// B and strength if the scenario gives ρ = B diag(strength) Bᵀ.
     pub attached: Option<Attached>,
     /// Factor by which the matrix of a file was multiplied.
@@ -94,6 +108,17 @@ struct Part {
 fn written<S: Serializer>(terms: &[Damping], serializer: S) -> Result<S::Ok, S::Error> {
     let is_written = |term: &&Damping| term.matrix.as_ref().is_none_or(|part| part.stands_for_it);
     serializer.collect_seq(terms.iter().filter(is_written))
+}
+
+/// Elongations of a damping term.
+#[derive(Clone, Debug)]
+pub struct Along {
+    /// g_e(q), in the variables q_0 … q_{N−1}.
+    pub elongations: Vec<Expression>,
+    /// ρ, symmetric positive semidefinite, for the elongations.
+    pub coefficient: SymmetricMatrix,
+    /// True if the scenario gives one elongation, and one number.
+    is_one: bool,
 }
 
 /// Dampers: ρ = B diag(strength) Bᵀ, one column of B for each damper.
@@ -136,9 +161,12 @@ impl System {
         table: &Table<'_>,
         shared: Option<&KnownMatrices>,
         step: Option<f64>,
+        start: Option<&[f64]>,
     ) -> Result<Self, InputError> {
         table.allow(&[
             "mass",
+            "kinetic",
+            "constraints",
             "stiffness",
             "gyroscopic",
             "potential",
@@ -149,27 +177,20 @@ impl System {
             "element",
             "load",
         ])?;
-        let mass_value = table.required("mass")?;
         let mut known = Matrices::sharing(shared);
-        let mass = SymmetricMatrix::read(&mass_value, None, &mut known)?;
+        let parameters = match table.optional("parameters") {
+            Some(value) => read_parameters(&value)?,
+            None => BTreeMap::new(),
+        };
+        let Inertia { kinetic, mass, linear_momentum } =
+            Inertia::read(table, &parameters, start, &mut known)?;
         let count = mass.size();
-        if count == 0 {
-            return Err(mass_value.error(Problem::WrongShape {
-                expected: "one coordinate at least".to_owned(),
-                found: "none".to_owned(),
-            }));
-        }
-        let mass = mass.mass(&mass_value, &known)?;
         let stiffness = match table.optional("stiffness") {
             Some(value) => Some(SymmetricMatrix::read(&value, Some(count), &mut known)?),
             None => None,
         };
         let gyroscopic =
             table.optional("gyroscopic").map(|value| SkewMatrix::read(&value, count)).transpose()?;
-        let parameters = match table.optional("parameters") {
-            Some(value) => read_parameters(&value)?,
-            None => BTreeMap::new(),
-        };
         // The names of all coordinates are built only if expressions may contain them.
         let symbols = symbols_of(&parameters);
         let potential = table
@@ -183,6 +204,14 @@ impl System {
                 value.expressions(&symbols.with_velocities(count, |_| false), count)
             })
             .transpose()?;
+        let constraints = match table.optional("constraints") {
+            Some(value) => {
+                let symbols = symbols_of(&parameters).with_coordinates(count);
+                let constraints = value.list("a list of expressions, each 0 on the constraint")?;
+                constraints.iter().map(|c| c.expression(&symbols)).collect::<Result<_, _>>()?
+            }
+            None => Vec::new(),
+        };
         let force_quadrature = match table.optional("force_quadrature") {
             Some(value) => {
                 value.choice(&[("moments", ForceQuadrature::Moments), ("nodes", ForceQuadrature::Nodes)])?
@@ -215,6 +244,9 @@ impl System {
             None => Vec::new(),
         };
         Ok(Self {
+            kinetic,
+            constraints,
+            linear_momentum,
             mass,
             stiffness,
             gyroscopic,
@@ -244,6 +276,25 @@ impl System {
             None => ('q', self.coordinates()),
         };
         (0..count).map(move |index| format!("{letter}{index}"))
+    }
+
+    /// L_v(q₀, v) = M v + a at the initial position.
+    pub(super) fn momentum_at_start(&self, velocity: &[f64]) -> Vec<f64> {
+        let mut momentum = self.mass.times(velocity);
+        momentum.iter_mut().zip(&self.linear_momentum).for_each(|(p, a)| *p += a);
+        momentum
+    }
+
+    /// a(q₀) of the momentum M v + a at the start; empty where it is zero.
+    pub fn linear_momentum(&self) -> &[f64] {
+        &self.linear_momentum
+    }
+
+    /// True if it is a mechanism: a Lagrangian, constraints, or damping along elongations.
+    pub fn is_mechanism(&self) -> bool {
+        self.kinetic.is_some()
+            || !self.constraints.is_empty()
+            || self.damping.iter().any(|term| term.along.is_some())
     }
 
     /// Coordinates without mass, from 0.
@@ -302,6 +353,7 @@ impl Damping {
             transfer: TransferFunction::power(order)?,
             coefficient: SymmetricMatrix::Diagonal(coefficient),
             derivative: Derivative::Caputo,
+            along: None,
             attached: None,
             scale: None,
             matrix: None,
@@ -323,6 +375,7 @@ impl Damping {
             "attached",
             "strength",
             "derivative",
+            "along",
         ])?;
         let derivative = match table.optional("derivative") {
             Some(value) => value.choice(&[
@@ -335,7 +388,7 @@ impl Damping {
         if let Some((kernel, value)) = &kernel
             && let Some(files) = kernel.optional("relaxation").filter(RelaxationMatrix::is_one)
         {
-            for key in ["order", "coefficient", "attached", "scale", "strength"] {
+            for key in ["order", "coefficient", "attached", "scale", "strength", "along"] {
                 if let Some(other) = table.optional(key) {
                     let with = "a kernel that is a matrix of files".to_owned();
                     let allowed = "the matrix alone: its entries hold forces over velocities".to_owned();
@@ -357,6 +410,12 @@ impl Damping {
         let is_position =
             table.optional("order").is_some_and(|order| order.number().is_ok_and(|order| order == 0.0));
         let derivative = if is_position { Derivative::RiemannLiouville } else { derivative };
+        if let Some(value) = table.optional("along") {
+            let along = Along::read(&value, table, (parameters, count), known)?;
+            let (coefficient, attached) = (SymmetricMatrix::Diagonal(vec![0.0; count]), None);
+            let (along, scale, matrix) = (Some(along), None, None);
+            return Ok(vec![Self { transfer, coefficient, derivative, along, attached, scale, matrix }]);
+        }
         let scale = table.optional("scale");
         let (given, value) = table.either("coefficient", "attached")?;
         let (coefficient, attached, scale) = if given {
@@ -376,7 +435,7 @@ impl Damping {
             let attached = Attached::read(&value, &table.required("strength")?, count)?;
             (attached.coefficient(), Some(attached), None)
         };
-        Ok(vec![Self { transfer, coefficient, derivative, attached, scale, matrix: None }])
+        Ok(vec![Self { transfer, coefficient, derivative, along: None, attached, scale, matrix: None }])
     }
 
     /// The terms of a matrix of kernels: E_ii K_ii, and (E_ij + E_ji) K_ij as
@@ -399,6 +458,7 @@ impl Damping {
             transfer,
             coefficient: SymmetricMatrix::Dense(coefficient),
             derivative,
+            along: None,
             attached: None,
             scale: None,
             matrix: Some(Part { whole: Arc::clone(&whole), stands_for_it: index == 0 }),
@@ -446,6 +506,11 @@ impl Serialize for Damping {
         if self.transfer.active().is_some() {
             map.serialize_entry("allow_active", &true)?;
         }
+        if let Some(along) = &self.along {
+            along.serialize_entries(&mut map)?;
+            map.serialize_entry("derivative", &self.derivative)?;
+            return map.end();
+        }
         match &self.attached {
             Some(attached) => {
                 match &attached.source {
@@ -488,6 +553,105 @@ impl Serialize for KernelKeys<'_> {
             }
         }
         map.end()
+    }
+}
+
+impl Along {
+    fn read(
+        value: &Value<'_>,
+        term: &Table<'_>,
+        (parameters, count): (&BTreeMap<String, f64>, usize),
+        known: &mut Matrices<'_>,
+    ) -> Result<Self, InputError> {
+        for key in ["attached", "scale", "strength"] {
+            if let Some(other) = term.optional(key) {
+                return Err(belongs(&other, key, "attached"));
+            }
+        }
+        let symbols = symbols_of(parameters).with_coordinates(count);
+        let is_one = value.is_text();
+        let elongations = match is_one {
+            true => vec![value.expression(&symbols)?],
+            false => value
+                .list("an expression of the coordinates, or a list of them")?
+                .iter()
+                .map(|elongation| elongation.expression(&symbols))
+                .collect::<Result<Vec<_>, _>>()?,
+        };
+        if elongations.is_empty() {
+            return Err(value.out_of_range("one elongation at least"));
+        }
+        let given = term.required("coefficient")?;
+        let coefficient = match is_one && !given.is_list() {
+            true => SymmetricMatrix::Diagonal(vec![given.number()?]),
+            false => SymmetricMatrix::read(&given, Some(elongations.len()), known)?,
+        };
+        let coefficient = coefficient.positive_semidefinite(&given, known)?;
+        Ok(Self { elongations, coefficient, is_one })
+    }
+
+    fn serialize_entries<M: SerializeMap>(&self, map: &mut M) -> Result<(), M::Error> {
+        match (&self.coefficient, self.is_one, self.elongations.first()) {
+            (SymmetricMatrix::Diagonal(one), true, Some(elongation)) => {
+                map.serialize_entry("along", elongation)?;
+                map.serialize_entry("coefficient", &one.first())
+            }
+            _ => {
+                map.serialize_entry("along", &self.elongations)?;
+                map.serialize_entry("coefficient", &self.coefficient)
+            }
+        }
+    }
+}
+
+/// What a system says of its inertia.
+struct Inertia {
+    kinetic: Option<Expression>,
+    mass: SymmetricMatrix,
+    linear_momentum: Vec<f64>,
+}
+
+impl Inertia {
+    /// Reads `mass`, or `kinetic` for as many coordinates as the initial position has.
+    fn read(
+        table: &Table<'_>,
+        parameters: &BTreeMap<String, f64>,
+        start: Option<&[f64]>,
+        known: &mut Matrices<'_>,
+    ) -> Result<Self, InputError> {
+        let Some(value) = table.optional("kinetic") else {
+            let value = table.required("mass")?;
+            let mass = SymmetricMatrix::read(&value, None, known)?;
+            if mass.size() == 0 {
+                return Err(value.error(Problem::WrongShape {
+                    expected: "one coordinate at least".to_owned(),
+                    found: "none".to_owned(),
+                }));
+            }
+            let mass = mass.mass(&value, known)?;
+            return Ok(Self { kinetic: None, mass, linear_momentum: Vec::new() });
+        };
+        let Some(position) = start.filter(|position| !position.is_empty()) else {
+            return Err(value
+                .out_of_range("an `initial.position` beside it, which says how many coordinates there are"));
+        };
+        let count = position.len();
+        let symbols = symbols_of(parameters).with_coordinates(count).with_velocities(count, |_| false);
+        let expression = value.expression(&symbols)?;
+        let Kinetic { mass, linear } = Kinetic::at(&expression, position, &value)?;
+        let mass = SymmetricMatrix::Dense(mass);
+        // A scenario that is written out has the mass at the start beside it.
+        if let Some(given) = table.optional("mass") {
+            let is_same =
+                SymmetricMatrix::read(&given, None, known).is_ok_and(|given| given.is_close_to(&mass));
+            if !is_same {
+                return Err(given.error(Problem::Incompatible {
+                    with: "`system.kinetic`".to_owned(),
+                    allowed: "one of the two: leave it out".to_owned(),
+                }));
+            }
+        }
+        Ok(Self { kinetic: Some(expression), mass, linear_momentum: linear })
     }
 }
 

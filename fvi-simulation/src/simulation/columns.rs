@@ -11,6 +11,8 @@ pub enum Source {
     Controllers,
     /// The memories of damping.
     Memories,
+    /// The constraints of a mechanism.
+    Constraints,
 }
 
 /// Quantities of each member of a source.
@@ -52,7 +54,9 @@ impl Columns {
     pub fn of(scenario: &Scenario) -> Self {
         let group = |source, quantities, members| Group { source, quantities, members };
         let memories = usize::from(scenario.output.memory_energy);
+        let constraints = scenario.system.constraints.len();
         let mut groups = vec![
+            group(Source::Constraints, &["lambda"], constraints),
             group(Source::Controllers, &["u", "setpoint", "measure"], scenario.controllers.len()),
             group(Source::Memories, &["memory_stored", "memory_dissipated"], memories),
         ];
@@ -87,13 +91,14 @@ impl Columns {
     }
 
     /// The heading of each column in `trajectory.csv`: the name of its quantity, followed by the index of the
-    /// member if there are several.
+    /// member if there are several, and for multipliers always.
     pub fn headings(&self) -> Vec<String> {
         let of_group = |group: &Group| -> Vec<String> {
             let of_member = |member: usize| {
-                group.quantities.iter().map(move |name| match group.members {
-                    1 => (*name).to_owned(),
-                    _ => format!("{name}{member}"),
+                let is_alone = group.members == 1 && group.source != Source::Constraints;
+                group.quantities.iter().map(move |name| match is_alone {
+                    true => (*name).to_owned(),
+                    false => format!("{name}{member}"),
                 })
             };
             (0..group.members).flat_map(of_member).collect()

@@ -86,10 +86,15 @@ impl<'s> Motion<'s> {
             })?;
             control.write(&mut state.columns[columns.places(Source::Controllers)]);
         }
-        let memory_energy = MemoryEnergy::new(scenario)?;
+        let memory_energy = match scenario.is_mechanism() {
+            true => None,
+            false => MemoryEnergy::new(scenario)?,
+        };
         if let Some(memory_energy) = &memory_energy {
             memory_energy.write(&mut state.columns[columns.places(Source::Memories)]);
         }
+        write_of_mechanism(&mut simulation, &columns, &mut state.columns)
+            .map_err(|reason| scenario.error_at("system.constraints", Problem::Unusable { reason }))?;
         let inside = acts_inside_steps(scenario);
         let drive =
             Drive { inside: inside.then(|| SampledInput::of(Vec::new(), Vec::new())), ..Drive::default() };
@@ -104,6 +109,7 @@ impl<'s> Motion<'s> {
             || scenario.is_looked_into()
             || !scenario.cases.is_empty()
             || memory_energy.is_some()
+            || scenario.is_mechanism()
             || scenario.system.own_terms.is_some();
         let every = if adaptive.is_some() { 1 } else { simulation.energies_every(scenario) };
         let mut batch = StepBatch::new(scenario.coordinates() * scenario.copies(), one_by_one, every);
@@ -233,6 +239,9 @@ impl<'s> Motion<'s> {
         self.columns_before.clone_from(&self.state.columns);
         self.simulation.restore(state)?;
         self.simulation.read(&mut self.state);
+        // They were determined when the state was saved.
+        let _ = write_of_mechanism(&mut self.simulation, &self.columns, &mut self.state.columns);
+        self.columns_before.clone_from(&self.state.columns);
         self.simulation.read_energies(&mut self.energies);
         if let (Some(adaptive), Some(chosen)) = (&mut self.adaptive, chosen) {
             self.state.time = chosen.time();
@@ -275,6 +284,13 @@ impl<'s> Motion<'s> {
             self.batch.read(0, &mut self.next);
             memory_energy.advance(&self.state.position, &self.next.position);
             memory_energy.write(&mut self.batch.columns_mut()[self.columns.places(Source::Memories)]);
+        }
+        if self.batch.len() == 1
+            && let Err(reason) =
+                write_of_mechanism(&mut self.simulation, &self.columns, self.batch.columns_mut())
+        {
+            self.batch.truncate(0);
+            failure = Some(reason);
         }
         let mut failed = self.batch.len();
         let (input, on_grid) = (self.scenario.input.as_ref(), self.adaptive.is_none());
@@ -459,6 +475,18 @@ impl<'s> Motion<'s> {
     pub fn warning(&self) -> Option<&str> {
         self.guard.warning()
     }
+}
+
+/// Writes the columns of a mechanism: multipliers, and the energies of its dampers.
+fn write_of_mechanism(
+    simulation: &mut Simulation,
+    columns: &Columns,
+    numbers: &mut [f64],
+) -> Result<(), String> {
+    if let Some(energies) = simulation.memory_energies() {
+        numbers[columns.places(Source::Memories)].iter_mut().zip(energies).for_each(|(to, e)| *to = e);
+    }
+    simulation.write_multipliers(&mut numbers[columns.places(Source::Constraints)])
 }
 
 /// Splits off the last appended part of a state, whose length follows it: returns the state before it and the

@@ -61,6 +61,9 @@ def integrate(
     progress: Progress | None = None,
     keep_memory: bool | None = None,
     overrides: Mapping[str, Any] | None = None,
+    kinetic: str | None = None,
+    constraints: Sequence[str] = (),
+    project: bool | None = None,
     **keys: Any,
 ) -> Result:
     """Integrates M q̈ + G q̇ + K q + ∇U(q) + Σ ∇U_e(q) = F(t, q) + Σ f a(t) − Σ ρ D^β q.
@@ -107,6 +110,13 @@ def integrate(
         Events to be detected; `Result.events` lists those that occurred. Dictionaries with the same keys serve as well.
     parameters : mapping of str to float, optional
         Named constants of the expressions.
+    kinetic : str, optional
+        In place of `mass`: T(q, v) of the Lagrangian T − U, an expression of degree 2 in v0, v1, …, for as many coordinates as
+        `position` has.
+    constraints : list of str, optional
+        Expressions in q0, q1, …, each 0 along the motion; `Result.multipliers` has their λ.
+    project : bool, optional
+        Whether position and velocity are moved onto the constraints first.
     precision, check, progress, overrides
         As in `run`.
     keep_memory : bool, optional
@@ -177,7 +187,8 @@ def integrate(
         others = dict(
             mass=mass, position=position, step=step, momentum=momentum, velocity=velocity, start=start, past=past,
             stiffness=stiffness, gyroscopic=gyroscopic, potential=potential, force=force, damping=damping, loads=loads,
-            elements=elements, events=events, parameters=parameters, overrides=overrides,
+            elements=elements, events=events, parameters=parameters, overrides=overrides, kinetic=kinetic,
+            constraints=tuple(constraints), project=project,
         )
         others = {name: value for name, value in others.items() if not (value is None or value == ())}
         if precision != "f64":
@@ -205,6 +216,9 @@ def integrate(
         parameters=parameters,
         overrides=overrides,
         keys=keys,
+        kinetic=kinetic,
+        constraints=constraints,
+        project=project,
         ),
         precision=precision,
         check=check,
@@ -379,22 +393,34 @@ def _scenario(
     overrides: Any,
     keys: dict[str, Any],
     cases: Mapping[str, Any] | None = None,
+    kinetic: str | None = None,
+    constraints: Sequence[str] = (),
+    project: bool | None = None,
 ) -> tuple[Any, Functions]:
     """The scenario for the arguments of `integrate`, for the compiled part, and the functions among them."""
-    if mass is None:
-        raise InputError("mass: needed, unless there is a result to continue_from", "mass", "None")
-    matrix = symmetric("mass", _arrays.matrix("mass", mass))
+    if mass is None and kinetic is None:
+        raise InputError("mass: needed, unless there is `kinetic` or a result to continue_from", "mass", "None")
+    if mass is not None and kinetic is not None:
+        raise InputError("kinetic: cannot stand beside mass: give one of them", "kinetic")
     time = _time(start, step, steps, end, keys.get("grid"))
     samples = None if past is None else _Past(past, time)
     if position is None and samples is not None and samples.end is not None:
         position = samples.end
     if position is None:
         raise InputError("position: needed", "position", "None")
-    if matrix.shape == (1,) and np.ndim(mass) == 0:
-        matrix = np.full(max(1, np.size(position)), matrix[0])
-    size = matrix.shape[0]
+    system: dict[str, Any]
+    if mass is None:
+        size, system = int(np.size(position)), {"kinetic": kinetic}
+    else:
+        matrix = symmetric("mass", _arrays.matrix("mass", mass))
+        if matrix.shape == (1,) and np.ndim(mass) == 0:
+            matrix = np.full(max(1, np.size(position)), matrix[0])
+        size, system = matrix.shape[0], {"mass": matrix}
     initial: dict[str, Any] = {"position": _arrays.vector("position", position, size)}
-    system: dict[str, Any] = {"mass": matrix}
+    if constraints:
+        system["constraints"] = list(constraints)
+    if project is not None:
+        initial["project"] = project
     if parameters is not None:
         system["parameters"] = dict(parameters)
     texts, terms, force_texts = terms_of(potential, force)
@@ -429,7 +455,7 @@ def _scenario(
         scenario["event"] = described
     if velocity is not None and momentum is None:
         initial["velocity"] = _arrays.vector("velocity", velocity, size)
-    else:
+    elif kinetic is None or momentum is not None:
         initial["momentum"] = _arrays.vector("momentum", 0.0 if momentum is None else momentum, size)
         if velocity is not None:
             raise InputError("velocity: cannot stand beside momentum: give one of them", "velocity")

@@ -85,6 +85,8 @@ class Result:
         Further columns of a run, by their names in ``trajectory.csv``; they include the following ones.
     u, setpoint, measure : ndarray, or None without controllers
         Outputs, setpoints and measured values of the controllers at their last sample up to the time of the row.
+    multipliers : ndarray, or None without constraints
+        λ of the constraints, one column each: their force is −(∂c/∂q)ᵀ λ.
     memory_stored, memory_dissipated : ndarray, or None unless ``output.memory_energy`` is set
         Energy stored in the memories of damping, and dissipated by them since t = 0.
     """
@@ -138,6 +140,11 @@ class Result:
     def measure(self) -> FloatArray | None:
         """Values measured by the controllers at their last sample."""
         return self.columns.get("measure")
+
+    @property
+    def multipliers(self) -> FloatArray | None:
+        """λ of the constraints, one column each."""
+        return self.columns.get("lambda")
 
     @property
     def memory_stored(self) -> FloatArray | None:

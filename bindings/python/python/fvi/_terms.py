@@ -89,6 +89,9 @@ class Damping:
         K(s), in place of `order`.
     allow_active : bool
         Whether a kernel that is not passive is allowed.
+    along : str or list of str, optional
+        In place of coordinates: an elongation g(q), an expression in q0, q1, … and the parameters, with a number as
+        `coefficient`; or several, with a diagonal or a matrix. The force is −(∂g/∂q)ᵀ ρ K(D) g.
     """
 
     order: float | None = None
@@ -98,6 +101,7 @@ class Damping:
     strength: ArrayLike | None = None
     kernel: Any = None
     allow_active: bool | None = None
+    along: str | Sequence[str] | None = None
 
 
 @dataclass(frozen=True)
@@ -393,8 +397,12 @@ def damping_of(given: Any, size: int, argument: str = "damping") -> list[dict[st
             entries["kernel"] = keys_of(f"{place}.kernel", entries["kernel"])
         if "coefficient" in entries and not isinstance(entries["coefficient"], str):
             name = f"{place}.coefficient"
-            coefficient = _arrays.matrix(name, entries["coefficient"], size)
-            entries["coefficient"] = symmetric(name, coefficient)
+            along = entries.get("along")
+            if isinstance(along, str):
+                entries["coefficient"] = _arrays.real(name, entries["coefficient"])
+            else:
+                coefficient = _arrays.matrix(name, entries["coefficient"], size if along is None else len(along))
+                entries["coefficient"] = symmetric(name, coefficient)
         if "attached" in entries and not (_arrays.is_sparse(entries["attached"]) or isinstance(entries["attached"], str)):
             entries["attached"] = _arrays.numbers(f"{place}.attached", entries["attached"])
         terms.append(entries)

@@ -19,6 +19,14 @@ pub trait Elementary: Real {
     fn cosine(self) -> Self;
     /// tan x, x in radians.
     fn tangent(self) -> Self;
+    /// The angle in (−π/2, π/2) with the tangent x.
+    fn arc_tangent(self) -> Self;
+    /// The angle in [−π/2, π/2] with the sine x.
+    fn arc_sine(self) -> Self;
+    /// The angle in [0, π] with the cosine x.
+    fn arc_cosine(self) -> Self;
+    /// The angle in [−π, π] of the point (x, y), for y and x.
+    fn arc_tangent_of(self, x: Self) -> Self;
     /// sinh x.
     fn hyperbolic_sine(self) -> Self;
     /// cosh x.
@@ -47,7 +55,7 @@ pub trait Elementary: Real {
 }
 
 macro_rules! elementary {
-    ($scalar:ty, $pair:path, $($name:ident = $function:path),* $(,)?) => {
+    ($scalar:ty, $pair:path, $angle:path, $($name:ident = $function:path),* $(,)?) => {
         impl Elementary for $scalar {
             $(
                 #[inline]
@@ -55,6 +63,11 @@ macro_rules! elementary {
                     $function(self)
                 }
             )*
+
+            #[inline]
+            fn arc_tangent_of(self, x: Self) -> Self {
+                $angle(self, x)
+            }
 
             #[inline]
             fn sine_cosine(self) -> (Self, Self) {
@@ -67,12 +80,16 @@ macro_rules! elementary {
 elementary!(
     f64,
     libm::sincos,
+    libm::atan2,
     square_root = libm::sqrt,
     exponential = libm::exp,
     logarithm = libm::log,
     sine = libm::sin,
     cosine = libm::cos,
     tangent = libm::tan,
+    arc_tangent = libm::atan,
+    arc_sine = libm::asin,
+    arc_cosine = libm::acos,
     hyperbolic_sine = libm::sinh,
     hyperbolic_cosine = libm::cosh,
     hyperbolic_tangent = libm::tanh,
@@ -82,12 +99,16 @@ elementary!(
 elementary!(
     f32,
     libm::sincosf,
+    libm::atan2f,
     square_root = libm::sqrtf,
     exponential = libm::expf,
     logarithm = libm::logf,
     sine = libm::sinf,
     cosine = libm::cosf,
     tangent = libm::tanf,
+    arc_tangent = libm::atanf,
+    arc_sine = libm::asinf,
+    arc_cosine = libm::acosf,
     hyperbolic_sine = libm::sinhf,
     hyperbolic_cosine = libm::coshf,
     hyperbolic_tangent = libm::tanhf,

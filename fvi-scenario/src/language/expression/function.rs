@@ -33,13 +33,23 @@ pub enum Function {
     Tanh,
     /// Γ(x).
     Gamma,
+    /// The angle of a tangent, in (−π/2, π/2).
+    Atan,
+    /// The angle of a sine, in [−π/2, π/2].
+    Asin,
+    /// The angle of a cosine, in [0, π].
+    Acos,
+    /// The angle of the point (x, y), given as (y, x), in [−π, π]; its derivatives do not see the cut.
+    Atan2,
+    /// √(x² + y²).
+    Hypot,
     /// The smaller of two numbers.
     Min,
     /// The larger of two numbers.
     Max,
 }
 
-const NAMES: [(&str, Function); 15] = [
+const NAMES: [(&str, Function); 20] = [
     ("step", Function::Step),
     ("sign", Function::Sign),
     ("min", Function::Min),
@@ -51,6 +61,11 @@ const NAMES: [(&str, Function); 15] = [
     ("sin", Function::Sin),
     ("cos", Function::Cos),
     ("tan", Function::Tan),
+    ("atan", Function::Atan),
+    ("asin", Function::Asin),
+    ("acos", Function::Acos),
+    ("atan2", Function::Atan2),
+    ("hypot", Function::Hypot),
     ("sinh", Function::Sinh),
     ("cosh", Function::Cosh),
     ("tanh", Function::Tanh),
@@ -68,9 +83,19 @@ impl Function {
 
     pub(super) fn arguments(self) -> usize {
         match self {
-            Self::Min | Self::Max => 2,
+            Self::Min | Self::Max | Self::Atan2 | Self::Hypot => 2,
             _ => 1,
         }
+    }
+
+    /// Its name in expressions.
+    pub fn name(self) -> &'static str {
+        NAMES.iter().find(|(_, function)| *function == self).map_or("", |(name, _)| name)
+    }
+
+    /// True if the function has a kink where its two arguments are equal.
+    pub fn selects(self) -> bool {
+        matches!(self, Self::Min | Self::Max)
     }
 
     /// True if the function jumps, so that the side from which its argument is approached matters.
@@ -84,7 +109,7 @@ impl Function {
         self.apply(x)
     }
 
-    /// The function of `x`. The two-argument functions are [`choose`](Self::choose)n between instead.
+    /// The function of `x`; [`of_two`](Self::of_two) has those of two arguments.
     ///
     /// At a kink or jump the derivatives are those of neither side: `abs` has 0 at 0, `step` and `sign` have
     /// 0 everywhere.
@@ -122,6 +147,21 @@ impl Function {
                     (slope, two * tangent * slope)
                 })
             }
+            Self::Atan => {
+                let slope = one / (one + v * v);
+                x.chain(v.arc_tangent(), || (slope, -two * v * slope * slope))
+            }
+            Self::Asin | Self::Acos => {
+                let is_sine = self == Self::Asin;
+                let value = if is_sine { v.arc_sine() } else { v.arc_cosine() };
+                x.chain(value, || {
+                    // (1 − v)(1 + v) keeps the digits of 1 − v² near its ends.
+                    let square = (one - v) * (one + v);
+                    let slope = one / square.square_root();
+                    let change = v * slope / square;
+                    if is_sine { (slope, change) } else { (-slope, -change) }
+                })
+            }
             Self::Sinh => {
                 let sine = v.hyperbolic_sine();
                 x.chain(sine, || (v.hyperbolic_cosine(), sine))
@@ -147,14 +187,30 @@ impl Function {
                     (gamma * first, gamma * (first * first + second))
                 })
             }
-            Self::Min | Self::Max => x,
+            Self::Min | Self::Max | Self::Atan2 | Self::Hypot => x,
+        }
+    }
+
+    /// The function of two numbers.
+    pub(super) fn of_two<T: Elementary, J: Jet<T>>(self, left: J, right: J) -> J {
+        match self {
+            Self::Atan2 => {
+                // In axes turned by the angle itself it is 0, and its derivatives are those of the tangent.
+                let (y, x) = (J::constant(left.value()), J::constant(right.value()));
+                let along = right.multiply(x).add(left.multiply(y));
+                let across = left.multiply(x).subtract(right.multiply(y));
+                let angle = left.value().arc_tangent_of(right.value());
+                J::constant(angle).add(across.divide(along))
+            }
+            Self::Hypot => Self::Sqrt.apply(left.multiply(left).add(right.multiply(right))),
+            _ => self.choose(left, right),
         }
     }
 
     /// `min` or `max` of two numbers, with the derivatives of the selected one.
     ///
     /// If either number is not a number, so is the result.
-    pub(super) fn choose<T: Elementary, J: Jet<T>>(self, left: J, right: J) -> J {
+    fn choose<T: Elementary, J: Jet<T>>(self, left: J, right: J) -> J {
         match left.value().partial_cmp(&right.value()) {
             None => left.add(right),
             Some(Ordering::Greater) if self == Self::Min => right,

@@ -158,7 +158,7 @@ impl Node {
     pub fn has_kinks(&self) -> bool {
         self.any(&|node| match &node.kind {
             Kind::Call(Function::Step | Function::Sign | Function::Abs, argument) => argument.varies,
-            Kind::Choice(..) => node.varies,
+            Kind::Choice(function, _) => function.selects() && node.varies,
             _ => false,
         })
     }
@@ -230,7 +230,7 @@ impl Node {
             },
             Kind::Negation(inner) => of(inner).negate(),
             Kind::Call(function, argument) => function.apply(of(argument)),
-            Kind::Choice(function, sides) => function.choose(of(&sides[0]), of(&sides[1])),
+            Kind::Choice(function, sides) => function.of_two(of(&sides[0]), of(&sides[1])),
             Kind::Chain(first, operands) => {
                 operands.iter().fold(of(first), |joined, (operator, operand)| match operator {
                     Operator::Add => joined.add(of(operand)),

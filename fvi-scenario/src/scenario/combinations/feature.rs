@@ -63,6 +63,18 @@ features! {
             ConvolutionFamily::Trapezoidal => jump(s, |term| term.transfer.growth() > 0.0),
             _ => None,
         };
+    Mechanism: "a Lagrangian, constraints or elongations", "system", |s| on(s.system.is_mechanism());
+    Constraints: "constraints", "system.constraints", |s| on(!s.system.constraints.is_empty());
+    NotGauss: "a family other than Gauss's", "convolution.family",
+        |s| on(!matches!(s.convolution.family, ConvolutionFamily::Gauss { .. }));
+    Gauss: "Gauss weights", "convolution.family",
+        |s| on(matches!(s.convolution.family, ConvolutionFamily::Gauss { .. }));
+    NotGalerkin: "a scheme other than Galerkin's", "scheme.kind",
+        |s| on(!matches!(s.scheme, Scheme::Galerkin { .. }));
+    Projected: "a start that is moved onto constraints", "initial.project", |s| on(s.initial.project);
+    Unconstrained: "a system without constraints", "system", |s| on(s.system.constraints.is_empty());
+    RiemannLiouville: "damping of Riemann and Liouville's form, or of order 0", "system.damping[{i}]",
+        |s| s.system.damping.iter().position(|term| term.derivative == Derivative::RiemannLiouville);
     Past: "a past", "initial.past", |s| on(s.initial.past.is_some());
     LaterStart: "a later start", "time.start", |s| on(s.time.start != 0.0);
     Euler: "Euler's methods", "scheme.kind",
@@ -210,6 +222,7 @@ fn has_velocities(s: &Scenario) -> bool {
         (Scheme::LowOrder { kappa }, _) => kappa < 1.0,
         (Scheme::Galerkin { degree, quadrature: Some(rule) }, _) => rule == Quadrature::Gauss(degree),
         (Scheme::Galerkin { degree, .. }, ConvolutionFamily::RadauIia { stages }) => stages == degree,
+        (Scheme::Galerkin { .. }, ConvolutionFamily::Gauss { .. }) => true,
         _ => false,
     }
 }
@@ -224,8 +237,11 @@ fn determines_massless(s: &Scenario) -> bool {
     }
 }
 
-/// True if it is the midpoint rule damped at its node by a rule of order 1 or 2.
+/// True if it is the midpoint rule damped at its node by a rule of order 1 or 2, or has Gauss weights.
 fn has_balance(s: &Scenario) -> bool {
+    if s.is_mechanism() {
+        return true;
+    }
     let midpoint = match s.scheme {
         Scheme::LowOrder { kappa } => kappa == 0.5,
         Scheme::Galerkin { degree, quadrature } => degree == 1 && quadrature == Some(Quadrature::Gauss(1)),

@@ -23,6 +23,12 @@ pub const ROWS: &[Row] = &[
     row(Equation, Converge, "", "`fvi run`, whose steps follow `time.tolerance`"),
     row(Equation, Response, "", OF_MECHANICS),
     // Schemes and quadratures.
+    row(
+        NotGalerkin,
+        Gauss,
+        "",
+        "\"galerkin\" with a `degree`, as many Gauss points; degree 1 is the midpoint rule",
+    ),
     row(NotRadau, Collocation, "", "\"radau-iia\", whose nodes the scheme collocates at"),
     row(
         Staged,
@@ -64,6 +70,55 @@ pub const ROWS: &[Row] = &[
          order below 2",
         "\"caputo\" here, or backward differentiation (`convolution.family` = \"bdf\"); or `output.momentum` = \"one-sided\" for momenta \
          that alternate",
+    ),
+    // Mechanisms.
+    row(
+        NotGauss,
+        Mechanism,
+        "only the weights of the method that moves the mechanism keep its order and take no energy from nowhere",
+        "\"gauss\" here, which is what is taken without this key",
+    ),
+    row(Projected, Unconstrained, "", "`initial.project` beside `system.constraints`"),
+    row(
+        RiemannLiouville,
+        Gauss,
+        "the force K(D) q of the initial position begins at once",
+        "\"caputo\" here; a damping of order 0 is a spring of `system.stiffness` or `system.potential`",
+    ),
+    row(GivenWeights, Gauss, "weights do not tell the kernel K(s), whose relaxations dampers take", MAXWELL),
+    row(
+        OtherKernel,
+        Gauss,
+        "dampers are sums of relaxations",
+        "kernels of relaxations, or a `[convolution]` of multistep weights",
+    ),
+    row(Massless, Gauss, "", WITH_MASS),
+    row(
+        Gyroscopic,
+        Gauss,
+        "",
+        "terms of `system.kinetic` that are linear in the velocities, such as \"0.5*(q0*v1 - q1*v0)\"",
+    ),
+    row(Adaptive, Gauss, "", "a grid that is known beforehand: \"uniform\", \"graded\" or \"points\""),
+    row(Past, Gauss, "", "a motion that begins at the start, with its memories at rest"),
+    row(Cases, Gauss, "", ONE_MOTION),
+    row(
+        Sensitivity,
+        Gauss,
+        "",
+        "another `convolution.family`, for systems without a Lagrangian, constraints and elongations",
+    ),
+    row(
+        Gauss,
+        Fit,
+        "",
+        "another `convolution.family`, for systems without a Lagrangian, constraints and elongations",
+    ),
+    row(
+        Gauss,
+        Response,
+        "",
+        "another `convolution.family`, for systems without a Lagrangian, constraints and elongations",
     ),
     // Steps and engines.
     row(

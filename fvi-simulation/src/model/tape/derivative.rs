@@ -103,7 +103,7 @@ impl Differentiation<'_> {
             Kind::Choice(function, sides) => {
                 let [left, right] = sides.as_ref();
                 let (left, right) = (self.node(left), self.node(right));
-                match self.sides.as_ref().is_some_and(|sides| sides.take(node)) {
+                match function.selects() && self.sides.as_ref().is_some_and(|sides| sides.take(node)) {
                     true => self.sided_choice(*function, node, &left, &right),
                     false => self.choice(*function, left, right),
                 }
@@ -294,9 +294,12 @@ impl Differentiation<'_> {
         }
         let (one, two) = (self.graph.constant(1.0), self.graph.constant(2.0));
         let (first, second) = match function {
-            Function::Step | Function::Sign | Function::Min | Function::Max => {
-                return Derivatives::constant(value);
-            }
+            Function::Step
+            | Function::Sign
+            | Function::Min
+            | Function::Max
+            | Function::Atan2
+            | Function::Hypot => return Derivatives::constant(value),
             Function::Abs => (call(self.graph, Function::Sign), None),
             Function::Sqrt => {
                 let twice = self.graph.multiply(two, value);
@@ -321,6 +324,27 @@ impl Differentiation<'_> {
                 let slope = self.graph.add(one, square);
                 let twice = self.graph.multiply(two, value);
                 (slope, Some(self.graph.multiply(twice, slope)))
+            }
+            Function::Atan => {
+                let square = self.graph.multiply(v, v);
+                let sum = self.graph.add(one, square);
+                let slope = self.graph.divide(one, sum);
+                let twice = self.graph.multiply(two, v);
+                let negative = self.graph.negate(twice);
+                let change = self.graph.multiply(negative, slope);
+                (slope, Some(self.graph.multiply(change, slope)))
+            }
+            Function::Asin | Function::Acos => {
+                let (below, above) = (self.graph.subtract(one, v), self.graph.add(one, v));
+                let square = self.graph.multiply(below, above);
+                let root = self.graph.call(Operation::Call(Function::Sqrt), square);
+                let slope = self.graph.divide(one, root);
+                let change = self.graph.multiply(v, slope);
+                let change = self.graph.divide(change, square);
+                match function {
+                    Function::Asin => (slope, Some(change)),
+                    _ => (self.graph.negate(slope), Some(self.graph.negate(change))),
+                }
             }
             Function::Sinh => (call(self.graph, Function::Cosh), Some(value)),
             Function::Cosh => (call(self.graph, Function::Sinh), Some(value)),
@@ -428,6 +452,15 @@ impl Differentiation<'_> {
 
     /// The selected one of two values, with its derivatives.
     fn choice(&mut self, function: Function, left: Derivatives, right: Derivatives) -> Derivatives {
+        match function {
+            Function::Atan2 => return self.angle(&left, &right),
+            Function::Hypot => {
+                let squares = [self.product(left.clone(), &left), self.product(right.clone(), &right)];
+                let sum = self.sum(&squares[0], &squares[1]);
+                return self.function(Function::Sqrt, sum);
+            }
+            _ => {}
+        }
         let comparison = if function == Function::Min { Operation::LeftIsMin } else { Operation::LeftIsMax };
         let choice = self.graph.compare(comparison, left.value, right.value);
         Derivatives {
@@ -435,6 +468,22 @@ impl Differentiation<'_> {
             gradient: self.either(choice, &left.gradient, &right.gradient),
             hessian: self.either(choice, &left.hessian, &right.hessian),
         }
+    }
+
+    /// The angle of the point (y, x): in axes turned by it, its derivatives are those of the tangent there.
+    fn angle(&mut self, y: &Derivatives, x: &Derivatives) -> Derivatives {
+        let scaled = |all: &mut Self, of: &Derivatives, by: Value| Derivatives {
+            value: all.graph.multiply(of.value, by),
+            gradient: all.each(of.gradient.clone(), |graph, slope| graph.multiply(slope, by)),
+            hessian: all.each(of.hessian.clone(), |graph, entry| graph.multiply(entry, by)),
+        };
+        let (along, beside) = (scaled(self, x, x.value), scaled(self, y, y.value));
+        let along = self.sum(&along, &beside);
+        let negative = self.graph.negate(y.value);
+        let (ahead, back) = (scaled(self, y, x.value), scaled(self, x, negative));
+        let across = self.sum(&ahead, &back);
+        let turned = self.quotient(across, &along);
+        Derivatives { value: self.graph.compare(Operation::Angle, y.value, x.value), ..turned }
     }
 
     fn either<K: Ord + Copy>(

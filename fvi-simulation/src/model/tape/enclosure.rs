@@ -367,7 +367,22 @@ impl Enclosure {
                 self.chain(tangent, slope, tangent.times(slope).scaled(-2.0))
             }
             Function::Gamma => self.gamma(),
-            Function::Min | Function::Max => self,
+            Function::Atan => {
+                let slope = x.squared().plus(Bounds::point(1.0)).raised(-1.0);
+                let bend = x.times(slope.squared()).scaled(-2.0);
+                self.chain(x.through(|x| x.arc_tangent()), slope, bend)
+            }
+            Function::Asin | Function::Acos if x.low <= -1.0 || x.high >= 1.0 => Self::UNKNOWN,
+            Function::Asin => {
+                let square = Bounds::point(1.0).plus(x.squared().negative());
+                let bend = x.times(square.raised(-1.5));
+                self.chain(x.through(|x| x.arc_sine()), square.raised(-0.5), bend)
+            }
+            Function::Acos => {
+                let right = Self::constant(Bounds::loose(0.5 * PI, 0.5 * PI));
+                right.plus(self.call(Function::Asin).negative())
+            }
+            Function::Min | Function::Max | Function::Atan2 | Function::Hypot => self,
         }
     }
 
@@ -401,6 +416,12 @@ impl Enclosure {
     }
 
     fn choose(self, function: Function, other: Self) -> Self {
+        if function == Function::Hypot {
+            return self.times(self).plus(other.times(other)).call(Function::Sqrt);
+        }
+        if function == Function::Atan2 {
+            return Self::UNKNOWN;
+        }
         let (lesser, greater) = match function {
             Function::Min => (self, other),
             _ => (self.negative(), other.negative()),

@@ -23,6 +23,8 @@ pub(super) enum Operation {
     LeftIsMin,
     /// The same for the larger.
     LeftIsMax,
+    /// The angle of the point (y, x).
+    Angle,
     /// (choice, left, right): left for 1, right for 0, their sum if the choice is not a number.
     Pick,
     /// A function of one argument.
@@ -45,7 +47,8 @@ impl Operation {
             | Self::Scale
             | Self::Power
             | Self::LeftIsMin
-            | Self::LeftIsMax => 2,
+            | Self::LeftIsMax
+            | Self::Angle => 2,
             Self::Pick => 3,
         }
     }
@@ -62,6 +65,7 @@ impl Operation {
             Self::Power => power(x, y),
             Self::LeftIsMin => left_unless(x, y, Ordering::Greater),
             Self::LeftIsMax => left_unless(x, y, Ordering::Less),
+            Self::Angle => x.arc_tangent_of(y),
             Self::Pick => pick(x, y, z),
             Self::Call(function) => function.at(x),
             Self::Digamma => x.digamma_function(),

@@ -179,11 +179,13 @@ fn collect(node: &Node, found: &mut Vec<(Node, bool)>) {
                 _ => {}
             }
         }
-        Kind::Choice(_, sides) => {
+        Kind::Choice(function, sides) => {
             let [left, right] = sides.as_ref();
             collect(left, found);
             collect(right, found);
-            found.push((Node::join(Operator::Subtract, left.clone(), right.clone()), false));
+            if function.selects() {
+                found.push((Node::join(Operator::Subtract, left.clone(), right.clone()), false));
+            }
         }
     }
 }

@@ -6,7 +6,7 @@
 
 use super::graph::{Graph, Origin, Value};
 use super::program::Program;
-use fvi_scenario::language::expression::{Function, Kind, Moment, Node, Operator};
+use fvi_scenario::language::expression::{Kind, Moment, Node, Operator};
 use std::collections::HashMap;
 
 /// The arguments of jumps and kinks found in an expression.
@@ -203,38 +203,18 @@ fn write(node: &Node, (letter, outer): (char, u8), text: &mut String) {
             write(&sides[1], (letter, 3), text);
         }),
         Kind::Call(function, argument) => {
-            text.push_str(name(*function));
+            text.push_str(function.name());
             text.push('(');
             write(argument, (letter, 0), text);
             text.push(')');
         }
         Kind::Choice(function, sides) => {
-            text.push_str(name(*function));
+            text.push_str(function.name());
             text.push('(');
             write(&sides[0], (letter, 0), text);
             text.push_str(", ");
             write(&sides[1], (letter, 0), text);
             text.push(')');
         }
-    }
-}
-
-fn name(function: Function) -> &'static str {
-    match function {
-        Function::Step => "step",
-        Function::Sign => "sign",
-        Function::Abs => "abs",
-        Function::Sqrt => "sqrt",
-        Function::Exp => "exp",
-        Function::Log => "log",
-        Function::Sin => "sin",
-        Function::Cos => "cos",
-        Function::Tan => "tan",
-        Function::Sinh => "sinh",
-        Function::Cosh => "cosh",
-        Function::Tanh => "tanh",
-        Function::Gamma => "gamma",
-        Function::Min => "min",
-        Function::Max => "max",
     }
 }

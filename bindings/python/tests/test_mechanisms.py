@@ -1,0 +1,48 @@
+"""Lagrangians, constraints and elongations from Python."""
+
+import numpy as np
+import pytest
+
+import fvi
+
+
+def test_a_pendulum_by_its_angle_and_by_its_place_swings_alike() -> None:
+    usual = dict(step=0.02, steps=100, scheme="galerkin", degree=3)
+    angle = fvi.integrate(
+        kinetic="0.5*v0^2", potential="-9.81*cos(q0)", position=[2.0], velocity=[1.0],
+        damping=fvi.Damping(order=0.5, coefficient=0.6, along="q0"), **usual,
+    )
+    place = fvi.integrate(
+        mass=[1.0, 1.0], potential="9.81*q1", constraints=["q0^2 + q1^2 - 1"],
+        position=[np.sin(2.0), -np.cos(2.0)], velocity=[np.cos(2.0), np.sin(2.0)],
+        damping=fvi.Damping(order=0.5, coefficient=0.6, along="atan2(q0, -q1)"), **usual,
+    )
+    assert np.abs(place.q[:, 0] - np.sin(angle.q[:, 0])).max() < 1e-6
+    assert np.abs((place.q**2).sum(axis=1) - 1).max() < 1e-13
+    assert place.multipliers is not None and place.multipliers.shape == (101, 1)
+    # The rod carries the weight and the centripetal force.
+    tension = 9.81 * np.cos(angle.q[:, 0]) + angle.p[:, 0] ** 2
+    assert np.abs(2 * place.multipliers[:, 0] - tension).max() < 1e-3
+    assert angle.multipliers is None
+
+
+def test_several_elongations_take_a_matrix() -> None:
+    r = fvi.integrate(
+        mass=1.0, potential="q0^2 + 2*q1^2", position=[0.5, -0.2], step=0.01, steps=50, memory_energy=True,
+        damping=fvi.Damping(order=0.5, coefficient=[[0.7, 0.2], [0.2, 0.5]], along=["q0*q1 + q0", "q1"]),
+    )
+    total = r.energy + r.memory_stored + r.memory_dissipated
+    assert np.abs(total - total[0]).max() < 1e-13
+
+
+def test_a_start_is_moved_onto_the_constraints_on_request() -> None:
+    system = dict(mass=[1.0, 1.0], constraints=["q0^2 + q1^2 - 1"], position=[1.2, 0.9], step=0.1, steps=1)
+    with pytest.raises(fvi.InputError, match="initial.project"):
+        fvi.integrate(**system)
+    r = fvi.integrate(**system, project=True)
+    assert abs((r.q[0] ** 2).sum() - 1) < 1e-14
+
+
+def test_mass_and_kinetic_are_one_or_the_other() -> None:
+    with pytest.raises(fvi.InputError, match="kinetic"):
+        fvi.integrate(mass=[1.0], kinetic="0.5*v0^2", position=[1.0], step=0.1, steps=1)

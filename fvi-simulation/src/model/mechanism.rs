@@ -1,0 +1,304 @@
+//! The mechanism of a scenario: its Lagrangian, constraints and elongations, compiled.
+
+use super::mechanics::Model;
+use super::space::AnySpace;
+use crate::model::tape::CompiledFunction;
+use fvi_core::{Instant, Lagrangian, MatrixError, Mechanics, Second};
+use fvi_scenario::language::expression::{Elementary, Expression, Moment};
+use fvi_scenario::scenario::Scenario;
+
+/// T(q, v) − U(q) with forces, constraints and elongations of a scenario.
+#[derive(Clone, Debug)]
+pub struct Mechanism<T> {
+    /// Potential and forces of all kinds.
+    model: Model<T>,
+    /// T; absent: ½ vᵀ M v with the mass, row by row.
+    kinetic: Option<CompiledFunction<T>>,
+    mass: Vec<T>,
+    constraints: Vec<CompiledFunction<T>>,
+    elongations: Vec<Elongation<T>>,
+    /// q, and q followed by v.
+    position: Vec<T>,
+    point: Vec<T>,
+    restoring: Vec<T>,
+    gradient: Vec<T>,
+    hessian: Vec<T>,
+    registers: Vec<T>,
+}
+
+/// g(q) of a damper.
+#[derive(Clone, Debug)]
+enum Elongation<T> {
+    /// A coordinate.
+    Coordinate(usize),
+    /// A function of them.
+    Function(Box<CompiledFunction<T>>),
+}
+
+impl<T: Elementary> Mechanism<T> {
+    /// Compiles the system of a scenario.
+    ///
+    /// # Errors
+    /// If the mass at the start is not positive definite in the precision of `T`.
+    pub fn new(scenario: &Scenario) -> Result<Self, MatrixError> {
+        let system = &scenario.system;
+        let count = system.coordinates();
+        let elongations = system.damping.iter().flat_map(|term| match &term.along {
+            Some(along) => {
+                let of_function =
+                    |g: &Expression| Elongation::Function(Box::new(CompiledFunction::compile(g, count)));
+                along.elongations.iter().map(of_function).collect::<Vec<_>>()
+            }
+            None => damped_coordinates(scenario, term).into_iter().map(Elongation::Coordinate).collect(),
+        });
+        let elongations = elongations.collect();
+        let compile = |c: &Expression| CompiledFunction::compile(c, count);
+        let constraints = system.constraints.iter().map(compile).collect();
+        let kinetic = system.kinetic.as_ref().map(|kinetic| CompiledFunction::compile(kinetic, 2 * count));
+        let mut mass = vec![T::zero(); count * count];
+        for column in 0..count {
+            let mut unit = vec![0.0; count];
+            unit[column] = 1.0;
+            for (row, entry) in system.mass.times(&unit).into_iter().enumerate() {
+                mass[row * count + column] = T::of(entry);
+            }
+        }
+        // The dampers hold what the kernels of coordinates have of springs.
+        let mut undamped = scenario.clone();
+        undamped.system.damping.clear();
+        let zeros = |count: usize| vec![T::zero(); count];
+        Ok(Self {
+            model: Model::new(&undamped)?,
+            kinetic,
+            mass,
+            constraints,
+            elongations,
+            position: zeros(count),
+            point: zeros(2 * count),
+            restoring: zeros(count),
+            gradient: zeros(2 * count),
+            hessian: Vec::new(),
+            registers: Vec::new(),
+        })
+    }
+
+    /// Potential and forces.
+    pub fn model_mut(&mut self) -> &mut Model<T> {
+        &mut self.model
+    }
+
+    /// Index of the first elongation whose gradient is not finite at a position.
+    pub fn first_not_differentiable(&mut self, position: &[T]) -> Option<usize> {
+        let count = self.position.len();
+        let mut jacobian = vec![T::zero(); self.elongations.len() * count];
+        self.elongate(position, &mut jacobian);
+        let is_rough = |row: &[T]| row.iter().any(|entry| !entry.is_finite());
+        jacobian.chunks_exact(count.max(1)).position(is_rough)
+    }
+
+    fn take(&mut self, position: &[T], velocity: &[T]) {
+        let count = self.position.len();
+        self.position.copy_from_slice(position);
+        self.point[..count].copy_from_slice(position);
+        self.point[count..].copy_from_slice(velocity);
+    }
+}
+
+/// Coordinates that a damping term without elongations acts on.
+fn damped_coordinates(scenario: &Scenario, term: &fvi_scenario::scenario::Damping) -> Vec<usize> {
+    let silent = term.coefficient.zero_rows();
+    (0..scenario.coordinates()).filter(|row| silent.binary_search(row).is_err()).collect()
+}
+
+/// ρ of a damping term for its elongations, row by row.
+pub fn coefficient_of<T: Elementary>(scenario: &Scenario, term: &fvi_scenario::scenario::Damping) -> Vec<T> {
+    let (matrix, rows) = match &term.along {
+        Some(along) => (&along.coefficient, (0..along.elongations.len()).collect()),
+        None => (&term.coefficient, damped_coordinates(scenario, term)),
+    };
+    let column = |&column: &usize| {
+        let mut unit = vec![0.0; matrix.size()];
+        unit[column] = 1.0;
+        matrix.times(&unit)
+    };
+    let columns: Vec<Vec<f64>> = rows.iter().map(column).collect();
+    rows.iter().flat_map(|&row| columns.iter().map(move |column| T::of(column[row]))).collect()
+}
+
+impl<T: Elementary> Lagrangian<T> for Mechanism<T> {
+    fn coordinates(&self) -> usize {
+        self.position.len()
+    }
+
+    fn constraints(&self) -> usize {
+        self.constraints.len()
+    }
+
+    fn elongations(&self) -> usize {
+        self.elongations.len()
+    }
+
+    fn first(
+        &mut self,
+        instant: Instant<T>,
+        position: &[T],
+        velocity: &[T],
+        momentum: &mut [T],
+        force: &mut [T],
+    ) {
+        self.take(position, velocity);
+        let count = position.len();
+        Mechanics::<T, AnySpace>::restoring_force_in_motion(
+            &mut self.model,
+            instant,
+            &self.position,
+            velocity,
+            &mut self.restoring,
+        );
+        force.iter_mut().zip(&self.restoring).for_each(|(place, &restoring)| *place = -restoring);
+        match &self.kinetic {
+            Some(kinetic) => {
+                let now = Moment::inside(T::zero());
+                kinetic.gradient(now, &self.point, &mut self.registers, &mut self.gradient);
+                momentum.copy_from_slice(&self.gradient[count..]);
+                force.iter_mut().zip(&self.gradient).for_each(|(place, &slope)| *place += slope);
+            }
+            None => {
+                for (place, row) in momentum.iter_mut().zip(self.mass.chunks_exact(count)) {
+                    *place = row.iter().zip(velocity).fold(T::zero(), |sum, (&m, &v)| sum + m * v);
+                }
+            }
+        }
+    }
+
+    fn second(&mut self, instant: Instant<T>, position: &[T], velocity: &[T], parts: Second<'_, T>) {
+        self.take(position, velocity);
+        let count = position.len();
+        let model = &mut self.model;
+        let mut stiffness = Mechanics::<T, AnySpace>::stiffness(model);
+        Mechanics::<T, AnySpace>::linearise_in_motion(
+            model,
+            instant,
+            &self.position,
+            velocity,
+            &mut self.restoring,
+            &mut stiffness,
+        );
+        parts.stiffness.fill(T::zero());
+        for (row, column, entry) in stiffness.entries() {
+            parts.stiffness[row * count + column] = -entry;
+        }
+        parts.resistance.fill(T::zero());
+        if Mechanics::<T, AnySpace>::depends_on_velocity(model) {
+            let mut resistance = Mechanics::<T, AnySpace>::stiffness(model);
+            Mechanics::<T, AnySpace>::resistance(model, instant, &self.position, velocity, &mut resistance);
+            for (row, column, entry) in resistance.entries() {
+                parts.resistance[row * count + column] = -entry;
+            }
+        }
+        parts.coupling.fill(T::zero());
+        let Some(kinetic) = &self.kinetic else {
+            parts.mass.copy_from_slice(&self.mass);
+            return;
+        };
+        parts.mass.fill(T::zero());
+        self.hessian.resize(kinetic.pattern().len(), T::zero());
+        let now = Moment::inside(T::zero());
+        kinetic.derivatives(now, &self.point, &mut self.registers, &mut self.gradient, &mut self.hessian);
+        for (&(row, column), &entry) in kinetic.pattern().iter().zip(&self.hessian) {
+            // The lower triangle of the matrix of q and v.
+            let (row, column) = (row as usize, column as usize);
+            match (row.checked_sub(count), column.checked_sub(count)) {
+                (None, _) => add_both(parts.stiffness, (row, column), count, entry),
+                (Some(row), Some(column)) => add_both(parts.mass, (row, column), count, entry),
+                (Some(row), None) => {
+                    parts.coupling[row * count + column] += entry;
+                    parts.resistance[column * count + row] += entry;
+                }
+            }
+        }
+    }
+
+    fn constrain(&mut self, position: &[T], values: &mut [T], jacobian: &mut [T]) {
+        let now = Moment::inside(T::zero());
+        let rows = jacobian.chunks_exact_mut(position.len().max(1));
+        for ((constraint, value), row) in self.constraints.iter().zip(values).zip(rows) {
+            *value = constraint.value(now, position, &mut self.registers);
+            constraint.gradient(now, position, &mut self.registers, row);
+        }
+    }
+
+    fn add_constraint_curvature(&mut self, position: &[T], multipliers: &[T], factor: T, sum: &mut [T]) {
+        let count = position.len();
+        for (constraint, &multiplier) in self.constraints.iter().zip(multipliers) {
+            self.hessian.resize(constraint.pattern().len(), T::zero());
+            let gradient = &mut self.gradient[..count];
+            let now = Moment::inside(T::zero());
+            constraint.derivatives(now, position, &mut self.registers, gradient, &mut self.hessian);
+            for (&(row, column), &entry) in constraint.pattern().iter().zip(&self.hessian) {
+                add_both(sum, (row as usize, column as usize), count, factor * multiplier * entry);
+            }
+        }
+    }
+
+    fn elongate(&mut self, position: &[T], jacobian: &mut [T]) {
+        let rows = jacobian.chunks_exact_mut(position.len().max(1));
+        for (elongation, row) in self.elongations.iter().zip(rows) {
+            match elongation {
+                Elongation::Coordinate(index) => {
+                    row.fill(T::zero());
+                    row[*index] = T::one();
+                }
+                Elongation::Function(function) => {
+                    function.gradient(Moment::inside(T::zero()), position, &mut self.registers, row);
+                }
+            }
+        }
+    }
+
+    fn turn(&mut self, position: &[T], velocity: &[T], forces: &[T], turning: &mut [T], stiffness: &mut [T]) {
+        let count = position.len();
+        turning.fill(T::zero());
+        let rows = turning.chunks_exact_mut(count.max(1));
+        for ((elongation, row), &force) in self.elongations.iter().zip(rows).zip(forces) {
+            let Elongation::Function(function) = elongation else { continue };
+            self.hessian.resize(function.pattern().len(), T::zero());
+            let gradient = &mut self.gradient[..count];
+            let now = Moment::inside(T::zero());
+            function.derivatives(now, position, &mut self.registers, gradient, &mut self.hessian);
+            for (&(i, j), &entry) in function.pattern().iter().zip(&self.hessian) {
+                let (i, j) = (i as usize, j as usize);
+                add_both(stiffness, (i, j), count, -force * entry);
+                row[j] += velocity[i] * entry;
+                if i != j {
+                    row[i] += velocity[j] * entry;
+                }
+            }
+        }
+    }
+
+    fn energy(&mut self, position: &[T], velocity: &[T]) -> T {
+        self.take(position, velocity);
+        let count = position.len();
+        let still = vec![T::zero(); count];
+        let potential = Mechanics::<T, AnySpace>::energy(&mut self.model, &self.position, &still);
+        let product = |a: &[T], b: &[T]| a.iter().zip(b).fold(T::zero(), |sum, (&a, &b)| sum + a * b);
+        let Some(kinetic) = &self.kinetic else {
+            let rows = self.mass.chunks_exact(count.max(1)).zip(velocity);
+            return potential
+                + T::of(0.5) * rows.fold(T::zero(), |sum, (row, &v)| sum + v * product(row, velocity));
+        };
+        let now = Moment::inside(T::zero());
+        let value = kinetic.value(now, &self.point, &mut self.registers);
+        kinetic.gradient(now, &self.point, &mut self.registers, &mut self.gradient);
+        potential + (product(&self.gradient[count..], velocity) - value)
+    }
+}
+
+/// Adds an entry and its mirror image.
+fn add_both<T: Elementary>(matrix: &mut [T], (row, column): (usize, usize), count: usize, entry: T) {
+    matrix[row * count + column] += entry;
+    if row != column {
+        matrix[column * count + row] += entry;
+    }
+}

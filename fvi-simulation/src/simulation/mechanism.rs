@@ -1,0 +1,409 @@
+//! Simulation of a mechanism: any Lagrangian, constraints, and dampers along elongations.
+
+use super::control::Drive;
+use super::piece::{Piece, WithinStep};
+use super::step_batch::StepBatch;
+use super::{GridState, Stepper, in_double};
+use crate::model::{Mechanism, Switched, coefficient_of, vector};
+use fvi_core::{
+    DamperRow, GaussLobatto, Instant, Lagrangian, MechanismError, MechanismIntegrator, RelaxationTable,
+    Relaxing, StateError, StateReader, StateWriter, Stateful, StepError,
+};
+use fvi_fft::exponentials::relaxation_table::relaxation_table;
+use fvi_fft::memory::Engine;
+use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_scenario::language::expression::Elementary;
+use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::scenario::{Damping, ReportedMomentum, Scenario};
+
+/// Largest number of unknowns of a step, whose matrix is full.
+const MOST_UNKNOWNS: usize = 3000;
+
+/// Relative error of a kernel's relaxations.
+const TOLERANCE: f64 = 1e-13;
+
+/// Least number of steps that a table of relaxations serves: runs up to ten times as long have one table, so
+/// that a longer one may continue a shorter.
+const LEAST_STEPS: f64 = 1e3;
+
+type Element<T> = Relaxing<T, Vec<T>, Vec<T>>;
+type Row<T> = DamperRow<Element<T>, Vec<Element<T>>>;
+
+/// The mechanism of a scenario in one precision.
+pub(super) struct TypedMechanism<T: Elementary> {
+    integrator: MechanismIntegrator<T, Mechanism<T>, Row<T>, Vec<T>, Vec<usize>>,
+    input: Vec<T>,
+    /// The momentum that is shown: with the excess of the dampers' impulse, or that of the scheme.
+    momentum: Vec<T>,
+    is_own_momentum: bool,
+    /// The last two steps, the later one first, if states inside them are needed.
+    pieces: Option<[Piece<T>; 2]>,
+    terms: usize,
+}
+
+impl<T: Elementary> TypedMechanism<T> {
+    /// The mechanism at its start.
+    ///
+    /// # Errors
+    /// If it cannot begin there, a kernel has no relaxations, or there are too many unknowns.
+    pub(super) fn new(scenario: &Scenario) -> Result<Self, InputError> {
+        let ConvolutionFamily::Gauss { stages } = scenario.convolution.family else {
+            let reason = "a mechanism has Gauss weights".to_owned();
+            return Err(scenario.error_at("convolution.family", Problem::Unusable { reason }));
+        };
+        let rule = GaussLobatto::<T>::new(stages).map_err(|error| {
+            let allowed = format!("{} ({} given)", error.allowed, error.parameter);
+            scenario.error_at("scheme.degree", Problem::OutOfRange { allowed })
+        })?;
+        check_size(scenario, stages)?;
+        let mut system = Mechanism::<T>::new(scenario).map_err(|error| super::bad_mass(scenario, &error))?;
+        let position: Vec<T> = vector(&scenario.initial.position);
+        if let Some(elongation) = system.first_not_differentiable(&position) {
+            return Err(not_differentiable(scenario, elongation));
+        }
+        let velocity = scenario.initial_velocity().ok_or_else(|| {
+            let reason = "the mass at the start is singular: its inverse gives the velocity".to_owned();
+            scenario.error_at_first(&["system.kinetic", "system.mass"], Problem::Unusable { reason })
+        })?;
+        let dampers = dampers(scenario, &rule)?;
+        let shape = [system.coordinates(), system.constraints(), system.elongations()];
+        type Integrator<T> = MechanismIntegrator<T, Mechanism<T>, Row<T>, Vec<T>, Vec<usize>>;
+        let numbers = vec![T::zero(); Integrator::<T>::numbers(stages, shape)];
+        let pivots = vec![0; Integrator::<T>::unknowns(stages, shape)];
+        let integrator = Integrator::new(
+            rule,
+            (system, dampers),
+            (T::of(scenario.time.step), T::of(scenario.time.start)),
+            (&position, &vector::<T>(&velocity)),
+            scenario.initial.project,
+            (numbers, pivots),
+        )
+        .map_err(|error| refused(scenario, &error))?;
+        let zeros = || vec![T::zero(); scenario.coordinates()];
+        let mut made = Self {
+            integrator,
+            input: Vec::new(),
+            momentum: zeros(),
+            is_own_momentum: scenario.output.momentum != ReportedMomentum::Mean,
+            pieces: scenario.is_looked_into().then(<[Piece<T>; 2]>::default),
+            terms: scenario.system.damping.len(),
+        };
+        made.take_momentum();
+        Ok(made)
+    }
+
+    fn take_momentum(&mut self) {
+        match self.is_own_momentum {
+            true => self.momentum.copy_from_slice(self.integrator.momentum()),
+            // Without a projection it is that of the scheme.
+            false => {
+                self.integrator.write_momentum(&mut self.momentum);
+            }
+        }
+    }
+
+    /// Stores the beginning of a step, and its input.
+    fn prepare(&mut self, input: &[f64]) {
+        self.input.clear();
+        self.input.extend(input.iter().map(|&force| T::of(force)));
+        if let Some(pieces) = &mut self.pieces {
+            pieces.swap(0, 1);
+            let time = self.integrator.time().to_f64();
+            pieces[0].begin(time, self.integrator.position(), &self.momentum);
+        }
+    }
+
+    /// Stores the end of a step.
+    fn finish(&mut self, made: Result<u32, StepError>) -> Result<u32, StepError> {
+        let corrections = made?;
+        if let Some([piece, _]) = &mut self.pieces {
+            piece.end(self.integrator.time().to_f64(), self.integrator.solution());
+        }
+        self.take_momentum();
+        Ok(corrections)
+    }
+
+    /// Position and velocity at a fraction of a step.
+    fn inside(&self, piece: &Piece<T>, fraction: f64) -> [Vec<T>; 2] {
+        let (rule, count) = (self.integrator.rule(), piece.position.len());
+        let length = T::of(piece.to - piece.from);
+        let (mut position, mut velocity) = (piece.position.clone(), vec![T::zero(); count]);
+        for (stage, rates) in piece.solution.chunks_exact(count.max(1)).enumerate() {
+            let (moved, share) = (length * rule.integral(stage, fraction), rule.value(stage, fraction));
+            for (index, &rate) in rates.iter().enumerate() {
+                position[index] += moved * rate;
+                velocity[index] += share * rate;
+            }
+        }
+        [position, velocity]
+    }
+
+    /// The step that a time lies in, and what follows it.
+    fn piece_at(&self, time: f64) -> Option<(&Piece<T>, Option<&Piece<T>>)> {
+        let [last, before] = self.pieces.as_ref()?;
+        if last.solution.is_empty() {
+            return None;
+        }
+        let is_last = time > last.from || before.solution.is_empty();
+        Some(if is_last { (last, None) } else { (before, Some(last)) })
+    }
+}
+
+/// Refuses mechanisms whose full matrices would be too large.
+fn check_size(scenario: &Scenario, stages: usize) -> Result<(), InputError> {
+    let unknowns = stages * (scenario.coordinates() + scenario.system.constraints.len());
+    if unknowns <= MOST_UNKNOWNS {
+        return Ok(());
+    }
+    let reason = format!(
+        "a step of this mechanism has {unknowns} unknowns and a full matrix; at most {MOST_UNKNOWNS} are taken"
+    );
+    Err(scenario.error_at("system", Problem::Unusable { reason }))
+}
+
+/// The error for an elongation without a gradient at the start.
+fn not_differentiable(scenario: &Scenario, mut elongation: usize) -> InputError {
+    let lengths =
+        scenario.system.damping.iter().map(|term| coefficient_of::<f64>(scenario, term).len().isqrt());
+    for (index, count) in lengths.enumerate() {
+        if elongation < count {
+            let reason = format!(
+                "elongation {elongation} (from 0) has no derivative at the initial position {:?}",
+                scenario.initial.position
+            );
+            let path = format!("system.damping[{index}].along");
+            return scenario.error_at(&path, Problem::Unusable { reason });
+        }
+        elongation -= count;
+    }
+    let reason = "an elongation has no derivative at the initial position".to_owned();
+    scenario.error_at("system.damping", Problem::Unusable { reason })
+}
+
+/// The dampers of a scenario, in the order of their elongations.
+fn dampers<T: Elementary>(scenario: &Scenario, rule: &GaussLobatto<T>) -> Result<Row<T>, InputError> {
+    let time = &scenario.time;
+    let span = (time.time(time.steps) - time.start).max(LEAST_STEPS * time.step);
+    let asked = scenario.history.horizon.map_or(span, |samples| samples as f64 * time.step);
+    let horizon = libm::pow(10.0, libm::log10(span).ceil()).max(asked);
+    let element = |(index, term): (usize, &Damping)| {
+        let table = table::<T>(term, time.step, horizon).map_err(|error| {
+            let paths = ["order", "kernel"].map(|key| format!("system.damping[{index}].{key}"));
+            let reason = error.to_string();
+            scenario.error_at_first(&[&paths[0], &paths[1]], Problem::Unusable { reason })
+        })?;
+        let coefficient = coefficient_of::<T>(scenario, term);
+        let count = coefficient.len().isqrt();
+        let numbers = vec![T::zero(); Element::<T>::numbers(table.rates.len(), rule.stages(), count)];
+        Relaxing::new(rule, table, coefficient, count, numbers).map_err(|error| {
+            let path = format!("system.damping[{index}]");
+            scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
+        })
+    };
+    let row = scenario.system.damping.iter().enumerate().map(element).collect::<Result<Vec<_>, _>>()?;
+    Ok(DamperRow::new(row))
+}
+
+/// The relaxations of a term's kernel; formulas may have lost a few digits to rounding.
+fn table<T: Elementary>(
+    term: &Damping,
+    step: f64,
+    horizon: f64,
+) -> Result<RelaxationTable<Vec<T>>, fvi_fft::exponentials::rate_table::RateTableError> {
+    let transfer = term.transfer.clone().with_its_spring();
+    let tolerance = TOLERANCE.max(0.01 * T::EPSILON.to_f64());
+    let made = |loss: f64| relaxation_table(&transfer, step, horizon, loss * tolerance);
+    let losses: &[f64] = if transfer.text().is_some() { &[10.0, 100.0] } else { &[] };
+    let table = losses.iter().fold(made(1.0), |table, &loss| table.or_else(|_| made(loss)))?;
+    let numbers = |numbers: Vec<f64>| numbers.into_iter().map(T::of).collect();
+    Ok(RelaxationTable {
+        is_inertial: table.is_inertial,
+        rates: numbers(table.rates),
+        coefficients: numbers(table.coefficients),
+        shortest: table.shortest,
+        horizon: table.horizon,
+    })
+}
+
+fn refused(scenario: &Scenario, error: &MechanismError) -> InputError {
+    let reason = match error {
+        MechanismError::OffConstraint { .. } | MechanismError::LeavesConstraint { .. } => {
+            format!("{error}; `initial.project = true` moves the start onto the constraints")
+        }
+        _ => error.to_string(),
+    };
+    let problem = Problem::Unusable { reason };
+    match error {
+        MechanismError::Parameter(_) => scenario.error_at("time.step", problem),
+        MechanismError::LeavesConstraint { .. } => {
+            scenario.error_at_first(&["initial.velocity", "initial.momentum", "initial"], problem)
+        }
+        MechanismError::Redundant { index } => {
+            scenario.error_at(&format!("system.constraints[{index}]"), problem)
+        }
+        MechanismError::SingularMass => scenario.error_at_first(&["system.kinetic", "system.mass"], problem),
+        _ => scenario.error_at("initial.position", problem),
+    }
+}
+
+impl<T: Elementary> Stepper for TypedMechanism<T> {
+    fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
+        self.prepare(input);
+        let made = self.integrator.step(&self.input);
+        self.finish(made)
+    }
+
+    fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
+        self.prepare(input);
+        let made = self.integrator.step_over(T::of(length), T::of(end), &self.input);
+        self.finish(made)
+    }
+
+    fn advance(
+        &mut self,
+        scenario: &Scenario,
+        steps: usize,
+        batch: &mut StepBatch,
+        drive: Option<&Drive>,
+    ) -> Result<(), StepError> {
+        let before = batch.first() - 1;
+        for step in before..before + steps {
+            let held = scenario.input.as_ref().and_then(|input| input.at_step(step));
+            let input = drive.map_or(held.unwrap_or(&[]), |drive| &drive.held);
+            let corrections = match &scenario.time.grid {
+                None => self.step(input)?,
+                Some(_) => {
+                    let (begin, end) = (scenario.time.time(step), scenario.time.time(step + 1));
+                    self.step_over(end - begin, end, input)?
+                }
+            };
+            let energy = self.integrator.energy().to_f64();
+            let time = self.integrator.time().to_f64();
+            let momentum = in_double(&self.momentum);
+            batch.push((time, energy), in_double(self.integrator.position()), momentum, corrections);
+        }
+        Ok(())
+    }
+
+    fn interpolate(&mut self, time: f64, state: &mut GridState) {
+        if self.pieces.is_none() {
+            return;
+        }
+        state.time = time;
+        let Some((piece, next)) = self.piece_at(time) else { return self.read(state) };
+        let (position, velocity, momentum) = match (piece.place(time), next) {
+            (WithinStep::End, None) => return self.read(state),
+            (WithinStep::End, Some(next)) => {
+                let [_, velocity] = self.inside(next, 0.0);
+                (next.position.clone(), velocity, Some(next.momentum.clone()))
+            }
+            (WithinStep::Inside(fraction), _) => {
+                let [position, velocity] = self.inside(piece, fraction);
+                (position, velocity, None)
+            }
+        };
+        let mut own = vec![T::zero(); position.len()];
+        let mut force = own.clone();
+        let instant = Instant::in_step(T::of(time), T::of(0.5), T::zero());
+        let system = self.integrator.system_mut();
+        system.first(instant, &position, &velocity, &mut own, &mut force);
+        let energy = system.energy(&position, &velocity).to_f64();
+        let momentum = momentum.unwrap_or(own);
+        for (numbers, found) in [(&mut state.position, &position), (&mut state.momentum, &momentum)] {
+            numbers.iter_mut().zip(found).for_each(|(place, number)| *place = number.to_f64());
+        }
+        state.energy = energy;
+    }
+
+    fn position_at(&mut self, time: f64, position: &mut Vec<f64>) {
+        position.clear();
+        match self.piece_at(time).map(|(piece, next)| (piece, next, piece.place(time))) {
+            Some((piece, _, WithinStep::Inside(fraction))) => {
+                let [inside, _] = self.inside(piece, fraction);
+                position.extend(in_double(&inside));
+            }
+            Some((_, Some(next), WithinStep::End)) => position.extend(in_double(&next.position)),
+            _ => position.extend(in_double(self.integrator.position())),
+        }
+    }
+
+    fn switches(&mut self) -> &mut dyn Switched {
+        self.integrator.system_mut().model_mut()
+    }
+
+    fn read_without_energy(&mut self, state: &mut GridState) {
+        state.time = self.integrator.time().to_f64();
+        for (numbers, found) in
+            [(&mut state.position, self.integrator.position()), (&mut state.momentum, &self.momentum[..])]
+        {
+            numbers.iter_mut().zip(found).for_each(|(place, number)| *place = number.to_f64());
+        }
+    }
+
+    fn read(&mut self, state: &mut GridState) {
+        self.read_without_energy(state);
+        state.energy = self.integrator.energy().to_f64();
+    }
+
+    fn energies(&self, energies: &mut Vec<f64>) {
+        energies.clear();
+    }
+
+    fn has_energies_of_rows_only(&self) -> bool {
+        false
+    }
+
+    fn engines(&self) -> Vec<Engine> {
+        vec![Engine::AnyStep; self.terms]
+    }
+
+    fn missed(&self) -> Option<f64> {
+        None
+    }
+
+    fn shared(&self) -> Vec<Vec<usize>> {
+        Vec::new()
+    }
+
+    fn overruns(&self) -> Option<usize> {
+        None
+    }
+
+    fn memory_bytes(&self) -> usize {
+        self.integrator.dampers().as_slice().iter().map(Stateful::state_bytes).sum()
+    }
+
+    fn write_multipliers(&mut self, multipliers: &mut [f64]) -> Result<(), String> {
+        let mut found = vec![T::zero(); multipliers.len()];
+        if multipliers.is_empty() || self.integrator.write_multipliers(&mut found) {
+            multipliers.iter_mut().zip(in_double(&found)).for_each(|(place, number)| *place = number);
+            return Ok(());
+        }
+        Err("the constraints do not determine their multipliers at its end".to_owned())
+    }
+
+    fn memory_energies(&self) -> Option<[f64; 2]> {
+        let (work, stored) = (self.integrator.work().to_f64(), self.integrator.stored().to_f64());
+        Some([stored, work - stored])
+    }
+}
+
+impl<T: Elementary> Stateful for TypedMechanism<T> {
+    fn state_bytes(&self) -> usize {
+        self.integrator.state_bytes()
+    }
+
+    fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
+        self.integrator.save(to)
+    }
+
+    fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.integrator.check_state(from)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.integrator.restore(from)?;
+        self.take_momentum();
+        Ok(())
+    }
+}
