@@ -87,7 +87,9 @@ impl Case {
     fn stages(&self) -> usize {
         match self.family {
             ConvolutionFamily::Bdf { .. } | ConvolutionFamily::Trapezoidal => 1,
-            ConvolutionFamily::RadauIia { stages } | ConvolutionFamily::LobattoIiic { stages } => stages,
+            ConvolutionFamily::RadauIia { stages }
+            | ConvolutionFamily::LobattoIiic { stages }
+            | ConvolutionFamily::Gauss { stages } => stages,
         }
     }
 
@@ -114,6 +116,7 @@ impl Case {
                     if self.exponent >= LEAST_ON_INCREMENTS { on_values.on_increments() } else { on_values };
                 weights.take(self.length + 1).collect()
             }
+            ConvolutionFamily::Gauss { .. } => unreachable!("the memory of mechanisms has other engines"),
             ConvolutionFamily::Trapezoidal => {
                 let power = TransferFunction::power(self.exponent).unwrap();
                 let on_increments = self.exponent >= LEAST_ON_INCREMENTS;
@@ -303,6 +306,7 @@ fn scenarios() -> impl Strategy<Value = String> {
                 ConvolutionFamily::LobattoIiic { stages } => {
                     format!("family = \"lobatto-iiic\"\nstages = {stages}")
                 }
+                ConvolutionFamily::Gauss { .. } => "family = \"gauss\"".to_owned(),
             };
             // Damping at the stages needs polynomials on the stages.
             let scheme = match family.contains("bdf") {

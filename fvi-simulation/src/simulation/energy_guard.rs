@@ -97,8 +97,8 @@ pub struct Gathered {
 impl EnergyGuard {
     /// A guard for a run of the scenario from this state.
     pub fn new(scenario: &Scenario, start: &GridState) -> Self {
-        // Linear systems are covered by the check of the step; equations have no energy; the mass at the start
-        // is not that of a mechanism elsewhere, and constraints do no work.
+        // Linear systems are covered by the check of the step; equations have no energy; the mass at the
+        // start is not that of a mechanism elsewhere, and constraints do no work.
         let is_other = scenario.equation.is_some() || scenario.system.is_mechanism();
         if !scenario.cases.is_empty() || is_other {
             return Self::blind();
