@@ -52,6 +52,13 @@ def test_orders_above_one_and_terms():
     assert r.summary["equation" if "equation" in r.summary else "scenario"]["equation"]["order"] == [2.0]
 
 
+def test_large_right_sides_begin_with_short_steps():
+    size = 1e6
+    r = fvi.solve_fde(lambda t, x: size - x, 0.5, 5.0, [0.0], 1e-8, t_eval=[1e-6, 1.0, 5.0])
+    assert r.success
+    assert max(abs(r.x[:, 0] - [size * (1 - relaxation(t)) for t in r.t])) < 1e-7 * size
+
+
 def test_another_start_moves_the_time():
     late = fvi.solve_fde(lambda t, x: t - 3.0 - x, 0.7, (3.0, 5.0), [0.5], 1e-9, t_eval=[3.0, 4.0, 5.0])
     early = fvi.solve_fde(["t - x0"], 0.7, (0.0, 2.0), [0.5], 1e-9, t_eval=[0.0, 1.0, 2.0])

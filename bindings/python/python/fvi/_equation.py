@@ -186,6 +186,8 @@ def solve_fde(
         scenario["event"] = described
     functions = None
     if expressions is None and callable(right):
+        if (shortest := _shortest(_shifted(right, begin, args), equation, time)) is not None:
+            time["shortest"] = shortest
         functions = Terms(None, None, None, _shifted(right, begin, args), None if jac is None else _shifted(jac, begin, args), True)
     elif jac is not None:
         raise InputError("jac: belongs to a function; expressions have their own derivatives", "jac", repr(jac))
@@ -268,6 +270,22 @@ def _terms(terms: Sequence[Any], count: int) -> list[Any]:
     if count == 1 and len(terms) and _is_term(terms[0]):
         return [[one(term, f"terms[{index}]") for index, term in enumerate(terms)]]
     return [[one(term, f"terms[{row}][{index}]") for index, term in enumerate(of_row)] for row, of_row in enumerate(terms)]
+
+
+MOST = 100.0
+"""Size of a function at the start beyond which the shortest step is chosen for it; expressions are looked at by the reader."""
+
+
+def _shortest(right: Function, equation: Mapping[str, Any], time: Mapping[str, Any]) -> float | None:
+    """The shortest step for a function that is large at the start, where the solution begins like f t^α."""
+    start = np.array([value[0] if isinstance(value, list) else value for value in equation["initial"]])
+    size = np.abs(_arrays.returned("right", right(1e-12 * time["end"], start)))
+    if not np.isfinite(size).all() or size.max(initial=0.0) < MOST:
+        return None
+    orders = [max(term["order"] for term in row) for row in equation["terms"]] if "terms" in equation else np.atleast_1d(equation["order"])
+    power = min(1.0, *(float(order) for order in orders), 1.0)
+    most = 10.0 * float(size.max()) * time["end"] ** power / time.get("scale", 1.0)
+    return float(time["end"] * max(1e-140, min(1e-12, (0.03 * time["tolerance"] / most) ** (1.0 / power))))
 
 
 def _shifted(function: Function, begin: float, args: tuple[Any, ...]) -> Function:
