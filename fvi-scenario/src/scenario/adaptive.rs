@@ -25,6 +25,9 @@ const SMALL_PART: f64 = 0.03;
 const SHORTEST_OF_CREEP: f64 = 1e-140;
 const LARGEST_CREEP: f64 = 1e3;
 
+/// Margin of the size of that motion where it is known.
+const KNOWN_CREEP: f64 = 10.0;
+
 /// The smallest power of a creep that is told apart, and two times at which it is seen how a right side
 /// begins.
 const LEAST_CREEP: f64 = 1e-3;
@@ -84,6 +87,8 @@ pub struct Start {
     /// True for an equation: a tolerance need not be given, and other coordinates than the unknowns begin to
     /// move like any power.
     pub of_equation: bool,
+    /// The largest right side of an equation near the start; zero without one.
+    pub push: f64,
 }
 
 impl Adaptive {
@@ -115,10 +120,13 @@ impl Adaptive {
             }
             _ => end,
         };
+        // Of an equation the size of that motion is known: x − x₀ = f t^γ/Γ(1 + γ).
+        let pushed = KNOWN_CREEP * start.push * libm::pow(end, start.creep) / scale;
+        let largest_creep = if pushed > LARGEST_CREEP { pushed } else { LARGEST_CREEP };
         let shortest = positive("shortest")?.unwrap_or_else(|| {
             (SHORTEST * end)
                 .min(asked.max(SHORTEST_OF_ALL * end))
-                .min(part_of_creep(LARGEST_CREEP).max(SHORTEST_OF_CREEP * end))
+                .min(part_of_creep(largest_creep).max(SHORTEST_OF_CREEP * end))
                 .min(first.map_or(f64::INFINITY, |first| SHORTER_THAN_FIRST * first))
                 .min(longest.map_or(f64::INFINITY, |longest| SHORTER_THAN_FIRST * longest))
         });
@@ -178,7 +186,9 @@ impl Adaptive {
         };
         let terms = system.damping.iter().filter(|term| term.derivative == Derivative::RiemannLiouville);
         let of_equation = system.stands_for_equation();
-        let mut start = Start { creep: Self::creep(system, initial), power: 1.0, size: 0.0, of_equation };
+        let push = if of_equation { Self::largest_push(system, initial) } else { 0.0 };
+        let mut start =
+            Start { creep: Self::creep(system, initial), power: 1.0, size: 0.0, of_equation, push };
         for term in terms {
             let (power, size) = match term.transfer.growth() {
                 order if order < 1.0 => (1.0 - order, by_mass(term.coefficient.times(&initial.position))),
@@ -225,6 +235,13 @@ impl Adaptive {
             Some(_) => (1.0 + Self::push(system, initial, row)).max(LEAST_CREEP),
         });
         powers.fold(1.0, min_or_nan)
+    }
+
+    /// The largest finite |f| of the right sides near the start.
+    fn largest_push(system: &System, initial: &InitialState) -> f64 {
+        let forces = system.force.iter().flatten();
+        let values = forces.map(|force| force.value(Moment::inside(NEAR_START[1]), &initial.position));
+        values.map(f64::abs).filter(|size| size.is_finite()).fold(0.0, max_or_nan)
     }
 
     /// The power of t, at most 0, with which the right side of an equation begins: −0.3 for one like t^−0.3,

@@ -600,6 +600,20 @@ mod tests {
     }
 
     #[test]
+    fn the_shortest_step_resolves_the_start_that_the_right_side_asks_for() {
+        let shortest = |order: f64, right: &str| {
+            let equation =
+                json!({ "order": order, "right": right, "initial": vec![0.0; order.ceil() as usize] });
+            scenario(equation).time.adaptive().unwrap().shortest
+        };
+        // c h^α is below the tolerance, 1e-6, of the scale 1.
+        assert!(1e6 * shortest(0.6, "1e6 - x0").powf(0.6) < 1e-7);
+        assert!(shortest(0.6, "1e6 - x0") < 1e-3 * shortest(0.6, "1 - x0"));
+        // x' ~ √t of a force like 1/√t.
+        assert!(shortest(2.0, "t^(-0.5)").sqrt() < 1e-7);
+    }
+
+    #[test]
     fn what_cannot_be_meant_is_refused_by_its_key() {
         let key = |equation: Value| {
             let time = json!({ "end": 1.0 });

@@ -399,13 +399,14 @@ impl<'s> AdaptiveSteps<'s> {
             );
         }
         if is_start && creep < shortest {
+            let asked = if creep > 0.0 { format!("{creep:.1e}") } else { "less than 1e-323".to_owned() };
             let what = match self.scenario.equation {
                 Some(_) => "the solution begins",
                 None => "a coordinate without mass begins to move",
             };
             return format!(
                 "{worst}, with steps of {tried:.1e} even, the shortest here (`time.shortest`): {what} \
-                 like t^{:.3}, and `time.tolerance` asks for a first step of {creep:.1e}",
+                 like t^{:.3}, and `time.tolerance` asks for a first step of {asked}",
                 start.creep
             );
         }
