@@ -5,6 +5,8 @@ use super::{CommandError, default_directory, stop, terminal};
 use fvi_scenario::language::visible::visible;
 use fvi_strategies::{Lab, LabError};
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Arguments of `fvi strategies`.
 #[derive(Debug, clap::Args)]
@@ -27,7 +29,8 @@ impl StrategiesArguments {
         let lab = Lab::new();
         let plan = lab.plan(&self.file).map_err(command_error)?;
         let directory = self.out.unwrap_or_else(|| default_directory(&self.file, "strategies"));
-        let stop = stop::flag();
+        // Programs of strategies are ended, and rounds kept, before the lab ends.
+        let stop = stop::flag_of_steps(&Arc::new(AtomicBool::new(true)));
         let mut progress = Progress::new(plan.races(), "rounds", self.quiet);
         let summary = lab
             .race(&plan, &directory, self.resume, &stop, &mut |done, needed| progress.update_of(done, needed))
