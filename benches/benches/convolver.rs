@@ -5,12 +5,17 @@
 //! schedule is the same in every pass, interrupts of the machine are not. The time of reading the clock is
 //! subtracted. A stream has run for the length of the response before.
 
+use std::alloc::System;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use fft_convolver::{FFTConvolver, TwoStageFFTConvolver};
 
 use fvi_fft::{Convolver, Engines, Responses, Stream};
+use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
+
+#[global_allocator]
+static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
 
 /// Samples per second.
 const RATE: f64 = 48_000.0;
@@ -28,9 +33,6 @@ trait Candidate<T> {
     /// Begins again, with samples that are not measured.
     fn restart(&mut self, before: &[T]);
     fn process(&mut self, input: &[T], output: &mut [T]);
-    fn bytes(&self) -> Option<usize> {
-        None
-    }
 }
 
 impl<T: Engines> Candidate<T> for Convolver<T> {
@@ -42,10 +44,6 @@ impl<T: Engines> Candidate<T> for Convolver<T> {
 
     fn process(&mut self, input: &[T], output: &mut [T]) {
         self.process_one(input, output).expect("blocks of one channel");
-    }
-
-    fn bytes(&self) -> Option<usize> {
-        Some(Convolver::bytes(self))
     }
 }
 
@@ -107,18 +105,19 @@ fn clock() -> f64 {
     times[times.len() / 2]
 }
 
-fn row(name: &str, response: f64, block: usize, calls: &[f64], bytes: Option<usize>) {
+/// Mean, 99.9th percentile and longest in microseconds.
+fn described(calls: &[f64]) -> [f64; 3] {
     let mean = calls.iter().sum::<f64>() / calls.len() as f64;
-    let (tail, worst) = (calls[(calls.len() * 999).div_ceil(1000) - 1], calls[calls.len() - 1]);
-    let micro = |seconds: f64| format!("{:.3}", 1e6 * seconds);
-    let bytes = bytes.map_or("—".to_owned(), |bytes| format!("{:.2}", bytes as f64 / 1e6));
-    println!(
-        "| {response} | {block} | {name} | {} | {} | {} | {:.1} | {bytes} |",
-        micro(mean),
-        micro(tail),
-        micro(worst),
-        worst / mean
-    );
+    [mean, calls[(calls.len() * 999).div_ceil(1000) - 1], calls[calls.len() - 1]].map(|time| 1e6 * time)
+}
+
+/// What `make` returns, with the bytes that it keeps.
+fn weighed<C>(make: impl FnOnce() -> C) -> (C, f64) {
+    let region = Region::new(ALLOCATOR);
+    let made = make();
+    let change = region.change();
+    let grown = change.bytes_reallocated as f64;
+    (made, change.bytes_allocated as f64 + grown - change.bytes_deallocated as f64)
 }
 
 /// Checks outputs against the plain sum, in units of rounding of the response's size.
@@ -134,9 +133,11 @@ fn agree<T: Engines>(convolver: &mut Convolver<T>, taps: &[T], signal: &[T]) {
 }
 
 fn compare<T: Engines>(scalar: &str, only: &[String]) {
-    println!("\n{scalar}, microseconds per call\n");
-    println!("| response (s) | block | | mean | p99.9 | worst | worst/mean | MB |");
-    println!("|--:|--:|---|--:|--:|--:|--:|--:|");
+    println!("\n{scalar}, microseconds per call of so many samples\n");
+    let candidates =
+        ["fvi", "uniform", "two stages"].map(|name| format!(" {name}: mean | p99.9 | worst | MB |"));
+    println!("| response (s) | block |{}", candidates.concat());
+    println!("|--:|--:|{}", "--:|".repeat(12));
     let clock = clock();
     let signal: Vec<T> = fvi_benches::noise(SAMPLES).into_iter().map(T::of).collect();
     let before: Vec<T> = fvi_benches::noise(481_280).into_iter().map(T::of).collect();
@@ -152,19 +153,28 @@ fn compare<T: Engines>(scalar: &str, only: &[String]) {
             let before = &before[..length.next_multiple_of(1024)];
             let signal = (before, &*signal);
             let stream = Stream { block: Some(block), ..Stream::default() };
-            let mut own = Convolver::new(&responses, &stream).expect("in range");
+            let (mut own, own_bytes) = weighed(|| Convolver::new(&responses, &stream).expect("in range"));
             agree(&mut own, &taps, signal.1);
-            let measured = measure(&mut own, signal, block, clock);
-            row("fvi", response, block, &measured, Candidate::bytes(&own));
+            let (mut uniform, uniform_bytes) = weighed(|| {
+                let mut uniform = FFTConvolver::<T>::default();
+                uniform.init(block, &taps).expect("in range");
+                uniform
+            });
+            let (mut staged, staged_bytes) = weighed(|| {
+                let mut staged = TwoStageFFTConvolver::<T>::default();
+                staged.init_default(block, &taps).expect("in range");
+                staged
+            });
+            print!("| {response} | {block} |");
+            let candidates: [(&mut dyn Candidate<T>, f64); 3] =
+                [(&mut own, own_bytes), (&mut uniform, uniform_bytes), (&mut staged, staged_bytes)];
+            for (candidate, bytes) in candidates {
+                let calls = measure(candidate, signal, block, clock);
+                let [mean, tail, worst] = described(&calls);
+                print!(" {mean:.2} | {tail:.2} | {worst:.2} | {:.2} |", bytes / 1e6);
+            }
+            println!();
             assert_eq!(own.overruns(), 0);
-            let mut uniform = FFTConvolver::<T>::default();
-            uniform.init(block, &taps).expect("in range");
-            let of_uniform = measure(&mut uniform, signal, block, clock);
-            row("uniform", response, block, &of_uniform, None);
-            let mut staged = TwoStageFFTConvolver::<T>::default();
-            staged.init_default(block, &taps).expect("in range");
-            let of_staged = measure(&mut staged, signal, block, clock);
-            row("two stages", response, block, &of_staged, None);
         }
     }
 }
