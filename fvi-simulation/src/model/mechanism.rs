@@ -87,13 +87,18 @@ impl<T: Elementary> Mechanism<T> {
         &mut self.model
     }
 
-    /// Index of the first elongation whose gradient is not finite at a position.
+    /// Index of the first elongation that has no first or second derivatives at a position.
     pub fn first_not_differentiable(&mut self, position: &[T]) -> Option<usize> {
-        let count = self.position.len();
-        let mut jacobian = vec![T::zero(); self.elongations.len() * count];
-        self.elongate(position, &mut jacobian);
-        let is_rough = |row: &[T]| row.iter().any(|entry| !entry.is_finite());
-        jacobian.chunks_exact(count.max(1)).position(is_rough)
+        let mut gradient = vec![T::zero(); self.position.len()];
+        let (hessian, registers) = (&mut self.hessian, &mut self.registers);
+        let mut is_rough = |elongation: &Elongation<T>| {
+            let Elongation::Function(function) = elongation else { return false };
+            hessian.resize(function.pattern().len(), T::zero());
+            let now = Moment::inside(T::zero());
+            function.derivatives(now, position, registers, &mut gradient, hessian);
+            gradient.iter().chain(&*hessian).any(|entry| !entry.is_finite())
+        };
+        self.elongations.iter().position(|elongation| is_rough(elongation))
     }
 
     fn take(&mut self, position: &[T], velocity: &[T]) {
