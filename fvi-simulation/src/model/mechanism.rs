@@ -91,14 +91,14 @@ impl<T: Elementary> Mechanism<T> {
     pub fn first_not_differentiable(&mut self, position: &[T]) -> Option<usize> {
         let mut gradient = vec![T::zero(); self.position.len()];
         let (hessian, registers) = (&mut self.hessian, &mut self.registers);
-        let mut is_rough = |elongation: &Elongation<T>| {
+        let is_rough = |elongation: &Elongation<T>| {
             let Elongation::Function(function) = elongation else { return false };
             hessian.resize(function.pattern().len(), T::zero());
             let now = Moment::inside(T::zero());
             function.derivatives(now, position, registers, &mut gradient, hessian);
             gradient.iter().chain(&*hessian).any(|entry| !entry.is_finite())
         };
-        self.elongations.iter().position(|elongation| is_rough(elongation))
+        self.elongations.iter().position(is_rough)
     }
 
     fn take(&mut self, position: &[T], velocity: &[T]) {
