@@ -144,7 +144,8 @@ class Result:
     @property
     def multipliers(self) -> FloatArray | None:
         """λ of the constraints, one column each."""
-        return self.columns.get("lambda")
+        found = self.columns.get("lambda")
+        return None if found is None else found.reshape(len(found), -1)
 
     @property
     def memory_stored(self) -> FloatArray | None:
