@@ -219,6 +219,9 @@ impl From<RateTableError> for EngineError {
     }
 }
 
+/// Most weights of one kernel that are kept for other runs.
+const MOST_SHARED: usize = 1 << 17;
+
 impl MemoryRequest<'_> {
     /// The memory, empty, on the requested engine or on the fastest that is exact to rounding.
     ///
@@ -462,7 +465,7 @@ impl MemoryRequest<'_> {
             }
             Engine::Direct | Engine::BlockFft | Engine::RealTime => match (self.transfer.exponent(), rule) {
                 (Some(exponent), MultistepRule::Bdf(order)) => self.power_weights(engine, order, exponent),
-                _ => self.transfer_weights(engine, rule),
+                _ => self.transfer_weights(engine, rule, tables),
             },
             Engine::ExponentialSum | Engine::ExponentialSumCore => {
                 match self.sum_table(engine, rule, tables)? {
@@ -611,6 +614,7 @@ impl MemoryRequest<'_> {
         &self,
         engine: Engine,
         rule: MultistepRule,
+        tables: &Tables,
     ) -> Result<HostMemory<T>, EngineError> {
         let samples = if engine == Engine::Direct { self.kept() } else { self.samples };
         let count = samples.saturating_add(1);
@@ -619,9 +623,14 @@ impl MemoryRequest<'_> {
         let on_increments = self.acts_on() != ActsOn::Values;
         // Of given weights only those that meet a sample.
         let met = if self.transfer.table().is_some() { count.min(self.samples.max(1)) } else { count };
-        let mut weights = multistep_weights(self.transfer, rule, self.step_size, on_increments, met)?;
-        weights.resize(count, 0.0);
-        let numbers: Vec<T> = weights.into_iter().map(T::of).collect();
+        let make = || Ok(multistep_weights(self.transfer, rule, self.step_size, on_increments, met)?);
+        let weights = if met <= MOST_SHARED {
+            tables.get(&self.key(met as u64, 0.0), make)?
+        } else {
+            Arc::new(make()?)
+        };
+        let mut numbers: Vec<T> = weights.iter().copied().map(T::of).collect();
+        numbers.resize(count, T::zero());
         match engine {
             Engine::Direct => self.direct(numbers, 1, T::one()),
             _ => self.transforms(engine, Planes { numbers, stages: 1 }, 1),

@@ -20,7 +20,7 @@ use multistep_rule::MultistepRule;
 use nalgebra::Complex;
 use std::f64::consts::PI;
 use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The transfer function K(s) of a damping force −ρ K(D) q.
 ///
@@ -106,10 +106,26 @@ pub trait Formula: fmt::Debug + Send + Sync {
     fn fractions(&self) -> Option<Fractions> {
         None
     }
-    /// True if its passivity is known from its form.
-    fn is_passive(&self) -> bool {
-        false
+    /// Its passivity, if it is known from its form.
+    fn passivity(&self) -> Passivity {
+        Passivity::Unknown
     }
+    /// The first weights of a rule, relative to the first one to rounding, if it has a faster way to them
+    /// than its series.
+    fn weights(&self, _rule: MultistepRule, _step_size: f64, _count: usize) -> Option<Vec<f64>> {
+        None
+    }
+}
+
+/// What a formula knows of its passivity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Passivity {
+    /// It is passive.
+    Passive,
+    /// It is not, in a region.
+    Active(Active),
+    /// Nothing: sampling has to show it.
+    Unknown,
 }
 
 /// A formula that several transfer functions share.
@@ -286,20 +302,31 @@ impl TransferFunction {
         let mut made = Self {
             form: Form::Formula { formula, growth, spring, is_beside, relaxation, strip, fractions, active },
         };
-        let (found, drives) = match &made.form {
-            Form::Formula { formula, .. } if formula.0.is_passive() => (None, None),
-            _ => {
-                let found = match rational {
-                    Some(is_relaxation) => is_relaxation.then_some(strip),
-                    None => made.strip_of_its_cut(),
-                };
-                (found, made.look_for_activity())
-            }
-        };
+        let (found, drives) = sampled_once(made.key(), || made.sampled(rational));
         if let Form::Formula { relaxation, active, strip, .. } = &mut made.form {
             (*relaxation, *active, *strip) = (found.is_some(), drives, found.unwrap_or(*strip));
         }
         Ok(made)
+    }
+
+    /// The strip of its cut if it is a relaxation, and the region where it is not passive; `rational`: for a
+    /// rational function, whether it is a relaxation.
+    fn sampled(&self, rational: Option<bool>) -> Sampled {
+        let passivity = match &self.form {
+            Form::Formula { formula, .. } => formula.0.passivity(),
+            _ => Passivity::Unknown,
+        };
+        match passivity {
+            Passivity::Passive => (None, None),
+            Passivity::Active(active) => (None, Some(active)),
+            Passivity::Unknown => {
+                let found = match rational {
+                    Some(is_relaxation) => is_relaxation.then_some(0.25 * PI),
+                    None => self.strip_of_its_cut(),
+                };
+                (found, self.look_for_activity())
+            }
+        }
     }
 
     /// Weights in place of a transfer function: K(s) is then [`GivenWeights::value`].
@@ -311,6 +338,14 @@ impl TransferFunction {
     pub fn table(&self) -> Option<&GivenWeights> {
         match &self.form {
             Form::Weights(table) => Some(table),
+            _ => None,
+        }
+    }
+
+    /// The first weights of a rule by a way of its own, see [`Formula::weights`].
+    pub(crate) fn own_weights(&self, rule: MultistepRule, step_size: f64, count: usize) -> Option<Vec<f64>> {
+        match &self.form {
+            Form::Formula { formula, .. } => formula.0.weights(rule, step_size, count),
             _ => None,
         }
     }
@@ -667,8 +702,8 @@ impl TransferFunction {
     /// The region where K is not passive; `None` if R(s) = K(s)/s is positive real, as far as sampling shows.
     ///
     /// The passivity of most forms follows from their formula. Others are sampled on the imaginary axis and
-    /// on rays into the right half-plane, at forty places per decade over sixty decades, and more densely
-    /// where the real part of R is small.
+    /// on rays into the right half-plane, at forty and ten places per decade over sixty decades, and more
+    /// densely where the real part of R is small.
     pub fn active(&self) -> Option<Active> {
         match &self.form {
             Form::Power { order } if *order >= 0.0 => None,
@@ -698,18 +733,20 @@ impl TransferFunction {
             let ratio = self.value(s) / s;
             (s, ratio.re / ratio.norm())
         };
-        const PER_DECADE: i32 = 40;
         const DECADES: i32 = 30;
         // Rounding error of formulas with cancellation.
         const ROUNDING: f64 = -1e-9;
-        let at = |k: i32| f64::from(k) / f64::from(PER_DECADE);
-        let (first, last) = (at(-DECADES * PER_DECADE), at(DECADES * PER_DECADE));
+        let (first, last) = (-f64::from(DECADES), f64::from(DECADES));
         for angle in [0.5 * PI, 0.45 * PI, 0.4 * PI, 0.3 * PI, 0.2 * PI, 0.1 * PI, 0.0] {
+            // Resonances are narrow next to the axis only; the rays are 0.3 apart, which is a seventh of a
+            // decade.
+            let per_decade = if angle == 0.5 * PI { 40 } else { 10 };
+            let at = |k: i32| f64::from(k) / f64::from(per_decade);
             // A value that is not a number, from under- or overflow, is ignored.
             let value = |logarithm: f64| resistance(angle, logarithm).1;
             let drives = |logarithm: f64| value(logarithm) < ROUNDING;
             let mut looks: Vec<(f64, f64)> =
-                (-DECADES * PER_DECADE..=DECADES * PER_DECADE).map(|k| (at(k), value(at(k)))).collect();
+                (-DECADES * per_decade..=DECADES * per_decade).map(|k| (at(k), value(at(k)))).collect();
             let mut grounds = Vec::new();
             for looks in looks.windows(3) {
                 if looks[1].1 <= looks[0].1 && looks[1].1 <= looks[2].1 && looks[1].1 < 0.1 {
@@ -839,6 +876,28 @@ impl fmt::Display for TransferFunction {
             }
         }
     }
+}
+
+/// What sampling a formula shows: the strip of its cut, if that makes it up, and where it is not passive.
+type Sampled = (Option<f64>, Option<Active>);
+
+/// Largest number of formulas of which that is remembered.
+const MOST_REMEMBERED: usize = 64;
+
+/// What sampling a formula with this key shows: computed once for the runs of a fit or sweep that have it.
+fn sampled_once(key: Vec<u64>, sample: impl FnOnce() -> Sampled) -> Sampled {
+    static REMEMBERED: Mutex<Vec<(Vec<u64>, Sampled)>> = Mutex::new(Vec::new());
+    let remembered = || REMEMBERED.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, known)) = remembered().iter().find(|(known, _)| *known == key) {
+        return *known;
+    }
+    let found = sample();
+    let mut remembered = remembered();
+    if remembered.len() == MOST_REMEMBERED {
+        remembered.remove(0);
+    }
+    remembered.push((key, found));
+    found
 }
 
 /// Places 10^{±(10 + 5k)} from which limits of a formula are taken.

@@ -315,7 +315,7 @@ const NAMED: &str = "a length that is given with each step, not a number until t
 const TEXT: &str = "letters";
 
 /// Where fallbacks stand, how many, and why each is the value and hides nothing.
-const TRUE_VALUES: [(&str, usize, &str); 51] = [
+const TRUE_VALUES: [(&str, usize, &str); 50] = [
     ("fvi-core/src/damped_motion.rs", 6, SHAPE),
     ("fvi-core/src/exponential_sum.rs", 1, SHAPE),
     ("fvi-core/src/galerkin.rs", 4, BEYOND),
@@ -349,7 +349,6 @@ const TRUE_VALUES: [(&str, usize, &str); 51] = [
     ("fvi-scenario/src/scenario/kernel.rs", 2, REFUSED),
     ("fvi-scenario/src/scenario/load.rs", 1, NONE),
     ("fvi-scenario/src/scenario/matrix.rs", 1, BEYOND),
-    ("fvi-scenario/src/scenario/relaxation_matrix.rs", 1, NONE),
     ("fvi-scenario/src/scenario/sampled_input.rs", 1, NONE),
     ("fvi-scenario/src/scenario/sparse_matrix.rs", 2, BEYOND),
     ("fvi-simulation/src/model/band.rs", 1, PADDING),

@@ -70,6 +70,9 @@ pub fn multistep_weights(
         let first = transfer.series(&rule.series(step_size, 1)).to_numbers();
         return Ok(trapezoidal_power(exponent, first[0], on_increments, count));
     }
+    if let Some(weights) = transfer.own_weights(rule, step_size, count) {
+        return Ok(if on_increments { partial_sums(&weights) } else { weights });
+    }
     let series = transfer.series(&rule.series(step_size, count.min(HEAD)));
     let mut weights = if on_increments { series.sums() } else { series.to_numbers() };
     let first = weights.first().map_or(0.0, |first| first.abs());
@@ -122,14 +125,15 @@ fn given_weights(
         value: table.weights().len() as f64,
         allowed: "at least as many as are wanted, one for each lag from 0; where the kernel has ended they are 0",
     })?;
-    if !on_increments {
-        return Ok(given.to_vec());
-    }
-    let sums = given.iter().scan(DoubleDouble::ZERO, |sum, &weight| {
+    Ok(if on_increments { partial_sums(given) } else { given.to_vec() })
+}
+
+fn partial_sums(weights: &[f64]) -> Vec<f64> {
+    let sums = weights.iter().scan(DoubleDouble::ZERO, |sum, &weight| {
         *sum = sum.add(DoubleDouble::exact(weight));
         Some(sum.to_f64())
     });
-    Ok(sums.collect())
+    sums.collect()
 }
 
 /// The derivatives of [`multistep_weights`] with respect to a parameter of K: the first from a power series,

@@ -41,9 +41,17 @@ impl MultistepRule {
         let difference = one - z;
         match self {
             Self::Trapezoidal => difference * 2.0 / (one + z),
-            Self::Bdf(order) => {
-                (1..=order.get()).rev().fold(Complex::ZERO, |sum, i| (sum + 1.0 / i as f64) * difference)
-            }
+            Self::Bdf(order) => of_difference(order, difference),
+        }
+    }
+
+    /// γ(e^{iθ}), with 1 − e^{iθ} accurate for small θ.
+    pub fn on_circle(self, angle: f64) -> Complex<f64> {
+        let half = libm::sin(0.5 * angle);
+        let difference = Complex::new(2.0 * half * half, -libm::sin(angle));
+        match self {
+            Self::Trapezoidal => difference * 2.0 / (Complex::new(2.0, 0.0) - difference),
+            Self::Bdf(order) => of_difference(order, difference),
         }
     }
 
@@ -65,6 +73,11 @@ impl MultistepRule {
             }
         }
     }
+}
+
+/// Σ δ^i/i
+fn of_difference(order: BdfOrder, difference: Complex<f64>) -> Complex<f64> {
+    (1..=order.get()).rev().fold(Complex::ZERO, |sum, i| (sum + 1.0 / i as f64) * difference)
 }
 
 /// The name in headings.

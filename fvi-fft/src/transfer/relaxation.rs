@@ -1,8 +1,12 @@
 //! Relaxation functions given by rows of time and modulus.
 
-use crate::transfer::Formula;
+use crate::real_transforms;
 use crate::transfer::algebra::{Algebra, Series};
+use crate::transfer::multistep_rule::MultistepRule;
+use crate::transfer::{Active, Formula, Passivity};
+use fvi_core::{BdfOrder, min_or_nan};
 use nalgebra::Complex;
+use std::f64::consts::PI;
 
 /// K(s) = s Ĝ(s) of a relaxation function G: the force ∫ G(t − τ) q̇(τ) dτ.
 ///
@@ -19,16 +23,26 @@ pub struct Relaxation {
     /// t and G, one after the other.
     rows: Vec<f64>,
     decay: Option<f64>,
+    /// Δ, if t_i = iΔ to rounding.
+    spacing: Option<f64>,
     /// True if the kernel is an entry of a matrix, for which passivity is a property of the whole.
     part: bool,
 }
+
+/// Number of rows from which weights come from one transform, with errors relative to the first weight, in
+/// place of a power series for every row, with errors relative to each weight.
+const MANY: usize = 65;
+
+/// −ln of what a sum leaves out, relative to its largest terms.
+const NOTHING: f64 = 50.0;
 
 impl Relaxation {
     /// From rows (t, G) with ascending t from 0, of a file of this name, continued with the time constant
     /// `decay`; without one, G is zero after them.
     pub fn new(name: &str, rows: &[(f64, f64)], decay: Option<f64>) -> Self {
+        let spacing = equal_spacing(rows);
         let rows = rows.iter().flat_map(|&(time, modulus)| [time, modulus]).collect();
-        Self { name: name.to_owned(), rows, decay, part: false }
+        Self { name: name.to_owned(), rows, decay, spacing, part: false }
     }
 
     /// The same as an entry of a matrix: its passivity is not checked by itself.
@@ -67,26 +81,241 @@ impl Relaxation {
     }
 }
 
+impl Relaxation {
+    /// Σ m_i ∫ e^{−st} dt over the pieces, m_i Δ_i (1 − e^{−x})/x e^{−s t_i} with x = s Δ_i. With equal
+    /// spacing the exponentials are powers of one, and the sum is a polynomial in it.
+    fn pieces_at(&self, s: Complex<f64>) -> Complex<f64> {
+        let Some(spacing) = self.spacing else {
+            return self
+                .pieces()
+                .take_while(|(begin, ..)| s.re * begin < NOTHING)
+                .map(|(begin, length, slope)| {
+                    (s * -begin).exponential() * mean(s * length) * (slope * length)
+                })
+                .sum();
+        };
+        let x = s * spacing;
+        let decay = (-x).exponential();
+        let pieces = self.count() - 1;
+        let reach = if x.re > 0.0 { (NOTHING / x.re).ceil().min(pieces as f64) as usize } else { pieces };
+        let change = |index: usize| self.row(index + 1).1 - self.row(index).1;
+        let sum = (0..reach).rev().fold(Complex::new(0.0, 0.0), |sum, index| sum * decay + change(index));
+        sum * mean(x)
+    }
+
+    /// The factor 1/(1 + τs) of what follows the last row, and its e^{−sT}, whose sum with the pieces is K.
+    fn tail_at(&self, s: Complex<f64>) -> Complex<f64> {
+        let (end, modulus) = self.last();
+        (s * -end).exponential() * modulus
+    }
+
+    /// The weights of BDF 1 and 2 of all lags up to `count`, to rounding of the first one.
+    ///
+    /// Without the factor of the decay K is an entire function, which on |z| = 1, where Re γ ≥ 0, has values
+    /// of the size of G: the weights are its Fourier coefficients, on so many points that what lies beyond
+    /// has decayed. The factor is applied by a recursion for the coefficients,
+    ///
+    /// ```text
+    /// (1 + τ γ(z)/h) Σ u_n zⁿ = Σ v_n zⁿ .
+    /// ```
+    fn weights_of_transform(&self, order: BdfOrder, step_size: f64, count: usize) -> Vec<f64> {
+        let rule = MultistepRule::Bdf(order);
+        let reach = reach(order.get(), self.last().0 / step_size);
+        let length = reach.next_power_of_two();
+        let of = |function: &dyn Fn(Complex<f64>) -> Complex<f64>| {
+            let mut values: Vec<Complex<f64>> = (0..=length / 2)
+                .map(|k| {
+                    let angle = 2.0 * PI * k as f64 / length as f64;
+                    function(rule.on_circle(-angle) / step_size)
+                })
+                .collect();
+            // Real for real z, without rounding errors of the imaginary part.
+            for end in [0, length / 2] {
+                values[end].im = 0.0;
+            }
+            let mut weights = vec![0.0; length];
+            if real_transforms(length).1.process(&mut values, &mut weights).is_err() {
+                return vec![f64::NAN; count];
+            }
+            weights.iter_mut().for_each(|weight| *weight /= length as f64);
+            weights.resize(reach, 0.0);
+            weights.resize(count, 0.0);
+            weights
+        };
+        let first = self.row(0).1;
+        let Some(decay) = self.decay else {
+            return of(&|s| self.pieces_at(s) + first - self.tail_at(s));
+        };
+        let mut weights = of(&|s| self.pieces_at(s) + first);
+        let mut tail = of(&|s| self.tail_at(s));
+        let ratio = decay / step_size;
+        let gamma: Vec<f64> = order
+            .coefficients()
+            .iter()
+            .take(order.get() + 1)
+            .map(|coefficient| ratio * coefficient)
+            .collect();
+        for n in 0..count {
+            let known: f64 = (1..gamma.len().min(n + 1)).map(|k| gamma[k] * tail[n - k]).sum();
+            tail[n] = (tail[n] - known) / (1.0 + gamma[0]);
+            weights[n] -= tail[n];
+        }
+        weights
+    }
+}
+
+/// (1 − e^{−x})/x
+fn mean(x: Complex<f64>) -> Complex<f64> {
+    let one = Complex::new(1.0, 0.0);
+    if x.norm() < 1e-2 {
+        (1..8).rev().fold(one, |sum, n| one - x * sum / f64::from(n + 1))
+    } else {
+        (one - (-x).exponential()) / x
+    }
+}
+
+/// Δ, if all times are its multiples to rounding.
+fn equal_spacing(rows: &[(f64, f64)]) -> Option<f64> {
+    let pieces = rows.len().checked_sub(1).filter(|&pieces| pieces > 0)?;
+    let end = rows[pieces].0;
+    let spacing = end / pieces as f64;
+    let are_equal = rows
+        .iter()
+        .enumerate()
+        .all(|(index, &(time, _))| (time - index as f64 * spacing).abs() <= 4.0 * f64::EPSILON * end);
+    are_equal.then_some(spacing)
+}
+
+/// Number of weights of e^{−λγ(z)} by BDF 1 or 2 beyond which all are nothing beside the largest: on |z| = r
+/// > 1 it is at most e^{λ(r−1)}, or e^{λ(r²−1)/2}, and the n-th weight at most r⁻ⁿ of that.
+fn reach(order: usize, delay: f64) -> usize {
+    let most = |growth: f64| {
+        let exponent = if order == 1 { libm::expm1(growth) } else { 0.5 * libm::expm1(2.0 * growth) };
+        (NOTHING + delay * exponent) / growth
+    };
+    let places = (0..60).map(|k| most(libm::exp2(-0.25 * f64::from(k)) * 4.0));
+    places.fold(f64::INFINITY, min_or_nan).ceil() as usize + 2
+}
+
+/// Frequencies at which the passivity of tables is looked at.
+#[derive(Clone, Copy, Debug)]
+pub struct Frequencies {
+    /// T
+    longest: f64,
+    /// Smallest difference of times.
+    shortest: f64,
+    /// True if the times of all tables are multiples of one Δ.
+    has_spacing: bool,
+    /// True if in addition G is zero at their ends.
+    is_periodic: bool,
+    /// Number of rows.
+    rows: usize,
+}
+
+impl Frequencies {
+    /// Those of tables, t and G one after the other.
+    pub fn of<'t>(tables: impl Iterator<Item = &'t [f64]>) -> Self {
+        let mut made =
+            Self { longest: 0.0, shortest: f64::INFINITY, has_spacing: true, is_periodic: true, rows: 0 };
+        let mut spacings = Vec::new();
+        for table in tables {
+            let rows: Vec<(f64, f64)> = table.chunks_exact(2).map(|row| (row[0], row[1])).collect();
+            let Some(&(end, modulus)) = rows.last() else { continue };
+            made.longest = made.longest.max(end);
+            let lengths = rows.windows(2).map(|pair| pair[1].0 - pair[0].0);
+            made.shortest = lengths.fold(made.shortest, min_or_nan);
+            made.is_periodic &= modulus == 0.0;
+            made.rows += rows.len();
+            spacings.push(equal_spacing(&rows));
+        }
+        let first = spacings.first().copied().flatten();
+        made.has_spacing = first.is_some_and(|first| {
+            let alike = |spacing: f64| (spacing - first).abs() <= 1e-12 * first;
+            spacings.iter().all(|spacing| spacing.is_some_and(alike))
+        });
+        made.is_periodic &= made.has_spacing;
+        made
+    }
+
+    /// The places. Re K(iω)/(iω) ω² of rows at multiples of Δ has the period 2π/Δ, so that nothing new
+    /// follows above π/Δ; it varies with ω like cos ωT. Below 1/T, and where the rows are not equidistant and
+    /// there would be too many places, forty per decade are looked at.
+    fn places(&self) -> Vec<f64> {
+        const PER_DECADE: f64 = 40.0;
+        // Places to a period of cos ωT.
+        const PER_PERIOD: f64 = 8.0;
+        // Exponentials, where each row takes one at every place.
+        const MOST: usize = 1_000_000;
+        let end = if self.is_periodic { PI / self.shortest } else { 100.0 * PI / self.shortest };
+        let (dense, most) = if self.has_spacing {
+            (2.0 * PI / self.shortest, usize::MAX)
+        } else {
+            (end, MOST / self.rows.max(1))
+        };
+        let apart = 2.0 * PI / (PER_PERIOD * self.longest);
+        let mut places = Vec::new();
+        let mut place = 0.01 / self.longest;
+        while place < end {
+            places.push(place);
+            let next = place * libm::exp10(1.0 / PER_DECADE);
+            place = if place < dense && places.len() < most { next.min(place + apart) } else { next };
+        }
+        places.push(end);
+        places
+    }
+
+    /// The lowest band of frequencies at which `resistance`, Re R/|R| for R = K(iω)/(iω), is below zero.
+    pub fn look_for_activity(&self, resistance: impl Fn(f64) -> f64) -> Option<Active> {
+        // Rounding error of sums over many rows.
+        const ROUNDING: f64 = -1e-9;
+        if self.longest == 0.0 {
+            return None;
+        }
+        let mut looks: Vec<(f64, f64)> =
+            self.places().into_iter().map(|omega| (omega, resistance(omega))).collect();
+        let mut grounds = Vec::new();
+        for looks in looks.windows(3) {
+            let [before, here, after] = [looks[0].1, looks[1].1, looks[2].1];
+            // Between the places the ground is at most as deep as twice the parabola through them.
+            let depth = (before - here).max(after - here);
+            if here <= before && here <= after && here >= ROUNDING && here - depth < ROUNDING {
+                // A minimum: golden-section search.
+                let (mut low, mut high) = (looks[0].0, looks[2].0);
+                for _ in 0..16 {
+                    let (left, right) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
+                    if resistance(left) < resistance(right) { high = right } else { low = left }
+                }
+                grounds.push((0.5 * (low + high), resistance(0.5 * (low + high))));
+            }
+        }
+        looks.extend(grounds);
+        looks.sort_by(|one, other| one.0.total_cmp(&other.0));
+        let drives = |look: &(f64, f64)| look.1 < ROUNDING;
+        let begin = looks.iter().position(drives)?;
+        let end = looks[begin..].iter().take_while(|look| drives(look)).count() + begin;
+        // Bisection between a place that is not passive and one that is.
+        let edge = |mut inside: f64, mut outside: f64| {
+            for _ in 0..40 {
+                let middle = 0.5 * (inside + outside);
+                if resistance(middle) < ROUNDING { inside = middle } else { outside = middle }
+            }
+            inside
+        };
+        let worst = looks[begin..end].iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some(Active {
+            place: Complex::new(0.0, worst.0),
+            resistance: worst.1,
+            from: (begin > 0).then(|| edge(looks[begin].0, looks[begin - 1].0)),
+            to: looks.get(end).map(|beyond| edge(looks[end - 1].0, beyond.0)),
+        })
+    }
+}
+
 impl Formula for Relaxation {
     fn value(&self, s: Complex<f64>) -> Complex<f64> {
-        // m ∫ e^{−st} dt over a piece: Δ (1 − e^{−x})/x e^{−s t_i} with x = sΔ.
-        let mean = |x: Complex<f64>| {
-            if x.norm() < 1e-2 {
-                (1..8).rev().fold(Complex::new(1.0, 0.0), |sum, n| {
-                    Complex::new(1.0, 0.0) - x * sum / f64::from(n + 1)
-                })
-            } else {
-                (Complex::new(1.0, 0.0) - (-x).exponential()) / x
-            }
-        };
-        let pieces: Complex<f64> = self
-            .pieces()
-            .map(|(begin, length, slope)| (s * -begin).exponential() * mean(s * length) * (slope * length))
-            .sum();
-        let (end, modulus) = self.last();
-        let tail = (s * -end).exponential() * modulus;
+        let tail = self.tail_at(s);
         let tail = self.decay.map_or(tail, |decay| tail / (s * decay + 1.0));
-        let sum = pieces + self.row(0).1 - tail;
+        let sum = self.pieces_at(s) + self.row(0).1 - tail;
         // Far to the left the exponentials overflow.
         if sum.re.is_finite() && sum.im.is_finite() { sum } else { Complex::new(f64::NAN, f64::NAN) }
     }
@@ -127,8 +356,25 @@ impl Formula for Relaxation {
         &self.rows
     }
 
-    fn is_passive(&self) -> bool {
-        self.part || self.is_convex()
+    fn passivity(&self) -> Passivity {
+        if self.part || self.is_convex() {
+            return Passivity::Passive;
+        }
+        let resistance = |omega: f64| {
+            let value = self.value(Complex::new(0.0, omega));
+            value.im / value.norm()
+        };
+        let frequencies = Frequencies::of(std::iter::once(self.rows.as_slice()));
+        match frequencies.look_for_activity(resistance) {
+            Some(active) => Passivity::Active(active),
+            None => Passivity::Passive,
+        }
+    }
+
+    fn weights(&self, rule: MultistepRule, step_size: f64, count: usize) -> Option<Vec<f64>> {
+        let MultistepRule::Bdf(order) = rule else { return None };
+        let is_many = self.count() >= MANY && rule.is_passive();
+        is_many.then(|| self.weights_of_transform(order, step_size, count))
     }
 }
 
@@ -137,7 +383,7 @@ mod tests {
     use super::*;
     use crate::quadrature::multistep_weights::multistep_weights;
     use crate::transfer::TransferFunction;
-    use fvi_core::{BdfOrder, DoubleDouble};
+    use fvi_core::DoubleDouble;
     use std::sync::Arc;
 
     #[test]
@@ -149,8 +395,9 @@ mod tests {
                 Complex::new(1.0, 0.0) - (Complex::new(1.0, 0.0) - (s * -2.0).exponential()) / (s * 2.0);
             assert!((ramp.value(s) - direct).norm() < 2e-10, "{s}");
         }
-        assert!(ramp.is_passive());
-        assert!(!Relaxation::new("step", &[(0.0, 1.0), (2.0, 0.5)], None).is_passive());
+        assert_eq!(ramp.passivity(), Passivity::Passive);
+        let step = Relaxation::new("step", &[(0.0, 1.0), (2.0, 0.5)], None);
+        assert!(matches!(step.passivity(), Passivity::Active(_)));
     }
 
     #[test]
@@ -159,7 +406,7 @@ mod tests {
         let rows: Vec<(f64, f64)> =
             (0..4001).map(|k| f64::from(k) * 2.5e-3).map(|t| (t, (-t).exp())).collect();
         let measured = Relaxation::new("measured", &rows, Some(1.0));
-        assert!(measured.is_passive());
+        assert_eq!(measured.passivity(), Passivity::Passive);
         let measured = TransferFunction::formula(Arc::new(measured)).unwrap();
         let maxwell = TransferFunction::prony(&[1.0], &[1.0]).unwrap();
         let order = BdfOrder::new(2).unwrap();
@@ -187,6 +434,57 @@ mod tests {
                 assert!(sum.abs() < 1e-12, "{order:?}, h = {step}: {sum:e}");
             }
         }
+    }
+
+    #[test]
+    fn tables_of_many_rows_have_the_weights_of_their_series() {
+        // An impulse response of waves: it swings, and its last row is not zero.
+        let wave = |t: f64| libm::exp(-0.4 * t) * libm::cos(1.5 * t);
+        let rows = |every: f64| -> Vec<(f64, f64)> {
+            (0..120)
+                .map(|k| f64::from(k) * 0.1)
+                .map(|t| t * (1.0 + every * t))
+                .map(|t| (t, wave(t)))
+                .collect()
+        };
+        for (spacing, decay) in [(0.0, None), (0.0, Some(2.0)), (0.01, None), (0.01, Some(0.3))] {
+            let table = Relaxation::new("wave", &rows(spacing), decay);
+            for order in [1, 2] {
+                let rule = MultistepRule::Bdf(BdfOrder::new(order).unwrap());
+                for step in [0.025, 0.07] {
+                    let found = table.weights(rule, step, 700).unwrap();
+                    let known = table.series(&rule.series(step, 700)).to_numbers();
+                    for (n, (found, known)) in found.iter().zip(&known).enumerate() {
+                        assert!(
+                            (found - known).abs() < 4e-16,
+                            "{order}, h = {step}, {n}: {found:e} {known:e}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn where_a_table_drives_is_found_at_every_frequency_of_its_rows() {
+        // Re Ĝ ω² = −Σ c_i cos ω t_i: a notch in one row of a convex table, of the second difference −2η.
+        let table = |notch: f64| -> Vec<(f64, f64)> {
+            let convex = |k: i32| libm::exp(-0.02 * f64::from(k)) - if k == 150 { notch } else { 0.0 };
+            (0..400).map(|k| (0.05 * f64::from(k), if k == 399 { 0.0 } else { convex(k) })).collect()
+        };
+        let told = |notch| match Relaxation::new("notch", &table(notch), Some(1.0)).passivity() {
+            Passivity::Active(active) => Some(active),
+            Passivity::Passive => None,
+            Passivity::Unknown => panic!("not looked for"),
+        };
+        // −c_0 = 0.0198/0.05 is more than all others, of which 4η/0.05 is the smallest multiple.
+        assert_eq!(told(1e-4), None);
+        let active = told(0.02).unwrap();
+        assert!(active.place.re == 0.0 && active.resistance < 0.0, "{active:?}");
+        let rows = Relaxation::new("notch", &table(0.02), Some(1.0));
+        let drives = |omega: f64| rows.value(Complex::new(0.0, omega)).im < 0.0;
+        let (from, to) = (active.from.unwrap(), active.to.unwrap());
+        assert!(drives(active.place.im) && !drives(0.999 * from) && !drives(1.001 * to), "{active}");
     }
 
     #[test]

@@ -13,6 +13,7 @@ use fvi_simulation::simulation::Precision;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
 /// Arguments of `fvi run`.
 #[derive(Debug, clap::Args)]
@@ -54,7 +55,9 @@ pub struct RunArguments {
 
 impl RunArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
+        let reading = Instant::now();
         let mut scenario = Scenario::read(&self.scenario)?;
+        let reading_seconds = reading.elapsed().as_secs_f64();
         if let Some(Choice(engine)) = self.engine {
             scenario.history.choose(engine);
         }
@@ -79,6 +82,7 @@ impl RunArguments {
             checkpoints: self.checkpoint_every.unwrap_or_default(),
             resume: self.resume,
             accept_other_machine: self.accept_other_machine,
+            reading_seconds,
             ..RunOptions::new(&directory)
         };
         let mut made = |steps| {

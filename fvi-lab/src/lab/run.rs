@@ -40,6 +40,9 @@ pub struct RunOptions {
     /// True if it continues even if rounding may differ between this machine or program version and that of
     /// the checkpoint.
     pub accept_other_machine: bool,
+    /// Seconds that the caller has spent on reading the scenario, in which its kernels are examined; a part
+    /// of the preparation.
+    pub reading_seconds: f64,
 }
 
 impl RunOptions {
@@ -52,6 +55,7 @@ impl RunOptions {
             checkpoints: CheckpointEvery::default(),
             resume: false,
             accept_other_machine: false,
+            reading_seconds: 0.0,
         }
     }
 }
@@ -340,7 +344,8 @@ pub fn run(
             )),
         }
     }
-    let mut run = Run::start_all(&scenario, options.precision, &Tables::default())?;
+    let mut run = Run::start_all(&scenario, options.precision, &Tables::default())?
+        .prepared_for(options.reading_seconds);
     let identity = Identity::new(&scenario, options.precision, run.motion.simulation().engines());
     if let Some(checkpoint) = &mut found {
         let format = options.format.unwrap_or(checkpoint.progress.format());

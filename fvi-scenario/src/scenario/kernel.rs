@@ -351,7 +351,7 @@ fn read_symbol(
             "+ − * / ^, sqrt, exp, log, sinh, cosh and tanh of the complex variable s, not {function}"
         )));
     }
-    TransferFunction::formula(Arc::new(Symbol(expression))).map_err(|error| {
+    TransferFunction::formula(Arc::new(Symbol::new(expression))).map_err(|error| {
         value.out_of_range(format!("{}; {} is {:e} here", error.allowed, error.parameter, error.value))
     })
 }
@@ -382,23 +382,53 @@ pub(super) fn unsuited(node: &Node) -> Option<String> {
 
 /// An expression in s.
 #[derive(Debug)]
-struct Symbol(Expression);
+struct Symbol {
+    expression: Expression,
+    /// Its numbers, those of its parameters included, which the text only names.
+    numbers: Vec<f64>,
+}
+
+impl Symbol {
+    fn new(expression: Expression) -> Self {
+        let mut numbers = Vec::new();
+        add_numbers(expression.root(), &mut numbers);
+        Self { expression, numbers }
+    }
+}
+
+/// Appends the numbers of an expression that is suited to a symbol.
+fn add_numbers(node: &Node, numbers: &mut Vec<f64>) {
+    match node.kind() {
+        Kind::Number(value) => numbers.push(*value),
+        Kind::Negation(inner) | Kind::Call(_, inner) => add_numbers(inner, numbers),
+        Kind::Chain(first, operands) => {
+            add_numbers(first, numbers);
+            operands.iter().for_each(|(_, operand)| add_numbers(operand, numbers));
+        }
+        Kind::Power(sides) => sides.iter().for_each(|side| add_numbers(side, numbers)),
+        Kind::Variable(_) | Kind::Time | Kind::SidedTime | Kind::Choice(..) => {}
+    }
+}
 
 impl Formula for Symbol {
     fn value(&self, s: Complex<f64>) -> Complex<f64> {
-        evaluate(self.0.root(), &s)
+        evaluate(self.expression.root(), &s)
     }
 
     fn series(&self, s: &Series) -> Series {
-        evaluate(self.0.root(), s)
+        evaluate(self.expression.root(), s)
     }
 
     fn text(&self) -> &str {
-        self.0.text()
+        self.expression.text()
+    }
+
+    fn numbers(&self) -> &[f64] {
+        &self.numbers
     }
 
     fn fractions(&self) -> Option<Fractions> {
-        fractions_of(self.0.root())
+        fractions_of(self.expression.root())
     }
 }
 
@@ -586,6 +616,17 @@ mod tests {
             let error = found.iter().zip(&known).map(|(a, b)| (a - b).abs()).fold(0.0, max_or_nan);
             assert!(error < 1e-15, "{text}: {error:e}");
         }
+    }
+
+    #[test]
+    fn symbols_of_one_text_are_told_apart_by_their_parameters() {
+        let of = |order: f64| {
+            let text = format!("kernel = {{ symbol = \"s^b/(1 + s^b)\" }}\nparameters = {{ b = {order} }}\n");
+            kernel_of_document(&Document::new("kernel.toml", Path::new("."), &text)).unwrap()
+        };
+        assert_ne!(of(0.5).key(), of(0.6).key());
+        assert_ne!(of(0.5), of(0.6));
+        assert_eq!(of(0.5), of(0.5));
     }
 
     #[test]

@@ -4,13 +4,11 @@
 use super::kernel::relaxation_of;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
-use fvi_core::min_or_nan;
 use fvi_fft::dense::symmetric_eigenvalues;
-use fvi_fft::transfer::Active;
-use fvi_fft::transfer::TransferFunction;
+use fvi_fft::transfer::relaxation::Frequencies;
+use fvi_fft::transfer::{Active, TransferFunction};
 use nalgebra::{Complex, DMatrix};
 use serde::Serialize;
-use std::f64::consts::PI;
 
 /// Retardation functions between coordinates, as in Cummins' equation: the force on coordinate i is
 /// −Σ_j ∫ G_ij(t − τ) q̇_j(τ) dτ. G is symmetric.
@@ -96,22 +94,9 @@ impl RelaxationMatrix {
     }
 }
 
-/// The lowest band of frequencies at which Re R(iω) = Im K(iω)/ω has an eigenvalue below zero, from a
-/// hundredth of the inverse of the longest time to a hundred times that of the shortest difference of times.
+/// The lowest band of frequencies at which Re R(iω) = Im K(iω)/ω has an eigenvalue below zero.
 fn look_for_activity(pairs: &[Pair], count: usize) -> Option<Active> {
-    const PER_DECADE: f64 = 40.0;
-    const ROUNDING: f64 = -1e-9;
-    let (mut longest, mut shortest) = (0.0_f64, f64::INFINITY);
-    for (_, [transfer, _]) in pairs {
-        let times: Vec<f64> = transfer.numbers().iter().step_by(2).copied().collect();
-        longest = longest.max(times.last().copied().unwrap_or(0.0));
-        shortest = times.windows(2).map(|pair| pair[1] - pair[0]).fold(shortest, min_or_nan);
-    }
-    if longest == 0.0 {
-        return None;
-    }
-    let resistance = |logarithm: f64| {
-        let omega = libm::exp10(logarithm);
+    let resistance = |omega: f64| {
         let mut matrix = DMatrix::zeros(count, count);
         let mut size = 0.0;
         for ((i, j), [transfer, _]) in pairs {
@@ -121,33 +106,6 @@ fn look_for_activity(pairs: &[Pair], count: usize) -> Option<Active> {
         }
         symmetric_eigenvalues(matrix).min() / f64::sqrt(size)
     };
-    let (first, last) = (libm::log10(0.01 / longest), libm::log10(100.0 * PI / shortest));
-    let places = ((last - first) * PER_DECADE).ceil() as usize;
-    let at = |k: usize| first + k as f64 / PER_DECADE;
-    let mut looks: Vec<(f64, f64)> = (0..=places).map(|k| (at(k), resistance(at(k)))).collect();
-    let mut grounds = Vec::new();
-    for looks in looks.windows(3) {
-        if looks[1].1 <= looks[0].1 && looks[1].1 <= looks[2].1 && looks[1].1 < 0.1 && looks[1].1 >= ROUNDING
-        {
-            // A minimum: golden-section search.
-            let (mut low, mut high) = (looks[0].0, looks[2].0);
-            for _ in 0..16 {
-                let (left, right) = (high - 0.618 * (high - low), low + 0.618 * (high - low));
-                if resistance(left) < resistance(right) { high = right } else { low = left }
-            }
-            grounds.push((0.5 * (low + high), resistance(0.5 * (low + high))));
-        }
-    }
-    looks.extend(grounds);
-    looks.sort_by(|one, other| one.0.total_cmp(&other.0));
-    let drives = |look: &(f64, f64)| look.1 < ROUNDING;
-    let begin = looks.iter().position(drives)?;
-    let end = looks[begin..].iter().take_while(|look| drives(look)).count() + begin;
-    let worst = looks[begin..end].iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    Some(Active {
-        place: Complex::new(0.0, libm::exp10(worst.0)),
-        resistance: worst.1,
-        from: (begin > 0).then(|| libm::exp10(looks[begin].0)),
-        to: (end < looks.len()).then(|| libm::exp10(looks[end - 1].0)),
-    })
+    let tables = pairs.iter().map(|(_, [transfer, _])| transfer.numbers());
+    Frequencies::of(tables).look_for_activity(resistance)
 }
