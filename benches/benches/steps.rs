@@ -20,7 +20,7 @@ use std::time::Instant;
 use fvi_core::Memory;
 use fvi_fft::memory::{HostMemory, MemoryRequest};
 use fvi_fft::transfer::TransferFunction;
-use fvi_lab::lab::run::{RunOptions, run};
+use fvi_host::run::{RunOptions, run};
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::{DampedAt, Scenario};
 use fvi_simulation::simulation::{GridState, Precision, Simulation};

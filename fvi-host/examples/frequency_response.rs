@@ -1,7 +1,7 @@
 //! The resonance of a mass on a polymer whose Prony series is known: frequency response, poles, damping
 //! ratios.
 
-use fvi_lab::lab::response::{ResponseOptions, respond};
+use fvi_host::response::{ResponseOptions, respond};
 use fvi_scenario::scenario::Scenario;
 use std::sync::atomic::AtomicBool;
 

@@ -1,6 +1,6 @@
 //! Many runs in code: how much of its energy an oscillator keeps for ten damping orders.
 
-use fvi_lab::lab::run::Run;
+use fvi_host::run::Run;
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Precision;
 use std::convert::Infallible;

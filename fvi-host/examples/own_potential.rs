@@ -1,6 +1,6 @@
 //! A potential that is no expression: a mass on a string that only pulls, with its derivatives in code.
 
-use fvi_lab::lab::run::Run;
+use fvi_host::run::Run;
 use fvi_scenario::language::expression::Moment;
 use fvi_scenario::scenario::{OwnTerms, Scenario, SharedTerms};
 use fvi_simulation::simulation::Precision;

@@ -6,7 +6,7 @@
 use fvi_fft::memory::Engine;
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::transfer::TransferFunction;
-use fvi_lab::lab::run::Run;
+use fvi_host::run::Run;
 use fvi_scenario::scenario::{Action, Damper, Direction, Scenario, Scheme};
 use fvi_simulation::simulation::Precision;
 use std::convert::Infallible;

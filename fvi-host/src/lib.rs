@@ -1,4 +1,4 @@
-//! Fractional variational integrators on the host.
+#![doc = include_str!("../README.md")]
 //!
 //! The crates below are re-exported, so that one dependency is enough; each uses only those above it in this
 //! list.
@@ -9,25 +9,28 @@
 //! | [`fvi_fft`] | K(s), its tables, and the memory engines |
 //! | [`fvi_scenario`] | documents, expressions, the content of a scenario |
 //! | [`fvi_simulation`] | time integration of a scenario; its stability and energy |
-//! | [`fvi_lab`] | runs, studies, trajectories, pictures, and the files they go to |
 //!
 //! | module | content |
 //! |---|---|
-//! | `reproduce` | the figures and tables of the papers, computed again |
-//! | `command` | the program `fvi` |
+//! | [`run`], [`checkpoint`] | a run that can be stopped and continued |
+//! | [`converge`] | orders of convergence |
+//! | [`sweep`] | one scenario with many values of some of its keys |
+//! | [`fit`] | parameters from data |
+//! | [`response`] | frequency response, poles |
+//! | [`tune`] | fractional controllers for a plant |
+//! | [`results`] | trajectories, summaries, pictures, and the files they go to |
 //!
-//! The feature `program` adds the last module, with the dependencies for a terminal; `pictures` adds the
-//! pictures of runs and studies, and `reproduce`. Both are on by default.
+//! The feature `pictures`, on by default, adds the pictures of runs and studies.
 #![forbid(unsafe_code)]
 
-#[cfg(feature = "program")]
-pub mod command;
-#[cfg(feature = "pictures")]
-pub mod reproduce;
+pub mod checkpoint;
+pub mod converge;
+pub mod fit;
+mod output_sink;
+pub mod response;
+pub mod results;
+pub mod run;
+pub mod sweep;
+pub mod tune;
 
-pub use {fvi_core, fvi_fft, fvi_lab, fvi_scenario, fvi_simulation};
-
-/// The examples of the page that introduces the crate.
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;
+pub use {fvi_core, fvi_fft, fvi_scenario, fvi_simulation};

@@ -3,8 +3,8 @@
 use std::alloc::System;
 
 use fvi_core::Memory;
+use fvi_exhibits::two_point::{Closures, ExtremalProblem, Grid, Method, Sigma};
 use fvi_fft::{Pacing, RealTime};
-use fvi_lab::lab::two_point::{Closures, ExtremalProblem, Grid, Method, Sigma};
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 
 #[global_allocator]

@@ -2,7 +2,7 @@
 //! that nothing puts in.
 
 use fvi_fft::sums::max_or_nan;
-use fvi_lab::lab::run::Run;
+use fvi_host::run::Run;
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::{GridState, Precision};
 use serde_json::{Value, json};

@@ -1,11 +1,11 @@
 //! Coherence of discrete embeddings: the direct embedding of the Euler–Lagrange equation against the gradient
 //! of the discrete functional (\[BCGI\] Propositions 1, 3 and 5).
 
-use fvi_fft::sums::max_or_nan;
-use fvi_lab::lab::two_point::{
+use fvi_exhibits::two_point::{
     ExpressionLagrangian, Functional, Grid, OperatorEquation, Product, Sigma, Term, asymmetric_embedding,
     fractional_embedding, symmetric_embedding,
 };
+use fvi_fft::sums::max_or_nan;
 use fvi_scenario::language::expression::{Expression, Symbols};
 use proptest::prelude::*;
 

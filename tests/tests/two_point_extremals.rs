@@ -2,11 +2,11 @@
 //! the grid grows.
 
 use fvi_core::{BdfOrder, ConvolutionWeights};
-use fvi_fft::sums::max_or_nan;
-use fvi_lab::lab::two_point::{
+use fvi_exhibits::two_point::{
     Closures, EmbeddedProblem, ExpressionLagrangian, ExtremalProblem, Functional, Grid, Lagrangian, Method,
     NewtonOptions, OperatorEquation, Product, Sigma, Solution, Term,
 };
+use fvi_fft::sums::max_or_nan;
 use fvi_scenario::language::expression::{Expression, Symbols};
 use fvi_tests::reference;
 use proptest::prelude::*;

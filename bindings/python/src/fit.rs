@@ -3,7 +3,7 @@
 use crate::documents::Source;
 use crate::errors::{Failure, guarded};
 use crate::watch::Watch;
-use fvi_lab::lab::fit::{Fit, FitError, Fitted, FittedModel, fit as find};
+use fvi_host::fit::{Fit, FitError, Fitted, FittedModel, fit as find};
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};

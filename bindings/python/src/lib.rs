@@ -57,7 +57,7 @@ mod _fvi {
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("KEYS", fvi_scenario::scenario::KEYS.map(|(table, keys)| (table, keys.to_vec())))?;
-        module.add("DATA_KEYS", fvi_lab::lab::fit::DATA_KEYS)?;
+        module.add("DATA_KEYS", fvi_host::fit::DATA_KEYS)?;
         #[cfg(debug_assertions)]
         module.setattr("_panic", wrap_pyfunction!(super::errors::_panic, module)?)?;
         Ok(())

@@ -4,7 +4,7 @@ use crate::documents::Source;
 use crate::errors::{Failure, guarded};
 use crate::run::read;
 use crate::watch::Watch;
-use fvi_lab::lab::response::{Complex, POINTS, ResponseError, ResponseOptions, respond};
+use fvi_host::response::{Complex, POINTS, ResponseError, ResponseOptions, respond};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -4,14 +4,14 @@ use crate::documents::Source;
 use crate::errors::{Failure, Outcome, guarded};
 use crate::terms::{Callables, ErrorSlot, PythonTerms, watched};
 use crate::watch::Watch;
-use fvi_lab::lab::checkpoint::IntervalError;
-use fvi_lab::lab::run::{
+use fvi_host::checkpoint::IntervalError;
+use fvi_host::run::{
     Run, RunEnd, RunError, RunOptions, RunSummary, Standing as HostStanding, run as run_into_files,
 };
 use fvi_scenario::language::Problem;
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::memory_limit::check_capacity;
-use fvi_lab::results::trajectory::Format;
+use fvi_host::results::trajectory::Format;
 use fvi_fft::memory::{Engine};
 use fvi_scenario::scenario::{Feature, KnownMatrices, Scenario, SharedTerms};
 use fvi_simulation::simulation::columns::Columns;

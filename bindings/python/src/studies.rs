@@ -5,8 +5,8 @@ use crate::errors::{Failure, guarded};
 use crate::run::{engine, read};
 use crate::watch::Watch;
 use fvi_core::{BdfOrder, ParameterError};
-use fvi_lab::lab::converge::{ConvergeError, Grids, converge as measure};
-use fvi_lab::lab::two_point::{ProblemFile, Status};
+use fvi_host::converge::{ConvergeError, Grids, converge as measure};
+use fvi_exhibits::two_point::{ProblemFile, Status};
 use fvi_strategies::engines::{Comparison, ComparisonError, strategies};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
@@ -29,7 +29,7 @@ pub(crate) fn extremal<'py>(
         guarded(|| {
             let file = source.document().and_then(ProblemFile::from_document);
             let file = file.map_err(|error| source.failure(&error))?;
-            fvi_lab::lab::two_point::require_room(&file)
+            fvi_exhibits::two_point::require_room(&file)
                 .map_err(|error| Failure::NoRoom(error.to_string()))?;
             let solved = file.solve(file.grid, &mut |_, _| {}).map_err(|error| {
                 let message = error.to_string();
@@ -108,7 +108,7 @@ pub(crate) fn converge<'py>(
         row.set_item("level", level.level)?;
         row.set_item("steps", level.steps)?;
         row.set_item("step", level.step)?;
-        for quantity in fvi_lab::lab::converge::Quantity::ALL {
+        for quantity in fvi_host::converge::Quantity::ALL {
             let name = quantity.name();
             row.set_item(format!("{name}_error"), convergence.error(index, quantity).unwrap_or(f64::NAN))?;
             row.set_item(format!("{name}_order"), convergence.order(index, quantity).unwrap_or(f64::NAN))?;

@@ -5,7 +5,7 @@ use crate::errors::{Failure, Outcome, guarded};
 use crate::run::precision as precision_of;
 use crate::terms::{Callables, ErrorSlot, PythonTerms};
 use crate::watch::Watch;
-use fvi_lab::lab::sweep::{
+use fvi_host::sweep::{
     Column, Ledger as HostLedger, MadeRun, Parts, Shard, ShardError, Sweep as HostSweep, SweepError,
     SweepOptions, SweepSummary, gather, rows, sweep as make_all,
 };

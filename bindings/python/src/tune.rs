@@ -2,7 +2,7 @@
 
 use crate::documents::Source;
 use crate::errors::{Failure, guarded};
-use fvi_lab::lab::tune::{TuningProblem, tune as find};
+use fvi_host::tune::{TuningProblem, tune as find};
 use pyo3::prelude::*;
 use std::sync::atomic::AtomicBool;
 

@@ -2,7 +2,7 @@
 //! creep of every kernel, alone, coupled, and beside masses.
 
 use fvi_fft::sums::max_or_nan;
-use fvi_lab::lab::fit::{Fit, fit};
+use fvi_host::fit::{Fit, fit};
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::motion::Motion;

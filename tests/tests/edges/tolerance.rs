@@ -2,7 +2,7 @@
 //! 0, 1 and 2, and coordinates without mass, which begin like a small power of t.
 
 use fvi_fft::sums::max_or_nan;
-use fvi_lab::lab::run::{Run, RunEnd};
+use fvi_host::run::{Run, RunEnd};
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::{GridState, Precision};
 use serde_json::{Value, json};

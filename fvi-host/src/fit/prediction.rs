@@ -1,0 +1,701 @@
+//! Predictions of a model for the data, and their derivatives with respect to its parameters.
+
+use super::data::{Answer, Domain, Observed, Record};
+use super::interpolation::{Of, Stencil};
+use super::plan::{Free, Model, put_number, said};
+use crate::sweep::put;
+use fvi_core::{Instant, Mechanics};
+use fvi_fft::memory::Tables;
+use fvi_fft::transfer::laplace::whole;
+use fvi_scenario::language::InputError;
+use fvi_scenario::scenario::{KnownMatrices, Quantity, Scenario};
+use fvi_simulation::model::{Matrix, Model as System};
+use fvi_simulation::simulation::motion::Motion;
+use fvi_simulation::simulation::response::Linearised;
+use fvi_simulation::simulation::{GridState, Precision};
+use nalgebra::{Complex, DMatrix, DVector};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Why there is no prediction.
+#[derive(Debug)]
+pub(super) enum NoPrediction {
+    /// The scenario is invalid with these values, or its run fails.
+    Refused(String),
+    /// It was stopped.
+    Stopped,
+}
+
+impl From<InputError> for NoPrediction {
+    fn from(error: InputError) -> Self {
+        Self::Refused(said(&error))
+    }
+}
+
+/// Relative change of a parameter for differences of runs.
+const RUN_CHANGE: f64 = 3e-5;
+
+/// Relative change of a parameter for differences of closed forms.
+const FORM_CHANGE: f64 = 1e-4;
+
+/// Relative change of a parameter to leave a point where derivatives do not exist.
+const NUDGE: f64 = 1e-6;
+
+/// Tables of data under the same conditions, predicted by one run.
+struct Group {
+    records: Vec<usize>,
+    /// The data, in ascending order of the first grid point that they depend on.
+    needs: Vec<Need>,
+    /// The last grid point that is needed.
+    last: usize,
+}
+
+/// A data value over time, predicted as a weighted sum over grid points.
+struct Need {
+    /// Its index in the vector of all data.
+    place: usize,
+    what: Observed,
+    stencil: Stencil,
+}
+
+/// Computes the predictions of a model for the data.
+pub(super) struct Predictions<'f> {
+    model: &'f Model,
+    records: &'f [Record],
+    /// Index in the vector of all data at which the values of each table begin; the last entry is the length
+    /// of the vector.
+    begins: Vec<usize>,
+    groups: Vec<Group>,
+    /// For each parameter, whether the program differentiates the discrete motion exactly with respect to it.
+    exact: Vec<bool>,
+    /// For each parameter, the reason if it does not.
+    reasons: Vec<Option<String>>,
+    tables: Tables,
+    known: KnownMatrices,
+    stop: &'f AtomicBool,
+    progress: &'f mut dyn FnMut(usize),
+    /// Number of runs made.
+    runs: usize,
+}
+
+/// Computes some of the predictions at a point in parameter space and writes them.
+type Compute<'c, 'f> = dyn Fn(&mut Predictions<'f>, &[f64], &mut Predicted) -> Result<(), NoPrediction> + 'c;
+
+/// Predictions of a model for all data.
+#[derive(Clone, Debug)]
+pub(super) struct Predicted {
+    pub(super) values: DVector<f64>,
+    /// Difference of each interpolated value from that of a polynomial of lower degree; zero at grid points.
+    pub(super) unresolved: DVector<f64>,
+    /// Derivatives of `values` (rows) with respect to the parameters (columns), not to their logarithms.
+    pub(super) jacobian: Option<DMatrix<f64>>,
+}
+
+impl<'f> Predictions<'f> {
+    /// Predictions of a model; the start values of the parameters decide which derivatives are available.
+    pub(super) fn new(
+        model: &'f Model,
+        records: &'f [Record],
+        stop: &'f AtomicBool,
+        progress: &'f mut dyn FnMut(usize),
+    ) -> Result<Self, NoPrediction> {
+        let mut begins = vec![0];
+        for record in records {
+            begins.push(begins[begins.len() - 1] + record.len());
+        }
+        let mut made = Self {
+            model,
+            records,
+            begins,
+            groups: Vec::new(),
+            exact: vec![true; model.free.len()],
+            reasons: vec![None; model.free.len()],
+            tables: Tables::default(),
+            known: KnownMatrices::default(),
+            stop,
+            progress,
+            runs: 0,
+        };
+        made.group()?;
+        made.ask_for_derivatives();
+        Ok(made)
+    }
+
+    /// Runs made so far.
+    pub(super) fn runs(&self) -> usize {
+        self.runs
+    }
+
+    /// Why the derivative with respect to a parameter is taken from differences.
+    pub(super) fn reason(&self, parameter: usize) -> Option<&str> {
+        self.reasons[parameter].as_deref()
+    }
+
+    /// True if all derivatives are exact ones of the discrete motion.
+    pub(super) fn are_all_exact(&self) -> bool {
+        self.exact.iter().all(|&exact| exact)
+            && self.records.iter().all(|record| record.domain == Domain::Time)
+    }
+
+    /// Range of the values of a table in the vector of all data.
+    pub(super) fn place(&self, record: usize) -> std::ops::Range<usize> {
+        self.begins[record]..self.begins[record + 1]
+    }
+
+    fn group(&mut self) -> Result<(), NoPrediction> {
+        let own = |record: usize| self.model.free.iter().any(|free| free.record == Some(record));
+        let mut groups: Vec<Vec<usize>> = Vec::new();
+        for (index, record) in self.records.iter().enumerate() {
+            let alike = |group: &&mut Vec<usize>| {
+                let first = &self.records[group[0]];
+                first.domain == Domain::Time
+                    && record.domain == Domain::Time
+                    && first.set == record.set
+                    && !own(index)
+                    && !own(group[0])
+            };
+            match groups.iter_mut().find(alike) {
+                Some(group) => group.push(index),
+                None => groups.push(vec![index]),
+            }
+        }
+        let start: Vec<f64> = self.model.free.iter().map(|free| free.start).collect();
+        for records in groups {
+            let mut group = Group { records, needs: Vec::new(), last: 0 };
+            if self.records[group.records[0]].domain == Domain::Time {
+                let grid = self.scenario(group.records[0], &start, &[])?.time;
+                for &index in &group.records {
+                    let (record, begin) = (&self.records[index], self.begins[index]);
+                    for (row, &time) in record.places.iter().enumerate() {
+                        for (column, data) in record.columns.iter().enumerate() {
+                            let of = match data.what {
+                                Observed::Acceleration(_) => Of::Slope,
+                                _ => Of::Value,
+                            };
+                            let stencil = Stencil::new(&grid, time.clamp(grid.time(0), grid.end()), of);
+                            group.last = group.last.max(stencil.last());
+                            let place = begin + row * record.columns.len() + column;
+                            group.needs.push(Need { place, what: data.what, stencil });
+                        }
+                    }
+                }
+                group.needs.sort_by_key(|need| need.stencil.first);
+            }
+            self.groups.push(group);
+        }
+        Ok(())
+    }
+
+    /// Determines the parameters with respect to which the program differentiates exactly.
+    fn ask_for_derivatives(&mut self) {
+        let start: Vec<f64> = self.model.free.iter().map(|free| free.start).collect();
+        for parameter in 0..self.model.free.len() {
+            for group in 0..self.groups.len() {
+                let record = self.groups[group].records[0];
+                if self.records[record].domain != Domain::Time || !self.concerns(parameter, record) {
+                    continue;
+                }
+                let attempt = |point: &[f64]| -> Result<(), InputError> {
+                    let scenario = self.scenario(record, point, &[parameter])?;
+                    let motion = Motion::sharing(&scenario, Precision::F64, &self.tables)?;
+                    motion.with_sensitivities(&self.tables).map(|_| ())
+                };
+                let Err(error) = attempt(&start) else { continue };
+                // Some derivatives are missing at isolated values only, such as an order of 1: tried beside
+                // it.
+                if attempt(&self.nudged(&start)).is_err() {
+                    self.exact[parameter] = false;
+                    self.reasons[parameter] = Some(said(&error));
+                }
+            }
+        }
+    }
+
+    /// A neighbouring point, each parameter moved in the direction in which its bound is farther away.
+    fn nudged(&self, point: &[f64]) -> Vec<f64> {
+        let nudge = |(free, &value): (&Free, &f64)| {
+            let change = NUDGE * size(free, value);
+            let middle = 0.5 * (free.bounds.0 + free.bounds.1);
+            let up = if middle.is_finite() { value <= middle } else { true };
+            if up { value + change } else { value - change }
+        };
+        self.model.free.iter().zip(point).map(nudge).collect()
+    }
+
+    /// True if the predictions for a table of data depend on a parameter.
+    fn concerns(&self, parameter: usize, record: usize) -> bool {
+        self.model.free[parameter].record.is_none_or(|own| own == record)
+    }
+
+    /// The keys of the scenario for a table of data, with the parameters at `point`.
+    pub(super) fn values(&self, record: Option<usize>, point: &[f64]) -> Result<toml::Table, String> {
+        let mut values = self.model.values.clone();
+        if let Some(record) = record {
+            for (path, value) in &self.records[record].set {
+                put(&mut values, path, value.clone())?;
+            }
+        }
+        for (free, &number) in self.model.free.iter().zip(point) {
+            if free.record.is_none() || free.record == record {
+                put_number(&mut values, &free.path, number)?;
+            }
+        }
+        Ok(values)
+    }
+
+    /// The scenario for a table of data with the parameters at `point`, with derivatives with respect to the
+    /// parameters `by`.
+    fn scenario(&self, record: usize, point: &[f64], by: &[usize]) -> Result<Scenario, InputError> {
+        let (base, document) = (&self.model.base, self.model.base.document());
+        let mut values = self
+            .values(Some(record), point)
+            .map_err(|reason| base.error_at("", fvi_scenario::language::Problem::Unusable { reason }))?;
+        values.remove("sensitivity");
+        // Not needed here.
+        values.remove("reference");
+        if !by.is_empty() {
+            let paths = by.iter().map(|&index| self.model.free[index].path.clone().into()).collect();
+            let asked = toml::Table::from_iter([("parameters".to_owned(), toml::Value::Array(paths))]);
+            values.insert("sensitivity".to_owned(), toml::Value::Table(asked));
+        }
+        let mut scenario = Scenario::knowing(document.with_values(&values), &self.known)?;
+        // For large systems energies are computed at output rows only.
+        scenario.output.every = 1;
+        Ok(scenario)
+    }
+
+    /// The predictions at a point, with derivatives if requested.
+    pub(super) fn at(&mut self, point: &[f64], derivatives: bool) -> Result<Predicted, NoPrediction> {
+        let all = self.begins[self.records.len()];
+        let count = self.model.free.len();
+        let mut predicted = Predicted {
+            values: DVector::zeros(all),
+            unresolved: DVector::zeros(all),
+            jacobian: derivatives.then(|| DMatrix::zeros(all, count)),
+        };
+        for group in 0..self.groups.len() {
+            let record = self.groups[group].records[0];
+            if self.records[record].domain != Domain::Time {
+                self.answer(record, point, &mut predicted)?;
+                continue;
+            }
+            let known = |index: &usize| self.concerns(*index, record);
+            let by: Vec<usize> = (0..count).filter(known).filter(|&index| self.exact[index]).collect();
+            let mut differences: Vec<usize> =
+                (0..count).filter(known).filter(|&index| !self.exact[index]).collect();
+            if !derivatives || by.is_empty() {
+                self.run(group, point, &[], &mut predicted)?;
+            } else if self.can_differentiate(record, point, &by) {
+                self.run(group, point, &by, &mut predicted)?;
+            } else {
+                let beside = self.nudged(point);
+                self.run(group, point, &[], &mut predicted)?;
+                if self.can_differentiate(record, &beside, &by) {
+                    let mut other = predicted.clone();
+                    self.run(group, &beside, &by, &mut other)?;
+                    predicted.jacobian = other.jacobian;
+                } else {
+                    differences = (0..count).filter(|index| self.concerns(*index, record)).collect();
+                }
+            }
+            if derivatives {
+                for parameter in differences {
+                    let run = |this: &mut Self, point: &[f64], into: &mut Predicted| {
+                        this.run(group, point, &[], into)
+                    };
+                    self.difference(parameter, point, RUN_CHANGE, &mut predicted, &run)?;
+                }
+            }
+        }
+        Ok(predicted)
+    }
+
+    fn can_differentiate(&self, record: usize, point: &[f64], by: &[usize]) -> bool {
+        self.scenario(record, point, by).is_ok()
+    }
+
+    /// ∂/∂θ of what `compute` writes, by central differences of order four, or by one-sided differences of
+    /// order two where the points on the other side are refused.
+    fn difference(
+        &mut self,
+        parameter: usize,
+        point: &[f64],
+        relative: f64,
+        predicted: &mut Predicted,
+        compute: &Compute<'_, 'f>,
+    ) -> Result<(), NoPrediction> {
+        let change = relative * size(&self.model.free[parameter], point[parameter]);
+        let mut attempt = |shares: &[(f64, f64)]| -> Result<DVector<f64>, NoPrediction> {
+            let mut sum = DVector::zeros(predicted.values.len());
+            for &(offset, share) in shares {
+                let mut beside = point.to_vec();
+                beside[parameter] += offset * change;
+                let mut other = Predicted {
+                    values: DVector::zeros(sum.len()),
+                    unresolved: DVector::zeros(sum.len()),
+                    jacobian: None,
+                };
+                compute(self, &beside, &mut other)?;
+                sum.axpy(share / change, &other.values, 1.0);
+            }
+            Ok(sum)
+        };
+        let central = [(-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0)];
+        let up = [(0.0, -1.5), (1.0, 2.0), (2.0, -0.5)];
+        let down = [(0.0, 1.5), (-1.0, -2.0), (-2.0, 0.5)];
+        let column = match attempt(&central) {
+            Err(NoPrediction::Refused(_)) => match attempt(&up) {
+                Err(NoPrediction::Refused(_)) => attempt(&down)?,
+                found => found?,
+            },
+            found => found?,
+        };
+        if let Some(jacobian) = &mut predicted.jacobian {
+            // The rows of other tables of data are zero here and must not be overwritten.
+            for (row, &slope) in column.iter().enumerate().filter(|(_, slope)| **slope != 0.0) {
+                jacobian[(row, parameter)] = slope;
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes the run of a group, and writes the predictions for its tables.
+    fn run(
+        &mut self,
+        group: usize,
+        point: &[f64],
+        by: &[usize],
+        predicted: &mut Predicted,
+    ) -> Result<(), NoPrediction> {
+        let record = self.groups[group].records[0];
+        let scenario = self.scenario(record, point, by)?;
+        let mut motion = Motion::sharing(&scenario, Precision::F64, &self.tables)?;
+        if !by.is_empty() {
+            motion = motion.with_sensitivities(&self.tables)?;
+        }
+        let Group { needs, last, .. } = &self.groups[group];
+        for need in needs {
+            predicted.values[need.place] = 0.0;
+            predicted.unresolved[need.place] = 0.0;
+        }
+        let mut derived = Derived::new(self, &scenario, record, point, by, needs)?;
+        let mut state = motion.state().clone();
+        // `opened`: number of needs whose first grid point has been reached; `open`: those of them whose last
+        // one has not.
+        let (mut opened, mut open): (usize, Vec<usize>) = (0, Vec::new());
+        let mut index = 0;
+        loop {
+            for place in 0..motion.batch().len() {
+                motion.batch().read(place, &mut state);
+                while needs.get(opened).is_some_and(|need| need.stencil.first <= index) {
+                    open.push(opened);
+                    opened += 1;
+                }
+                if !open.is_empty() {
+                    derived.look(&state, motion.batch().sensitivities(place));
+                }
+                for &number in &open {
+                    let Need { place, what, stencil } = &needs[number];
+                    let at = index - stencil.first;
+                    let share = stencil.shares[at];
+                    let value = derived.value(*what);
+                    predicted.values[*place] += share * value;
+                    if let Some(lower) = stencil.lower.get(at) {
+                        predicted.unresolved[*place] += (share - lower) * value;
+                    }
+                    if let Some(jacobian) = &mut predicted.jacobian {
+                        for (column, &parameter) in by.iter().enumerate() {
+                            jacobian[(*place, parameter)] += share * derived.slope(*what, column);
+                        }
+                    }
+                }
+                open.retain(|&number| needs[number].stencil.last() > index);
+                index += 1;
+            }
+            if index > *last {
+                break;
+            }
+            (self.progress)(self.runs);
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(NoPrediction::Stopped);
+            }
+            if let Err(failure) = motion.advance_along(usize::MAX) {
+                let fvi_simulation::simulation::motion::Failure { step, time, reason } = failure;
+                return Err(NoPrediction::Refused(format!("step {step}, from t = {time}: {reason}")));
+            }
+        }
+        self.runs += 1;
+        (self.progress)(self.runs);
+        Ok(())
+    }
+
+    /// Writes the predictions for a table of data over frequencies.
+    fn answer(
+        &mut self,
+        record: usize,
+        point: &[f64],
+        predicted: &mut Predicted,
+    ) -> Result<(), NoPrediction> {
+        let compute =
+            |this: &mut Self, point: &[f64], into: &mut Predicted| this.write_answer(record, point, into);
+        compute(self, point, predicted)?;
+        if predicted.jacobian.is_some() {
+            let known: Vec<usize> =
+                (0..self.model.free.len()).filter(|&index| self.concerns(index, record)).collect();
+            for parameter in known {
+                self.difference(parameter, point, FORM_CHANGE, predicted, &compute)?;
+            }
+        }
+        self.runs += 1;
+        (self.progress)(self.runs);
+        Ok(())
+    }
+
+    fn write_answer(
+        &mut self,
+        record: usize,
+        point: &[f64],
+        predicted: &mut Predicted,
+    ) -> Result<(), NoPrediction> {
+        if self.stop.load(Ordering::Relaxed) {
+            return Err(NoPrediction::Stopped);
+        }
+        let scenario = self.scenario(record, point, &[])?;
+        let table = &self.records[record];
+        let Domain::Frequency { answer, position } = &table.domain else { return Ok(()) };
+        let position = position.as_ref().unwrap_or(&scenario.initial.position);
+        let linearised = match answer {
+            Answer::Receptance { .. } => Some(Linearised::new(&scenario, position)?),
+            _ => None,
+        };
+        let stiffness = match answer {
+            Answer::Modulus { .. } => static_stiffness(&scenario, position)?,
+            _ => DMatrix::zeros(0, 0),
+        };
+        for (row, &omega) in table.places.iter().enumerate() {
+            let s = Complex::new(0.0, omega);
+            let value = match *answer {
+                Answer::Receptance { input, output } => {
+                    let Some(linearised) = &linearised else { continue };
+                    linearised.response(omega, input).map_err(NoPrediction::Refused)?[output]
+                }
+                Answer::Kernel { term } => match scenario.system.damping.get(term) {
+                    Some(term) => whole(&term.transfer, s),
+                    None => continue,
+                },
+                Answer::Modulus { input, output } => {
+                    let mut sum = Complex::new(stiffness[(output, input)], 0.0);
+                    for term in &scenario.system.damping {
+                        let entry = fvi_simulation::model::matrix::<f64>(&term.coefficient)
+                            .entries()
+                            .into_iter()
+                            .filter(|&(row, column, _)| (row, column) == (output, input))
+                            .map(|(.., entry)| entry)
+                            .sum::<f64>();
+                        // The kernel's spring is already part of the stiffness matrix.
+                        sum += (whole(&term.transfer, s) - term.transfer.spring()) * entry;
+                    }
+                    sum
+                }
+            };
+            for (column, data) in table.columns.iter().enumerate() {
+                let place = self.begins[record] + row * table.columns.len() + column;
+                predicted.values[place] = if data.what == Observed::Real { value.re } else { value.im };
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Size of a parameter, to which its changes are relative.
+fn size(free: &Free, value: f64) -> f64 {
+    let typical =
+        if free.scale == super::plan::Scale::Logarithmic { value.abs() } else { free.typical(value) };
+    value.abs().max(typical)
+}
+
+/// K = ∂²U/∂q² − ∂F/∂q at t = 0, with the springs of kernels.
+fn static_stiffness(scenario: &Scenario, position: &[f64]) -> Result<DMatrix<f64>, NoPrediction> {
+    if scenario.system.has_forces_of_velocity() {
+        return Err(NoPrediction::Refused(
+            "system.force: a modulus of a system with forces of the velocity, which it leaves out; linear damping is \
+             `[[system.damping]]` with `order` = 1"
+                .to_owned(),
+        ));
+    }
+    if scenario.system.gyroscopic.is_some() {
+        return Err(NoPrediction::Refused(
+            "system.gyroscopic: a modulus of a system with gyroscopic forces, which it leaves out; give the \
+             modulus by a scenario without them"
+                .to_owned(),
+        ));
+    }
+    let size = scenario.coordinates();
+    let mut system =
+        System::<f64>::new(scenario).map_err(|error| NoPrediction::Refused(error.to_string()))?;
+    let mut stiffness = system.stiffness();
+    let mut pull = vec![0.0; size];
+    system.linearise(Instant::in_step(0.0, 0.5, 0.0), &position.to_vec(), &mut pull, &mut stiffness);
+    let mut dense = DMatrix::zeros(size, size);
+    for (row, column, entry) in Matrix::entries(&stiffness) {
+        dense[(row, column)] = entry;
+    }
+    Ok(dense)
+}
+
+/// A system with a changed value of one parameter, and the change.
+type Beside = (System<f64>, f64);
+
+/// Quantities derived from a state (velocity, energy), and their derivatives with respect to the parameters.
+struct Derived {
+    system: System<f64>,
+    /// For each parameter, the entries (row, column) of the mass matrix that it is; empty for other
+    /// parameters.
+    mass_changes: Vec<Vec<(usize, usize)>>,
+    /// For each parameter, if energies are needed: the systems with a slightly larger and a slightly smaller
+    /// value of it, with the changes.
+    beside: Vec<[Beside; 2]>,
+    tells_velocity: bool,
+    tells_energy: bool,
+    position: Vec<f64>,
+    momentum: Vec<f64>,
+    velocity: Vec<f64>,
+    energy: f64,
+    /// ∂q/∂θ: N numbers for each parameter in turn.
+    position_slopes: Vec<f64>,
+    momentum_slopes: Vec<f64>,
+    velocity_slopes: Vec<f64>,
+    energy_slopes: Vec<f64>,
+}
+
+impl Derived {
+    fn new(
+        predictions: &Predictions<'_>,
+        scenario: &Scenario,
+        record: usize,
+        point: &[f64],
+        by: &[usize],
+        needs: &[Need],
+    ) -> Result<Self, NoPrediction> {
+        let size = scenario.coordinates();
+        let made = |scenario: &Scenario| {
+            System::<f64>::new(scenario).map_err(|error| NoPrediction::Refused(error.to_string()))
+        };
+        let tells = |wanted: fn(&Observed) -> bool| needs.iter().any(|need| wanted(&need.what));
+        let tells_energy = tells(|what| *what == Observed::Energy);
+        let parameters = scenario.sensitivity.iter().flat_map(|asked| &asked.parameters);
+        let mass_changes = parameters.map(|parameter| match parameter.what {
+            Quantity::Mass(row, column) if row == column => vec![(row, column)],
+            Quantity::Mass(row, column) => vec![(row, column), (column, row)],
+            _ => Vec::new(),
+        });
+        let mass_changes: Vec<_> = mass_changes.collect();
+        let mut beside = Vec::new();
+        for &parameter in by {
+            if !tells_energy {
+                break;
+            }
+            // Where the system is invalid on one side, as beyond the largest order, the one at the point is
+            // used, with a change of 0.
+            let change = 1e-5 * self::size(&predictions.model.free[parameter], point[parameter]);
+            let other = |change: f64| -> Result<Beside, NoPrediction> {
+                let mut beside = point.to_vec();
+                beside[parameter] += change;
+                match predictions
+                    .scenario(record, &beside, &[])
+                    .map_err(NoPrediction::from)
+                    .and_then(|s| made(&s))
+                {
+                    Ok(system) => Ok((system, change)),
+                    Err(_) => Ok((made(scenario)?, 0.0)),
+                }
+            };
+            beside.push([other(change)?, other(-change)?]);
+        }
+        let tells_velocity = tells(|what| matches!(what, Observed::Velocity(_) | Observed::Acceleration(_)));
+        if let (true, Some(row)) = (tells_velocity, scenario.system.massless().first()) {
+            let reason =
+                format!("system.mass: coordinate {row} has no mass, so that no momentum tells its velocity");
+            return Err(NoPrediction::Refused(reason));
+        }
+        Ok(Self {
+            system: made(scenario)?,
+            mass_changes,
+            beside,
+            tells_velocity,
+            tells_energy,
+            position: vec![0.0; size],
+            momentum: vec![0.0; size],
+            velocity: vec![0.0; size],
+            energy: 0.0,
+            position_slopes: vec![0.0; size * by.len()],
+            momentum_slopes: vec![0.0; size * by.len()],
+            velocity_slopes: vec![0.0; size * by.len()],
+            energy_slopes: vec![0.0; by.len()],
+        })
+    }
+
+    /// Computes the derived quantities of a state and their derivatives.
+    fn look(&mut self, state: &GridState, slopes: &[f64]) {
+        let size = self.position.len();
+        self.position.copy_from_slice(&state.position);
+        self.momentum.copy_from_slice(&state.momentum);
+        self.energy = state.energy;
+        let count = self.energy_slopes.len();
+        if slopes.len() == 2 * size * count {
+            for (parameter, both) in slopes.chunks_exact(2 * size).enumerate() {
+                let own = parameter * size..(parameter + 1) * size;
+                self.position_slopes[own.clone()].copy_from_slice(&both[..size]);
+                self.momentum_slopes[own].copy_from_slice(&both[size..]);
+            }
+        }
+        if self.tells_velocity {
+            self.system.velocity(&self.momentum, &mut self.velocity);
+            let mut rest = vec![0.0; size];
+            for parameter in 0..count {
+                let own = parameter * size..(parameter + 1) * size;
+                // M δv = δp − δM v.
+                rest.copy_from_slice(&self.momentum_slopes[own.clone()]);
+                for &(row, column) in &self.mass_changes[parameter] {
+                    rest[row] -= self.velocity[column];
+                }
+                self.system.velocity(&rest, &mut self.velocity_slopes[own]);
+            }
+        }
+        if self.tells_energy {
+            // Derivative along (∂q/∂θ, ∂p/∂θ).
+            for parameter in 0..count {
+                let own = parameter * size..(parameter + 1) * size;
+                let (dq, dp) = (&self.position_slopes[own.clone()], &self.momentum_slopes[own]);
+                let moved = |from: &[f64], by: &[f64], change: f64| -> Vec<f64> {
+                    from.iter().zip(by).map(|(x, slope)| x + change * slope).collect()
+                };
+                let Some([(more, up), (less, down)]) = self.beside.get_mut(parameter) else { continue };
+                let (up, down) = (*up, *down);
+                let above = more.energy(&moved(&self.position, dq, up), &moved(&self.momentum, dp, up));
+                let below = less.energy(&moved(&self.position, dq, down), &moved(&self.momentum, dp, down));
+                self.energy_slopes[parameter] = (above - below) / (up - down);
+            }
+        }
+    }
+
+    fn value(&self, what: Observed) -> f64 {
+        match what {
+            Observed::Position(index) => self.position[index],
+            Observed::Momentum(index) => self.momentum[index],
+            Observed::Velocity(index) | Observed::Acceleration(index) => self.velocity[index],
+            Observed::Energy => self.energy,
+            Observed::Real | Observed::Imaginary => f64::NAN,
+        }
+    }
+
+    fn slope(&self, what: Observed, column: usize) -> f64 {
+        let at = column * self.position.len();
+        match what {
+            Observed::Position(index) => self.position_slopes[at + index],
+            Observed::Momentum(index) => self.momentum_slopes[at + index],
+            Observed::Velocity(index) | Observed::Acceleration(index) => self.velocity_slopes[at + index],
+            Observed::Energy => self.energy_slopes[column],
+            Observed::Real | Observed::Imaginary => f64::NAN,
+        }
+    }
+}

@@ -1,0 +1,205 @@
+//! `fvi controller`: the controllers of a scenario as constants for firmware.
+
+use super::CommandError;
+use super::listing::{
+    ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, identifier,
+    parameter_error,
+};
+use fvi_core::{AntiWindup, DerivativeFilter, DerivativeOf, PidGains, Real};
+use fvi_fft::exponentials::controller_source::{ControllerSourceError, ControllerTables, source_with_tables};
+use fvi_fft::exponentials::exponential_table::ExponentialKernel;
+use fvi_scenario::language::Problem;
+use fvi_scenario::scenario::{Controller, Scenario};
+use fvi_simulation::simulation::control::{Unusable, tables};
+use std::fmt::{LowerExp, Write as _};
+use std::path::PathBuf;
+
+/// Arguments of `fvi controller`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct ControllerArguments {
+    /// The scenario, a TOML file with [controller]
+    scenario: PathBuf,
+    /// Constants of Rust, or of C for fvi.h
+    #[arg(long, value_enum)]
+    format: Format,
+    /// Numbers of the constants; those of C are single
+    #[arg(long, value_enum, default_value = "f32")]
+    precision: ListingPrecision,
+    /// Prefix of the names of the constants
+    #[arg(long, value_parser = identifier, default_value = "controller")]
+    name: String,
+    /// Write to this file instead of standard output
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+/// Language of the constants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Format {
+    /// Constants of Rust
+    Rust,
+    /// Constants of C
+    C,
+}
+
+/// A controller with the tables and options for its constants.
+struct Listed<'a> {
+    controller: &'a Controller,
+    tables: ControllerTables,
+    name: String,
+    precision: ListingPrecision,
+    format: Format,
+}
+
+impl ControllerArguments {
+    pub(super) fn execute(self) -> Result<(), CommandError> {
+        let scenario = Scenario::read(&self.scenario)?;
+        if scenario.controllers.is_empty() {
+            let problem = Problem::MissingKey { key: "controller".to_owned() };
+            return Err(scenario.error_at("", problem).into());
+        }
+        let (format, precision) = (self.format, self.precision);
+        if format == Format::C && precision != ListingPrecision::F32 {
+            return Err(CommandError::Unsuited(
+                "constants of C are for fvi.h, which computes in single precision: --precision f32"
+                    .to_owned(),
+            ));
+        }
+        let mut text = String::new();
+        let several = scenario.controllers.len() > 1;
+        for (index, controller) in scenario.controllers.iter().enumerate() {
+            let refused = |unusable: Unusable| CommandError::from(unusable.error(&scenario, index));
+            let tables = tables(&scenario, controller).map_err(refused)?;
+            // Values that the microcontroller would refuse are refused here, in its precision.
+            let fits = match precision {
+                ListingPrecision::F32 => controller.law::<f32>().map(|_| ()),
+                ListingPrecision::F64 => controller.law::<f64>().map(|_| ()),
+            };
+            fits.map_err(|error| refused(Unusable::of_parameter(&error)))?;
+            let name = if several { format!("{}{index}", self.name) } else { self.name.clone() };
+            let listed = Listed { controller, tables, name, precision, format };
+            if index > 0 {
+                text.push('\n');
+            }
+            listed.write(&mut text)?;
+        }
+        emit(|out| out.write_all(text.as_bytes()), self.out.as_deref())
+    }
+}
+
+impl Listed<'_> {
+    fn write(&self, text: &mut String) -> Result<(), CommandError> {
+        match (self.format, self.precision) {
+            (Format::C, _) => self.write_c(text),
+            (Format::Rust, ListingPrecision::F32) => self.write_rust::<f32>(text),
+            (Format::Rust, ListingPrecision::F64) => self.write_rust::<f64>(text),
+        }
+    }
+
+    fn write_rust<T: Real + LowerExp>(&self, text: &mut String) -> Result<(), CommandError> {
+        let law = self.controller.law::<T>().map_err(parameter_error)?;
+        let note = format!(", delay {}", self.controller.delay);
+        let source = source_with_tables(&self.name, &law, &self.tables, &note);
+        *text += &source.map_err(|error| match error {
+            ControllerSourceError::Setting(error) => parameter_error(error),
+            other => CommandError::Unsuited(other.to_string()),
+        })?;
+        Ok(())
+    }
+
+    fn write_c(&self, text: &mut String) -> Result<(), CommandError> {
+        let ControllerTables { integral, derivative, filter } = &self.tables;
+        let mut list = |part: &str, table: &ExponentialKernel, what: &str| {
+            check_exponentials(table, 1.0, self.precision)?;
+            let name = format!("{}_{part}", self.name);
+            *text += &exponentials_listing(table, (what, Some(&name)), ListingFormat::C, self.precision);
+            text.push('\n');
+            Ok::<_, CommandError>(())
+        };
+        let settings = &self.controller.settings;
+        let (lambda, mu) = (settings.integral_order, settings.derivative_order);
+        let summed = if lambda < 1.0 { "" } else { " but for a sum" };
+        list("integral", integral, &format!("Integral, s^-{lambda}{summed}"))?;
+        list("derivative", derivative, &format!("Derivative, s^{mu}"))?;
+        if let Some(filter) = filter {
+            list("filter", filter, "Filter of the derivative")?;
+        }
+        let large = self.name.to_ascii_uppercase();
+        let number = |number: f64| match number as f32 {
+            f32::INFINITY => "INFINITY".to_owned(),
+            f32::NEG_INFINITY => "-INFINITY".to_owned(),
+            number => format!("{number:e}f"),
+        };
+        let mut members = Vec::new();
+        let double = |number: f64| format!("{number:e}");
+        members.push(("sample", double(self.controller.sample)));
+        members.push(("lambda", double(settings.integral_order)));
+        members.push(("mu", double(settings.derivative_order)));
+        match settings.derivative_filter {
+            DerivativeFilter::None => {}
+            DerivativeFilter::FirstOrder { time } => members.push(("filter_time", double(time))),
+            DerivativeFilter::Fractional { time, order } => {
+                members.extend([("filter_time", double(time)), ("filter_order", double(order))]);
+            }
+        }
+        match settings.gains {
+            PidGains::Parallel { proportional, integral, derivative } => {
+                members.push(("form", "FVI_PID_PARALLEL".to_owned()));
+                members.extend([
+                    ("kp", number(proportional)),
+                    ("ki", number(integral)),
+                    ("kd", number(derivative)),
+                ]);
+            }
+            PidGains::Series { proportional, integral_rate, derivative_time, filter_ratio } => {
+                members.push(("form", "FVI_PID_SERIES".to_owned()));
+                members.extend([
+                    ("kp", number(proportional)),
+                    ("ki", number(integral_rate)),
+                    ("kd", number(derivative_time)),
+                    ("filter_ratio", number(filter_ratio)),
+                ]);
+            }
+        }
+        let [b, c] = settings.setpoint_weights;
+        members.push(("setpoint_weights", format!("{{{}, {}}}", number(b), number(c))));
+        if settings.limits[0].is_finite() {
+            let [lower, upper] = settings.limits;
+            members.push(("limits", format!("{{{}, {}}}", number(lower), number(upper))));
+        }
+        if settings.rate_limit.is_finite() {
+            members.push(("rate_limit", number(settings.rate_limit)));
+        }
+        members.push((
+            "derivative_of",
+            match settings.derivative_of {
+                DerivativeOf::Values => "FVI_PID_OF_VALUES",
+                DerivativeOf::ValuesFromRest => "FVI_PID_FROM_REST",
+                DerivativeOf::MeasuredRate => "FVI_PID_OF_RATE",
+            }
+            .to_owned(),
+        ));
+        match settings.anti_windup {
+            AntiWindup::None => {}
+            AntiWindup::BackCalculation { time } => {
+                members.push(("anti_windup", "FVI_PID_BACK_CALCULATION".to_owned()));
+                members.push(("tracking_time", double(time)));
+            }
+            AntiWindup::Conditional => members.push(("anti_windup", "FVI_PID_CONDITIONAL".to_owned())),
+        }
+        let filter =
+            if self.tables.filter.is_some() { format!(", {large}_FILTER_TABLE") } else { String::new() };
+        let _ = write!(
+            text,
+            "/* The members of FviPidSettings of the controller, sample {}, delay {}. fvi_pid_init takes them with memories of\n   \
+             {large}_INTEGRAL_TABLE and {large}_DERIVATIVE_TABLE{filter}: their weights are for a step of 1, and\n   \
+             fvi_memory_scale_bdf gives each its scale. */\n#define {large}_SETTINGS",
+            self.controller.sample, self.controller.delay
+        );
+        for (name, value) in members {
+            let _ = write!(text, " \\\n    .{name} = {value},");
+        }
+        text.push('\n');
+        Ok(())
+    }
+}

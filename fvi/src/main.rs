@@ -1,0 +1,10 @@
+//! The program `fvi`.
+
+mod command;
+
+use command::Program;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    Program::run()
+}

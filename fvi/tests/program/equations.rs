@@ -1,0 +1,160 @@
+//! Fractional differential equations: errors that follow the tolerance on problems with known solutions,
+//! files in the user's own names, and messages that say what is wrong.
+
+use crate::workplace::{Run, Workplace, text};
+use fvi_host::run::{Run as LabRun, RunEnd};
+use fvi_scenario::language::document::Document;
+use fvi_scenario::scenario::Scenario;
+use fvi_simulation::simulation::Precision;
+use serde_json::{Value, json};
+use std::convert::Infallible;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/scenarios/equations")
+}
+
+/// The largest error of a scenario of the folder at a tolerance, in units of the tolerance and of the largest
+/// value, or of 1 where that is larger.
+fn error_in_tolerances(name: &str, tolerance: f64) -> f64 {
+    let document = Document::read(&folder().join(name)).unwrap();
+    let mut values = document.values().unwrap();
+    values["time"]["tolerance"] = toml::Value::Float(tolerance);
+    let scenario = Scenario::from_document(document.with_values(&values)).unwrap();
+    let run = LabRun::start(&scenario, Precision::F64).unwrap();
+    let Ok(summary) = run.to_the_end(&AtomicBool::new(false), |_, _| Ok::<_, Infallible>(()));
+    assert_eq!(summary.end, RunEnd::Completed, "{name} to {tolerance:e}");
+    let error = summary.errors.unwrap().position;
+    assert!(error.compared >= 6, "{name}: {error:?}");
+    error.largest / (tolerance * error.reference_largest.max(1.0))
+}
+
+#[test]
+fn errors_stay_within_ten_tolerances_from_three_digits_to_twelve() {
+    let mut seen = 0;
+    for entry in std::fs::read_dir(folder()).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        // Chua's motion is chaotic. The difference of which `roots` takes a root has ten digits at its start.
+        if !name.ends_with(".toml") || name == "chua.toml" {
+            continue;
+        }
+        let tolerances: &[f64] =
+            if name == "roots.toml" { &[1e-3, 1e-6] } else { &[1e-3, 1e-6, 1e-9, 1e-12] };
+        for &tolerance in tolerances {
+            let error = error_in_tolerances(&name, tolerance);
+            assert!(error <= 10.0, "{name} to {tolerance:e}: {error:.1} tolerances");
+            seen += 1;
+        }
+    }
+    assert!(seen >= 40, "{seen}");
+}
+
+fn equation(keys: Value, time: Value) -> String {
+    toml::to_string(&json!({ "equation": keys, "time": time })).unwrap()
+}
+
+#[test]
+fn files_are_in_the_users_words() {
+    let place = Workplace::new();
+    let chua = std::fs::read_to_string(folder().join("chua.toml")).unwrap();
+    place.write("chua.toml", &chua.replace("end = 100.0", "end = 2.0"));
+    let output = place.fvi(&["run", "chua.toml", "--out", "out"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let told = text(&output.stdout);
+    assert!(told.contains("x = [") && !told.contains("energy"), "{told}");
+    let rows = std::fs::read_to_string(place.path("out/trajectory.csv")).unwrap();
+    assert_eq!(rows.lines().next(), Some("t,x0,x1,x2"));
+    for picture in ["coordinates.svg", "phase.svg"] {
+        assert!(place.path("out").join(picture).exists(), "{picture}");
+    }
+    assert!(!place.path("out/energy.svg").exists());
+    let summary = Run::read(&place.path("out")).summary;
+    for name in ["last", "largest"] {
+        let keys: Vec<&String> = summary[name].as_object().unwrap().keys().collect();
+        assert!(keys.iter().all(|key| ["x", "time"].contains(&key.as_str())), "{keys:?}");
+        assert_eq!(summary[name]["x"].as_array().unwrap().len(), 3);
+    }
+    let scenario = &summary["scenario"];
+    assert!(scenario.get("system").is_none() && scenario.get("initial").is_none());
+    assert_eq!(scenario["equation"]["order"], json!([0.93, 0.99, 0.92]));
+    // Further coordinates of higher orders are not written either.
+    let higher =
+        equation(json!({ "order": 2.5, "right": "-x0", "initial": [1, 0, 0] }), json!({ "end": 1.0 }));
+    let run = place.run(&higher, &[]);
+    assert!(
+        run.rows.iter().all(|row| row.len() == 2)
+            && run.summary["last"]["x"][0] == run.rows.last().unwrap()[1]
+    );
+    place.write("higher.toml", &higher);
+    assert!(place.fvi(&["run", "higher.toml", "--out", "arrays", "--format", "npz"]).status.success());
+    assert!(place.path("arrays/trajectory.npz").exists());
+}
+
+#[test]
+fn events_and_references_are_of_the_unknowns() {
+    let place = Workplace::new();
+    let keys = json!({ "order": 1.5, "right": "-x0", "initial": [1.0, 0.0] });
+    let mut scenario = equation(keys, json!({ "end": 3.0, "tolerance": 1e-9 }));
+    scenario += "[[event]]\nwhen = \"x0 - 0.5\"\naction = \"stop\"\n[reference]\nposition = [\"1\"]\n";
+    let run = place.run(&scenario, &[]);
+    let event = &run.summary["events"][0];
+    assert!(
+        (event["x"][0].as_f64().unwrap() - 0.5).abs() < 1e-9 && event.get("momentum").is_none(),
+        "{event}"
+    );
+    assert!(run.summary["errors"]["x"]["compared"].as_u64() > Some(3), "{}", run.summary["errors"]);
+    assert_eq!(run.summary["last"]["time"], event["time"]);
+}
+
+/// The message with which a run of an equation is refused, or fails.
+fn message(keys: Value, time: Value) -> String {
+    let place = Workplace::new();
+    place.write("equation.toml", &equation(keys, time));
+    let output = place.fvi(&["run", "equation.toml", "--out", "out"]);
+    assert!(!output.status.success());
+    text(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn a_solution_that_ends_is_told_with_its_time() {
+    // x' = x² from 1 ends at t = 1.
+    let told = message(json!({ "order": 1, "right": "x0^2", "initial": 1 }), json!({ "end": 5.0 }));
+    assert!(told.contains("grows without bound, it ends near t = 0.99999"), "{told}");
+    let told = message(json!({ "order": 0.8, "right": "x0^2", "initial": 1 }), json!({ "end": 5.0 }));
+    assert!(told.contains("it ends near t = 0.6288"), "{told}");
+    // D^½ x = −1/x reaches 0, where its right side ends.
+    let told = message(json!({ "order": 0.5, "right": "-1/x0", "initial": 1 }), json!({ "end": 5.0 }));
+    assert!(told.contains("failed") && told.contains("t = 0.") && !told.contains("mass"), "{told}");
+}
+
+#[test]
+fn messages_name_the_keys_of_the_equation() {
+    let end = || json!({ "end": 1.0 });
+    let told = message(json!({ "order": 1.5, "right": "-x0", "initial": 1 }), end());
+    assert!(told.contains("equation.initial") && told.contains("x0'(0)"), "{told}");
+    let told = message(json!({ "order": 0.5, "right": ["x1", "log(x0)"], "initial": [-1, 0] }), end());
+    assert!(told.contains("equation.right[1]") && told.contains("x = [-1.0, 0.0]"), "{told}");
+    // Steps over which the solution grows from 1 to more than 10¹⁰⁰⁰ would give some number.
+    let told =
+        message(json!({ "order": 0.5, "right": "100*x0", "initial": 1 }), json!({ "end": 1.0, "step": 0.1 }));
+    assert!(told.contains("time.step") && told.contains("tolerance"), "{told}");
+    let told = message(
+        json!({ "order": 0.5, "right": "-x0", "initial": 1 }),
+        json!({ "end": 1.0, "tolerance": 1e-15 }),
+    );
+    assert!(told.contains("time.tolerance"), "{told}");
+}
+
+#[test]
+fn sides_and_slopes_that_end_at_the_start_are_no_hindrance() {
+    // Both begin like 2 √(t/π): |x|^{3/2} is no number on its other side, √x has no slope there.
+    for (right, last) in [("1 - abs(x0)^1.5", 0.5), ("1 + sqrt(x0) - 2*x0", 0.5)] {
+        let place = Workplace::new();
+        let keys = json!({ "order": 0.5, "right": right, "initial": 0 });
+        let coarse = place.run(&equation(keys.clone(), json!({ "end": 2.0, "tolerance": 1e-5 })), &[]);
+        let fine = place.run(&equation(keys, json!({ "end": 2.0, "tolerance": 1e-10 })), &[]);
+        let [coarse, fine] = [coarse, fine].map(|run| run.summary["last"]["x"][0].as_f64().unwrap());
+        assert!((coarse - fine).abs() < 1e-4 && fine > last, "{right}: {coarse} {fine}");
+    }
+}

@@ -1,0 +1,832 @@
+//! `fvi fit`: known truths are found again, intervals cover them as often as they say, and what the data do
+//! not say is not made up.
+
+use crate::workplace::{Workplace, text};
+use fvi_host::fit::{Fit, FittedModel, fit};
+use fvi_scenario::language::Document;
+use serde_json::Value;
+use std::f64::consts::PI;
+use std::fmt::Write;
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+
+/// A complex number, by itself: nothing of the program's arithmetic takes part.
+#[derive(Clone, Copy, Debug)]
+struct Complex(f64, f64);
+
+impl Complex {
+    fn plus(self, other: Self) -> Self {
+        Self(self.0 + other.0, self.1 + other.1)
+    }
+
+    fn times(self, other: Self) -> Self {
+        Self(self.0 * other.0 - self.1 * other.1, self.0 * other.1 + self.1 * other.0)
+    }
+
+    fn scaled(self, factor: f64) -> Self {
+        Self(self.0 * factor, self.1 * factor)
+    }
+
+    fn inverse(self) -> Self {
+        let size = self.0 * self.0 + self.1 * self.1;
+        Self(self.0 / size, -self.1 / size)
+    }
+
+    fn power(self, exponent: f64) -> Self {
+        let (size, angle) = (self.0.hypot(self.1).powf(exponent), exponent * self.1.atan2(self.0));
+        Self(size * angle.cos(), size * angle.sin())
+    }
+
+    fn exponential(self) -> Self {
+        Self(self.0.exp() * self.1.cos(), self.0.exp() * self.1.sin())
+    }
+}
+
+/// q̈ + c D^β q + k q = 0 of Caputo's type.
+#[derive(Clone, Copy)]
+struct Oscillator {
+    order: f64,
+    coefficient: f64,
+    stiffness: f64,
+    position: f64,
+    velocity: f64,
+}
+
+impl Oscillator {
+    /// q(t), the inverse transform of (s q₀ + v₀ + c s^{β−1} q₀)/(s² + c s^β + k) along Talbot's contour
+    /// (β < 1).
+    fn position_at(&self, time: f64) -> f64 {
+        if time == 0.0 {
+            return self.position;
+        }
+        const NODES: i32 = 32;
+        let scale = 2.0 * f64::from(NODES) / (5.0 * time);
+        let sum: f64 = (0..NODES)
+            .map(|k| {
+                let angle = f64::from(k) * PI / f64::from(NODES);
+                let (place, slope) = if k == 0 {
+                    (Complex(scale, 0.0), Complex(0.5, 0.0))
+                } else {
+                    let cotangent = angle.cos() / angle.sin();
+                    (
+                        Complex(scale * angle * cotangent, scale * angle),
+                        Complex(1.0, angle * (1.0 + cotangent * cotangent) - cotangent),
+                    )
+                };
+                place.scaled(time).exponential().times(self.transform(place)).times(slope).0
+            })
+            .sum();
+        sum * scale / f64::from(NODES)
+    }
+
+    fn transform(&self, s: Complex) -> Complex {
+        let Self { order, coefficient, stiffness, position, velocity } = *self;
+        let above = s
+            .scaled(position)
+            .plus(Complex(velocity, 0.0))
+            .plus(s.power(order - 1.0).scaled(coefficient * position));
+        let below = s.times(s).plus(s.power(order).scaled(coefficient)).plus(Complex(stiffness, 0.0));
+        above.times(below.inverse())
+    }
+}
+
+#[test]
+fn the_reference_is_the_closed_form_where_there_is_one() {
+    // q̈ + 0.3 q̇ + 4 q = 0.
+    let classical =
+        Oscillator { order: 1.0, coefficient: 0.3, stiffness: 4.0, position: 1.0, velocity: -0.5 };
+    let frequency = (4.0f64 - 0.15 * 0.15).sqrt();
+    for time in [0.1, 1.0, 3.0, 6.0f64] {
+        let turn = (frequency * time).cos() + (-0.5 + 0.15) / frequency * (frequency * time).sin();
+        let known = (-0.15 * time).exp() * turn;
+        let found = classical.position_at(time);
+        assert!((found - known).abs() < 1e-7, "{time}: {found} and {known}");
+    }
+}
+
+/// Standard normal numbers of a seed, by the method of Box and Muller from a generator of Marsaglia's.
+struct Noise(u64);
+
+impl Noise {
+    fn uniform(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        ((self.0 >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+    }
+
+    fn next(&mut self) -> f64 {
+        (-2.0 * self.uniform().ln()).sqrt() * (2.0 * PI * self.uniform()).cos()
+    }
+}
+
+const OSCILLATOR: &str = r#"
+[system]
+mass = [1.0]
+potential = "0.5*k*q0^2"
+parameters = { k = 4.0, unused = 1.0 }
+[[system.damping]]
+order = 0.6
+coefficient = [0.3]
+[initial]
+position = [1.0]
+[convolution]
+family = "bdf"
+order = 2
+[time]
+step = 0.02
+steps = 300
+"#;
+
+const FREE: &str = r#"
+scenario = "scenario.toml"
+[[free]]
+path = "system.damping[0].order"
+start = 0.8
+bounds = [0.1, 1.0]
+[[free]]
+path = "system.damping[0].coefficient[0]"
+start = 0.2
+scale = "log"
+[[free]]
+path = "system.parameters.k"
+start = 3.5
+"#;
+
+/// Runs a fit of files that are there, which must succeed, and reads its record.
+fn fitted(place: &Workplace, fit: &str) -> Value {
+    place.write("fit.toml", fit);
+    let output = place.fvi(&["fit", "fit.toml", "--out", "out"]);
+    assert!(output.status.success(), "{}{}", text(&output.stdout), text(&output.stderr));
+    record(place)
+}
+
+fn record(place: &Workplace) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(place.path("out/fit.json")).unwrap()).unwrap()
+}
+
+fn estimate(record: &Value, path: &str) -> f64 {
+    record["parameters"][path]["estimate"].as_f64().unwrap_or_else(|| panic!("{path}: {record:#}"))
+}
+
+/// Columns of a trajectory as data, every so many rows of it.
+fn data_of_run(place: &Workplace, scenario: &str, columns: &[&str], every: usize) -> String {
+    let run = place.run(scenario, &[]);
+    let index = |name: &str| run.columns.iter().position(|own| own == name).unwrap();
+    let places: Vec<usize> = columns.iter().map(|name| index(name)).collect();
+    let mut table = columns.join(",") + "\n";
+    for row in run.rows.iter().step_by(every) {
+        let cells: Vec<String> = places.iter().map(|&place| format!("{:e}", row[place])).collect();
+        table += &(cells.join(",") + "\n");
+    }
+    table
+}
+
+#[test]
+fn a_truth_without_noise_is_found_again() {
+    let schemes = [
+        "",
+        "[scheme]\nkind = \"galerkin\"\ndegree = 2\n[history]\nengine = \"direct\"\n",
+        "[scheme]\nkind = \"implicit-euler\"\n",
+        // Where the derivative by the order is a difference of runs.
+        "starting",
+    ];
+    for scheme in schemes {
+        let place = Workplace::new();
+        let scenario = match scheme {
+            "starting" => {
+                OSCILLATOR.replace("family = \"bdf\"\norder = 2", "order = 2\nstarting = [0.0, 1.0]")
+            }
+            _ => format!("{OSCILLATOR}{scheme}"),
+        };
+        let data = data_of_run(&place, &scenario, &["t", "q0"], 3);
+        place.write("data.csv", &data);
+        let found = fitted(&place, &format!("{FREE}[[data]]\nfile = \"data.csv\"\n"));
+        for (path, truth) in [
+            ("system.damping[0].order", 0.6),
+            ("system.damping[0].coefficient[0]", 0.3),
+            ("system.parameters.k", 4.0),
+        ] {
+            assert!((estimate(&found, path) - truth).abs() < 1e-8, "{scheme}: {path}: {found:#}");
+        }
+        let derivative = &found["parameters"]["system.damping[0].order"]["derivative"];
+        assert_eq!(derivative, if scheme == "starting" { "differences" } else { "exact" });
+        // What was found is a scenario that says what the fit does.
+        let again = place.fvi(&["run", "out/fitted.toml", "--out", "again", "--quiet"]);
+        assert!(again.status.success(), "{}", text(&again.stderr));
+    }
+}
+
+#[test]
+fn momenta_velocities_accelerations_and_energies_are_data() {
+    let scenario = OSCILLATOR.replace("mass = [1.0]", "mass = [2.0]").replace("step = 0.02", "step = 0.01");
+    let place = Workplace::new();
+    let run = place.run(&scenario, &[]);
+    let h = 0.01;
+    let mut table = "t,p0,v0,a0,energy\n".to_owned();
+    for index in (30..270).step_by(4) {
+        let p = |offset: usize| run.rows[index + offset - 3][2];
+        // The slope by differences of order six, where the program takes a polynomial through six points.
+        let slope = (-p(0) + 9.0 * p(1) - 45.0 * p(2) + 45.0 * p(4) - 9.0 * p(5) + p(6)) / (60.0 * h);
+        let row = &run.rows[index];
+        writeln!(table, "{:e},{:e},{:e},{:e},{:e}", row[0], row[2], row[2] / 2.0, slope / 2.0, row[3])
+            .unwrap();
+    }
+    place.write("data.csv", &table);
+    let mass = "[[free]]\npath = \"system.mass[0]\"\nstart = 1.7\n";
+    let deviation = "deviation = { p0 = 1.0, v0 = 1.0, a0 = 1.0, energy = 1.0 }\n";
+    let found = fitted(&place, &format!("{FREE}{mass}[[data]]\nfile = \"data.csv\"\n{deviation}"));
+    for (path, truth) in [
+        ("system.damping[0].order", 0.6),
+        ("system.damping[0].coefficient[0]", 0.3),
+        ("system.parameters.k", 4.0),
+        ("system.mass[0]", 2.0),
+    ] {
+        assert!((estimate(&found, path) - truth).abs() < 1e-6, "{path}: {found:#}");
+    }
+    for (path, _) in found["parameters"].as_object().unwrap() {
+        assert_eq!(found["parameters"][path]["derivative"], "exact");
+    }
+}
+
+/// Fits data at hand in this process.
+fn fitted_here(scenario: &str, fit_text: &str, data: &str) -> FittedModel {
+    let document = Document::new("fit", Path::new(""), fit_text).with_attached("data.csv", data.as_bytes());
+    let plan = Fit::of_scenario(&document, Document::new("scenario", Path::new(""), scenario)).unwrap();
+    let mut found = fit(&plan, &AtomicBool::new(false), &mut |_| ()).unwrap();
+    found.models.remove(found.best)
+}
+
+/// 200 records with noise on the exact motion, whose size is known of every other one: each 95 % interval
+/// covers the truth in 92 to 98 % of them.
+#[test]
+fn intervals_cover_the_truth_as_often_as_they_say() {
+    let truth = Oscillator { order: 0.6, coefficient: 0.3, stiffness: 4.0, position: 1.0, velocity: 0.0 };
+    let times = (1..=50).map(|k| 0.12 * f64::from(k));
+    let exact: Vec<(f64, f64)> = times.map(|time| (time, truth.position_at(time))).collect();
+    let mut noise = Noise(0x9E37_79B9_7F4A_7C15);
+    let mut covered = [0; 3];
+    for record in 0..200 {
+        let mut data = "t,q0\n".to_owned();
+        for (time, position) in &exact {
+            writeln!(data, "{time},{}", position + 0.01 * noise.next()).unwrap();
+        }
+        let deviation = if record % 2 == 0 { "deviation = 0.01\n" } else { "" };
+        let fit = format!("{FREE}[[data]]\nfile = \"data.csv\"\n{deviation}");
+        let found = fitted_here(OSCILLATOR, &fit, &data);
+        assert!(found.converged, "{found:#?}");
+        let pairs = found.parameters.iter().zip([0.6, 0.3, 4.0]);
+        for (count, ((path, estimate), truth)) in covered.iter_mut().zip(pairs) {
+            let [low, high] = estimate.interval.unwrap_or_else(|| panic!("{path}: {found:#?}"));
+            *count += usize::from((low..=high).contains(&truth));
+        }
+    }
+    assert!(covered.iter().all(|count| (184..=196).contains(count)), "{covered:?} of 200");
+}
+
+#[test]
+fn what_the_data_do_not_determine_is_said() {
+    let place = Workplace::new();
+    let data = data_of_run(&place, OSCILLATOR, &["t", "q0"], 3);
+    place.write("data.csv", &data);
+    // Of m, c and k a free motion tells the ratios only; nothing tells of a constant that nothing contains.
+    let more =
+        "[[free]]\npath = \"system.mass[0]\"\nstart = 1.1\n[[free]]\npath = \"system.parameters.unused\"\n";
+    let found = fitted(&place, &format!("{FREE}{more}[[data]]\nfile = \"data.csv\"\n"));
+    let parameters = &found["parameters"];
+    for path in [
+        "system.mass[0]",
+        "system.parameters.k",
+        "system.damping[0].coefficient[0]",
+        "system.parameters.unused",
+    ] {
+        assert!(parameters[path]["interval"].is_null(), "{path}: {found:#}");
+        assert!(parameters[path]["standard_error"].is_null(), "{path}: {found:#}");
+    }
+    assert!(!parameters["system.damping[0].order"]["interval"].is_null(), "{found:#}");
+    let said: Vec<&str> =
+        found["undetermined"].as_array().unwrap().iter().map(|said| said.as_str().unwrap()).collect();
+    assert_eq!(said.len(), 2, "{said:?}");
+    assert!(said[0].contains("system.parameters.unused: no datum changes with it"), "{said:?}");
+    for path in ["system.mass[0]", "system.parameters.k", "system.damping[0].coefficient[0]"] {
+        assert!(said[1].contains(path), "{said:?}");
+    }
+    assert!(!said[1].contains("order") && said[1].contains("+1.000 : +1.000 : +1.000"), "{said:?}");
+    let ratio = estimate(&found, "system.parameters.k") / estimate(&found, "system.mass[0]");
+    assert!((ratio - 4.0).abs() < 1e-7, "{ratio}");
+}
+
+#[test]
+fn data_without_noise_are_said_to_be_such() {
+    let place = Workplace::new();
+    place.write("data.csv", &data_of_run(&place, OSCILLATOR, &["t", "q0"], 3));
+    let start = "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.parameters.k\"\n";
+    for (more, is_said) in [("", true), ("deviation = 0.01\n", false)] {
+        let found = fitted(&place, &format!("{start}[[data]]\nfile = \"data.csv\"\n{more}"));
+        let notes = found["notes"].to_string();
+        assert_eq!(notes.contains("the model says the data to rounding"), is_said, "{notes}");
+    }
+}
+
+#[test]
+fn fewer_data_than_parameters_give_no_errors() {
+    let found = fitted_here(
+        OSCILLATOR,
+        &format!("{FREE}[[data]]\nfile = \"data.csv\"\n"),
+        "t,q0\n1.0,-0.3\n2.0,0.1\n",
+    );
+    assert!(found.parameters.iter().all(|(_, estimate)| estimate.interval.is_none()), "{found:#?}");
+    assert!(!found.undetermined.is_empty());
+}
+
+#[test]
+fn a_bound_that_holds_a_parameter_is_said() {
+    let place = Workplace::new();
+    let data = data_of_run(&place, OSCILLATOR, &["t", "q0"], 3);
+    place.write("data.csv", &data);
+    let free = FREE.replace("bounds = [0.1, 1.0]", "bounds = [0.7, 1.0]");
+    let found = fitted(&place, &format!("{free}[[data]]\nfile = \"data.csv\"\n"));
+    let order = &found["parameters"]["system.damping[0].order"];
+    assert_eq!((order["estimate"].as_f64(), &order["at_bound"]), (Some(0.7), &Value::from("lower")));
+    assert!(order["interval"].is_null() && order["standard_error"].is_null());
+    assert!(found["notes"].to_string().contains("lower bound 0.7"), "{found:#}");
+    assert!(!found["parameters"]["system.parameters.k"]["interval"].is_null());
+}
+
+#[test]
+fn records_of_their_own_starts_share_what_is_common() {
+    let place = Workplace::new();
+    let scenario = OSCILLATOR.replace("position = [1.0]", "position = [1.0]\nvelocity = [0.0]");
+    let starts = [("a", "0.5", "-1.0"), ("b", "-0.7", "0.4")];
+    for (name, position, velocity) in starts {
+        let own = scenario
+            .replace("position = [1.0]", &format!("position = [{position}]"))
+            .replace("velocity = [0.0]", &format!("velocity = [{velocity}]"));
+        place.write(&format!("{name}.csv"), &data_of_run(&place, &own, &["t", "q0"], 5));
+    }
+    place.write("scenario.toml", &scenario);
+    let found = fitted(
+        &place,
+        &format!(
+            r#"{FREE}
+            [[free]]
+            path = "initial.velocity[0]"
+            data = 1
+            [[data]]
+            file = "a.csv"
+            set = {{ "initial.position[0]" = 0.5, "initial.velocity[0]" = -1.0 }}
+            [[data]]
+            file = "b.csv"
+            set = {{ "initial.position[0]" = -0.7 }}
+            "#
+        ),
+    );
+    for (path, truth) in [
+        ("system.damping[0].order", 0.6),
+        ("system.damping[0].coefficient[0]", 0.3),
+        ("system.parameters.k", 4.0),
+        ("data[1]: initial.velocity[0]", 0.4),
+    ] {
+        assert!((estimate(&found, path) - truth).abs() < 1e-8, "{path}: {found:#}");
+    }
+    // Each record has a scenario of its own that runs.
+    for (index, position) in [("0", 0.5), ("1", -0.7)] {
+        let (file, out) = (format!("out/fitted_{index}.toml"), format!("again_{index}"));
+        let again = place.fvi(&["run", &file, "--out", &out, "--quiet"]);
+        assert!(again.status.success(), "{}", text(&again.stderr));
+        let rows = std::fs::read_to_string(place.path(&out).join("trajectory.csv")).unwrap();
+        let first: f64 = rows.lines().nth(1).unwrap().split(',').nth(1).unwrap().parse().unwrap();
+        assert_eq!(first, position);
+    }
+}
+
+/// K(s) = (τs)^β/(1 + (τs)^β).
+fn zener(order: f64, time: f64, omega: f64) -> Complex {
+    let u = Complex(0.0, time * omega).power(order);
+    u.times(Complex(1.0, 0.0).plus(u).inverse())
+}
+
+const MATERIAL: &str = r#"
+[system]
+mass = [1.0]
+potential = "0.5*e*q0^2"
+parameters = { e = 1.0 }
+[[system.damping]]
+coefficient = [1.0]
+kernel = { form = "maxwell", order = 0.5, time = 1.0 }
+[time]
+step = 0.1
+steps = 10
+"#;
+
+#[test]
+fn moduli_of_a_fractional_zener_material_are_fitted_over_frequencies() {
+    let place = Workplace::new();
+    place.write("scenario.toml", MATERIAL);
+    let (order, time, coefficient, rest) = (0.35, 0.02, 40.0, 3.0);
+    let (mut kernel, mut modulus) = ("omega,re,im\n".to_owned(), "omega,storage,loss\n".to_owned());
+    for k in -30..=30 {
+        let omega = 10f64.powf(0.2 * f64::from(k));
+        let value = zener(order, time, omega);
+        writeln!(kernel, "{omega:e},{:e},{:e}", value.0, value.1).unwrap();
+        let whole = value.scaled(coefficient).plus(Complex(rest, 0.0));
+        writeln!(modulus, "{omega:e},{:e},{:e}", whole.0, whole.1).unwrap();
+    }
+    place.write("kernel.csv", &kernel);
+    place.write("modulus.csv", &modulus);
+    let free = r#"scenario = "scenario.toml"
+        [[free]]
+        path = "system.damping[0].kernel.order"
+        bounds = [0.05, 0.95]
+        [[free]]
+        path = "system.damping[0].kernel.time"
+        scale = "log"
+        "#;
+    let found = fitted(&place, &format!("{free}[[data]]\nfile = \"kernel.csv\"\nterm = 0\n"));
+    assert!((estimate(&found, "system.damping[0].kernel.order") - order).abs() < 1e-8, "{found:#}");
+    assert!((estimate(&found, "system.damping[0].kernel.time") / time - 1.0).abs() < 1e-8, "{found:#}");
+    let more = r#"
+        [[free]]
+        path = "system.damping[0].coefficient[0]"
+        scale = "log"
+        [[free]]
+        path = "system.parameters.e"
+        scale = "log"
+        [[data]]
+        file = "modulus.csv"
+        quantity = "modulus"
+        relative_deviation = 0.01
+        "#;
+    let found = fitted(&place, &format!("{free}{more}"));
+    for (path, truth) in [
+        ("system.damping[0].kernel.order", order),
+        ("system.damping[0].kernel.time", time),
+        ("system.damping[0].coefficient[0]", coefficient),
+        ("system.parameters.e", rest),
+    ] {
+        assert!((estimate(&found, path) / truth - 1.0).abs() < 1e-8, "{path}: {found:#}");
+    }
+}
+
+#[test]
+fn answers_at_frequencies_are_refused_where_forces_of_the_velocity_take_part() {
+    let place = Workplace::new();
+    let force = "mass = [1.0]\nforce = [\"-e*v0\"]";
+    place.write("scenario.toml", &MATERIAL.replace("mass = [1.0]", force));
+    place.write("data.csv", "omega,re,im\n1,1,1\n2,1,1\n3,1,1\n");
+    let free = "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.parameters.e\"\n";
+    for what in ["quantity = \"modulus\"", "input = 0\noutput = 0"] {
+        place.write("fit.toml", &format!("{free}[[data]]\nfile = \"data.csv\"\n{what}\n"));
+        let output = place.fvi(&["fit", "fit.toml"]);
+        let error = text(&output.stderr);
+        assert!(!output.status.success() && error.contains("forces of the velocity"), "{what}: {error}");
+    }
+}
+
+#[test]
+fn data_before_a_start_other_than_zero_are_refused() {
+    let place = Workplace::new();
+    let scenario = "[system]\nmass = [1.0]\npotential = \"k*q0^2\"\nparameters = { k = 1.0 }\n[initial]\nposition = [1.0]\n\
+        velocity = [0.0]\n[time]\nstart = 1.0\nstep = 0.1\nsteps = 20\n";
+    place.write("scenario.toml", scenario);
+    let free =
+        "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.parameters.k\"\nbounds = [0.1, 3.0]\n";
+    let fit = |first: &str, set: &str| {
+        place.write("data.csv", &format!("t,q0\n{first},1.0\n1.5,0.7\n2.0,0.2\n"));
+        place.write("fit.toml", &format!("{free}[[data]]\nfile = \"data.csv\"\n{set}\n"));
+        let output = place.fvi(&["fit", "fit.toml"]);
+        (output.status.success(), text(&output.stderr))
+    };
+    let (_, error) = fit("0.95", "");
+    assert!(error.contains("line 2") && error.contains("before the motion begins, at t = 1"), "{error}");
+    let (_, error) = fit("1.0", "set = { \"time.start\" = 1.2 }");
+    assert!(error.contains("the motion begins at t = 1.2"), "{error}");
+    assert!(fit("1.0", "").0);
+}
+
+#[test]
+fn a_modulus_of_a_system_with_gyroscopic_forces_is_refused() {
+    let place = Workplace::new();
+    let text_of = "[system]\nmass = [1.0, 1.0]\nstiffness = [{k}, 2.0]\ngyroscopic = [[0.0, -0.5], [0.5, 0.0]]\n[initial]\n\
+        position = [1.0, 0.0]\nvelocity = [0.0, 0.0]\n[scheme]\nkind = \"low-order\"\nkappa = 0.5\n[time]\nstep = 0.1\nsteps = 10\n";
+    place.write("scenario.toml", &text_of.replace("{k}", "1.5"));
+    place.write("data.csv", "omega,re,im\n1,1,1\n2,1,1\n3,1,1\n");
+    let free = "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.stiffness[0]\"\n";
+    place.write("fit.toml", &format!("{free}[[data]]\nfile = \"data.csv\"\nquantity = \"modulus\"\n"));
+    let output = place.fvi(&["fit", "fit.toml"]);
+    let error = text(&output.stderr);
+    assert!(!output.status.success() && error.contains("gyroscopic forces"), "{error}");
+}
+
+#[test]
+fn a_receptance_is_fitted() {
+    let place = Workplace::new();
+    place.write("scenario.toml", OSCILLATOR);
+    let mut data = "omega,re,im\n".to_owned();
+    for k in 1..=40 {
+        let omega = 0.1 * f64::from(k);
+        let stiffness = Complex(4.0 - omega * omega, 0.0).plus(Complex(0.0, omega).power(0.6).scaled(0.3));
+        let answer = stiffness.inverse();
+        writeln!(data, "{omega},{:e},{:e}", answer.0, answer.1).unwrap();
+    }
+    place.write("data.csv", &data);
+    let mass = "[[free]]\npath = \"system.mass[0]\"\nstart = 1.1\n";
+    let found =
+        fitted(&place, &format!("{FREE}{mass}[[data]]\nfile = \"data.csv\"\ninput = 0\noutput = 0\n"));
+    for (path, truth) in [
+        ("system.damping[0].order", 0.6),
+        ("system.damping[0].coefficient[0]", 0.3),
+        ("system.parameters.k", 4.0),
+        ("system.mass[0]", 1.0),
+    ] {
+        assert!((estimate(&found, path) - truth).abs() < 1e-8, "{path}: {found:#}");
+    }
+}
+
+#[test]
+fn kernels_are_compared() {
+    let place = Workplace::new();
+    let kernel = "coefficient = [1.5]\nkernel = { form = \"maxwell\", order = 0.6, time = 0.5 }";
+    let truth = OSCILLATOR.replace("order = 0.6\ncoefficient = [0.3]", kernel);
+    let exact = data_of_run(&place, &truth, &["t", "q0"], 3);
+    let mut noise = Noise(77);
+    let noisy = exact.lines().map(|line| match line.split_once(',').map(|(t, q)| (t, q.parse::<f64>())) {
+        Some((t, Ok(q))) => format!("{t},{:e}\n", q + 0.002 * noise.next()),
+        _ => format!("{line}\n"),
+    });
+    place.write("data.csv", &noisy.collect::<String>());
+    place.write("scenario.toml", OSCILLATOR);
+    let found = fitted(
+        &place,
+        r#"
+        scenario = "scenario.toml"
+        profile = ["system.parameters.k"]
+        [[free]]
+        path = "system.parameters.k"
+        [[free]]
+        path = "system.damping[0].coefficient[0]"
+        scale = "log"
+        [[model]]
+        name = "spring-pot"
+        free = [{ path = "system.damping[0].order", bounds = [0.05, 1.0] }]
+        [[model]]
+        name = "dashpot"
+        set = { "system.damping[0].order" = 1.0 }
+        [[model]]
+        name = "fractional Maxwell"
+        set = { "system.damping" = [{ coefficient = [1.0], kernel = { form = "maxwell", order = 0.5, time = 1.0 } }] }
+        free = [
+            { path = "system.damping[0].kernel.order", bounds = [0.05, 0.95] },
+            { path = "system.damping[0].kernel.time", scale = "log" },
+        ]
+        [[data]]
+        file = "data.csv"
+        deviation = 0.002
+        "#,
+    );
+    assert_eq!(found["name"], "fractional Maxwell");
+    let models = found["models"].as_array().unwrap();
+    assert_eq!(models.len(), 3);
+    for model in models {
+        let number = |key: &str| model[key].as_f64().unwrap();
+        let free = model["parameters"].as_object().unwrap().len() as f64;
+        // With known deviations both criteria are χ² and a term for the parameters, but for a constant.
+        assert!((number("bic") - number("aic") - free * (number("data").ln() - 2.0)).abs() < 1e-9);
+        assert!(number("aic") >= found["aic"].as_f64().unwrap());
+    }
+    assert!((found["reduced_chi2"].as_f64().unwrap() - 1.0).abs() < 0.5, "{found:#}");
+    let notes = models[1]["notes"].to_string();
+    assert!(notes.contains("does not describe the data"), "{notes}");
+    // Near the best point the likelihood is nearly that of the linear picture.
+    let k = &found["parameters"]["system.parameters.k"];
+    for end in 0..2 {
+        let (linear, profiled) =
+            (k["interval"][end].as_f64().unwrap(), k["profile"]["interval"][end].as_f64().unwrap());
+        let width = k["standard_error"].as_f64().unwrap();
+        assert!((linear - profiled).abs() < 0.5 * width, "{k:#}");
+    }
+}
+
+#[test]
+fn times_between_grid_points_are_told_or_refused() {
+    let truth = Oscillator { order: 0.6, coefficient: 0.3, stiffness: 4.0, position: 1.0, velocity: 0.0 };
+    let mut data = "t,q0\n".to_owned();
+    for k in 1..60 {
+        let time = 0.1 * f64::from(k) + 0.037;
+        writeln!(data, "{time},{:e}", truth.position_at(time)).unwrap();
+    }
+    // The exact motion, seen through steps of 1/200: what is left is their error.
+    let fine = OSCILLATOR.replace("step = 0.02\nsteps = 300", "step = 0.005\nsteps = 1200");
+    let found =
+        fitted_here(&fine, &format!("{FREE}[[data]]\nfile = \"data.csv\"\ndeviation = 1e-3\n"), &data);
+    for ((path, estimate), truth) in found.parameters.iter().zip([0.6, 0.3, 4.0]) {
+        assert!((estimate.estimate - truth).abs() < 1e-3, "{path}: {estimate:?}");
+    }
+    let place = Workplace::new();
+    place.write("data.csv", &data);
+    place.write("scenario.toml", &OSCILLATOR.replace("step = 0.02\nsteps = 300", "step = 0.5\nsteps = 12"));
+    place.write("fit.toml", &format!("{FREE}[[data]]\nfile = \"data.csv\"\ndeviation = 1e-4\n"));
+    let output = place.fvi(&["fit", "fit.toml", "--out", "out"]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("data.csv: row ") && said.contains("do not resolve the motion"), "{said}");
+    assert!(!place.path("out").exists());
+}
+
+#[test]
+fn several_starts_find_what_one_does_not() {
+    // A frequency far from the truth leads one search into another minimum.
+    let data = "t,q0\n".to_owned()
+        + &(1..=100).map(|k| 0.06 * f64::from(k)).fold(String::new(), |mut rows, t| {
+            writeln!(rows, "{t},{}", (2.0 * t).cos()).unwrap();
+            rows
+        });
+    let scenario = OSCILLATOR.replace("coefficient = [0.3]", "coefficient = [0.0]");
+    let fit = |more: &str| {
+        format!(
+            "scenario = \"scenario.toml\"\n{more}[[free]]\npath = \"system.parameters.k\"\nstart = 25.0\nbounds = [0.1, 30.0]\n\
+             [[data]]\nfile = \"data.csv\"\n"
+        )
+    };
+    let alone = fitted_here(&scenario, &fit(""), &data);
+    let several = fitted_here(&scenario, &fit("starts = 8\nseed = 3\n"), &data);
+    assert!((alone.parameters[0].1.estimate - 4.0).abs() > 1.0, "{alone:#?}");
+    assert!((several.parameters[0].1.estimate - 4.0).abs() < 1e-2, "{several:#?}");
+    assert_eq!(several.starts.len(), 8);
+    let again = fitted_here(&scenario, &fit("starts = 8\nseed = 3\n"), &data);
+    assert_eq!(again.starts, several.starts);
+}
+
+#[test]
+fn bad_files_are_refused_with_their_places() {
+    let good = "t,q0\n0.1,0.9\n0.2,0.8\n0.3,0.7\n0.4,0.5\n";
+    let data = "[[data]]\nfile = \"data.csv\"\n";
+    let with = |more: &str| format!("{FREE}{data}{more}");
+    let cases: &[(&str, String, &[&str])] = &[
+        (
+            "t,q0\n0.1,0.9\n0.2,abc\n",
+            with(""),
+            &["data.csv, line 3", "column 2 (q0)", "`abc` is not a finite number"],
+        ),
+        ("t,q0\n0.1,0.9\n0.2,NaN\n", with(""), &["line 3", "column 2 (q0)"]),
+        ("t,q0\n0.1\n", with(""), &["data.csv, line 2"]),
+        ("t,q0\n0.2,0.9\n0.1,0.8\n", with(""), &["line 3", "t = 0.1", "rows ascend"]),
+        ("t,q0\n-0.2,0.9\n", with(""), &["line 2", "t = -0.2", "before the motion begins"]),
+        ("t,q0\n7.0,0.9\n", with(""), &["line 2", "t = 7", "after the motion ends, at t = 6"]),
+        ("t,q1\n0.1,0.9\n", with(""), &["line 1", "column 2", "unknown column `q1`"]),
+        ("t,q0,q0\n0.1,0.9,1\n", with(""), &["column 3", "twice"]),
+        ("time,q0\n0.1,0.9\n", with(""), &["the first column must be t or omega"]),
+        ("t,q0\n", with(""), &["there are no rows"]),
+        ("t\n0.1\n", with(""), &["there is no column of data"]),
+        ("t,q0,q0_deviation\n0.1,0.9,0.0\n", with(""), &["line 2", "column 3 (q0_deviation)", "not > 0"]),
+        ("t,q0,weight\n0.1,0.9,1\n", with("deviation = 0.1\n"), &["deviation", "the column weight"]),
+        ("t,q0,p0\n0.1,0.9,1\n", with(""), &["`deviation` in every table", "positions"]),
+        ("omega,re,im\n0.0,0.9,1\n", with(""), &["line 2", "column 1 (omega)", "not a frequency > 0"]),
+        ("omega,re,im\n1.0,0.9,1\n", with("term = 3\n"), &["data[0].term = 3", "0 to 0"]),
+        ("omega,re,im\n1.0,0.9,1\n", with("input = 1\n"), &["data[0].input = 1"]),
+        (good, with("term = 0\n"), &["data[0].term", "data over time"]),
+        (good, with("deviation = 0.0\n"), &["data[0].deviation = 0.0", "a number > 0"]),
+        (
+            good,
+            with("deviation = 1e-300\n"),
+            &["data.csv, line 2", "q0", "deviation of 1e-300", "1e-70 to 1e70"],
+        ),
+        (good, with("deviation = 1e300\n"), &["data.csv, line 2", "deviation of 1e300"]),
+        ("t,q0\n0.1,0.9\n0.2,8e180\n", with(""), &["line 3", "q0 = 8e180", "a larger unit"]),
+        (
+            "t,q0\n0.1,3e-180\n0.2,2e-180\n",
+            with(""),
+            &["line 1", "the largest q0 is 3e-180", "a smaller unit"],
+        ),
+        (good, with("sigma = 1.0\n"), &["data[0].sigma", "unknown key"]),
+        (good, with("set = { \"initial.positon[0]\" = 1.0 }\n"), &["data[0].set", "initial"]),
+        (
+            good,
+            with("set = { \"system.parameters.k\" = 1.0 }\n"),
+            &["data[0].set", "system.parameters.k is sought"],
+        ),
+        (good, format!("starts = 3\n{FREE}{data}"), &["starts = 3", "every free number has `bounds`"]),
+        (good, format!("deviations = \"known\"\n{FREE}{data}"), &["deviations = \"known\""]),
+        (good, format!("profile = [\"system.mass[0]\"]\n{FREE}{data}"), &["profile[0]"]),
+        (good, format!("scenaro = 1\n{FREE}{data}"), &["scenaro", "did you mean `scenario`"]),
+        (good, format!("scenario = \"scenario.toml\"\n{data}"), &["the key `free` is missing"]),
+        (good, FREE.to_owned(), &["the key `data` is missing"]),
+        (
+            good,
+            with("[[free]]\npath = \"system.parameters.q\"\n"),
+            &["free[3].path = \"system.parameters.q\"", "scenario.toml cannot take it", "there is no number"],
+        ),
+        (
+            good,
+            with("[[free]]\npath = \"time.step\"\n"),
+            &["free[3].path = \"time.step\"", "there is no number of the system"],
+        ),
+        (good, with("[[free]]\npath = \"system.parameters.k\"\n"), &["free[3].path", "each number once"]),
+        (
+            good,
+            with("[[free]]\npath = \"system.mass[0]\"\nstart = -1.0\n"),
+            &["free[3]", "system.mass[0] = -1", "not positive definite"],
+        ),
+        (
+            good,
+            with("[[free]]\npath = \"system.mass[0]\"\nbounds = [2, 3]\n"),
+            &["free[3]", "within the bounds 2 and 3"],
+        ),
+        (
+            good,
+            with("[[free]]\npath = \"system.mass[0]\"\nbounds = [3, 2]\n"),
+            &["free[3].bounds", "the lower one first"],
+        ),
+        (
+            good,
+            with("[[free]]\npath = \"system.mass[0]\"\nscale = \"log\"\nbounds = [0, 2]\n"),
+            &["free[3].bounds", "bounds > 0"],
+        ),
+        (
+            good,
+            with("[[free]]\npath = \"system.mass[0]\"\nscale = \"cubic\"\n"),
+            &["free[3].scale", "\"linear\", \"log\""],
+        ),
+        (
+            good,
+            with("[[model]]\nname = \"a\"\n[[model]]\nname = \"a\"\n"),
+            &["model[1].name", "a name of its own"],
+        ),
+    ];
+    for (table, fit, expected) in cases {
+        let place = Workplace::new();
+        place.write("scenario.toml", OSCILLATOR);
+        place.write("data.csv", table);
+        place.write("fit.toml", fit);
+        let output = place.fvi(&["fit", "fit.toml", "--out", "out"]);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{table}\n{fit}\n{said}");
+        for expected in *expected {
+            assert!(said.contains(expected), "{expected} is not said of\n{table}\n{fit}\n{said}");
+        }
+        assert!(said.contains("fit.toml"), "{said}");
+        assert!(!place.path("out").exists(), "{said}");
+    }
+}
+
+#[test]
+fn scenarios_whose_numbers_jump_are_refused() {
+    let adaptive = format!("{OSCILLATOR}[scheme]\nkind = \"galerkin\"\ndegree = 1\n")
+        .replace("family = \"bdf\"\norder = 2", "family = \"radau-iia\"\nstages = 2")
+        .replace("step = 0.02\nsteps = 300", "grid = \"adaptive\"\nend = 6.0\ntolerance = 1e-6");
+    let event = format!("{OSCILLATOR}[[event]]\nwhen = \"q0\"\n");
+    for (scenario, said) in [(adaptive, "time.grid"), (event, "event")] {
+        let place = Workplace::new();
+        place.write("scenario.toml", &scenario);
+        place.write("data.csv", "t,q0\n0.1,0.9\n");
+        place.write("fit.toml", &format!("{FREE}[[data]]\nfile = \"data.csv\"\n"));
+        let output = place.fvi(&["fit", "fit.toml", "--out", "out"]);
+        assert_eq!(output.status.code(), Some(2));
+        assert!(text(&output.stderr).contains(said), "{}", text(&output.stderr));
+    }
+}
+
+/// Runs a fit of the repository.
+fn of_repository(name: &str) -> Value {
+    let place = Workplace::new();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/fits");
+    let output = place.fvi(&["fit", folder.join(name).to_str().unwrap(), "--out", "out"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    record(&place)
+}
+
+fn is_covered(record: &Value, path: &str, truth: f64) -> bool {
+    let interval = &record["parameters"][path]["interval"];
+    interval[0].as_f64().unwrap() <= truth && truth <= interval[1].as_f64().unwrap()
+}
+
+#[test]
+fn the_decay_of_the_repository_tells_what_it_was_made_of() {
+    let found = of_repository("decay.toml");
+    for (path, truth) in [
+        ("system.damping[0].order", 0.6),
+        ("system.damping[0].coefficient[0]", 0.3),
+        ("system.parameters.k", 4.0),
+    ] {
+        assert!(is_covered(&found, path, truth), "{path}: {found:#}");
+    }
+}
+
+#[test]
+fn the_spring_of_the_repository_is_known_by_its_moduli_and_its_decay() {
+    let found = of_repository("spring-models.toml");
+    assert_eq!(found["name"], "fractional Zener");
+    for (path, truth) in [
+        ("system.damping[0].kernel.order", 0.45),
+        ("system.damping[0].kernel.time", 0.02),
+        ("system.damping[0].coefficient[0]", 60.0),
+        ("system.parameters.e", 40.0),
+    ] {
+        assert!(is_covered(&found, path, truth), "{path}: {found:#}");
+    }
+    assert!((found["reduced_chi2"].as_f64().unwrap() - 1.0).abs() < 0.2, "{found:#}");
+    let models = found["models"].as_array().unwrap();
+    for other in &models[..2] {
+        assert!(other["aic"].as_f64().unwrap() > found["aic"].as_f64().unwrap() + 100.0, "{other:#}");
+    }
+}
