@@ -195,8 +195,9 @@ impl<T: Real> PidInputs<T> {
 pub enum Actuator<T> {
     /// It applied the output.
     Followed,
-    /// It applied this value. Back-calculation subtracts the difference in the integral; conditional
-    /// integration takes it for a limit on that side; without anti-windup it has no effect.
+    /// It applied this value. Back-calculation feeds the difference back into the samples of the integral, by
+    /// an equation that is stable for every tracking time and 0 < λ < 2; conditional integration takes it for
+    /// a limit on that side; without anti-windup it has no effect.
     Applied(T),
     /// The actuator, or something after it, is at a limit unknown to the controller: in this tick the
     /// integral only shrinks.
@@ -500,7 +501,8 @@ where
                         Actuator::Applied(applied) => applied - state.output,
                         _ => T::zero(),
                     };
-                    let feedback = law.tracking * missed;
+                    // f = (missed − w f)/τ^λ: what is fed back is part of the output that it corrects.
+                    let feedback = law.tracking * missed / (T::one() + leading * law.tracking);
                     raw += leading * feedback;
                     let limit = within(raw, lowest, highest);
                     // u* = a + w (u − u*)/τ^λ beyond a limit.
@@ -587,6 +589,8 @@ where
     }
 
     /// Changes gains, from the next tick on; [`Bumpless`] selects the value that stays the same.
+    ///
+    /// In every language they are the factors of the operators: of I^λ the series form has 1/T_i, of D^μ T_d.
     ///
     /// # Errors
     /// [`ParameterError`] if a gain is out of range, the form differs, or a derivative has no memory.

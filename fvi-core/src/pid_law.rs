@@ -106,13 +106,16 @@ pub enum DerivativeFilter {
     },
 }
 
-/// Signal that the derivative of the parallel form acts on.
+/// Signal that the derivative of the parallel form acts on. The series form acts on r − y, which is zero in a
+/// loop at rest, and counts as zero before the first tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DerivativeOf {
-    /// c r − y, which counts as zero before the first tick, as the samples of the integral do.
-    Values,
-    /// c r − y minus its first value (Caputo), for a loop that starts at rest at any y.
+    /// c r − y minus its first value (Caputo): the loop starts at rest, at any y, and its first output has no
+    /// derivative.
     ValuesFromRest,
+    /// c r − y, which counts as zero before the first tick, as the samples of the integral do: a loop that
+    /// starts at y ≠ 0 begins with a kick −K_d h^{−μ} y.
+    Values,
     /// −ẏ from a rate sensor, of which K_d D^{μ−1} is taken. The setpoint weight c is 0.
     MeasuredRate,
 }
@@ -128,8 +131,10 @@ pub enum AntiWindup {
     /// v = K_i e + (u − u*)/τ^λ ,        u* the output before limits ,
     /// ```
     ///
-    /// so that its memory winds back too. u* depends on v through the leading weight of I^λ; the equation is
-    /// solved within the tick.
+    /// so that its memory winds back too. u* depends on v through the leading weight w of I^λ; the equation
+    /// is solved within the tick. So is that for the output u₋ of the previous tick where an
+    /// [actuator](crate::Actuator::Applied) has applied another value ū: v = K_i e + f with f = (ū − u₋ − w
+    /// f)/τ^λ, which is stable for every τ.
     BackCalculation {
         /// τ, the tracking time.
         time: f64,
@@ -188,7 +193,8 @@ pub struct PidSettings<T> {
 }
 
 impl<T: Real> PidSettings<T> {
-    /// Orders 1, setpoint weights b = 1 and c = 0, no filter, no limits, no anti-windup.
+    /// Orders 1, setpoint weights b = 1 and c = 0, a derivative that starts at rest, no filter, no limits, no
+    /// anti-windup.
     pub fn new(gains: PidGains<T>, sample: f64) -> Self {
         Self {
             gains,
@@ -196,7 +202,7 @@ impl<T: Real> PidSettings<T> {
             derivative_order: 1.0,
             sample: Some(sample),
             setpoint_weights: [T::one(), T::zero()],
-            derivative_of: DerivativeOf::Values,
+            derivative_of: DerivativeOf::ValuesFromRest,
             derivative_filter: DerivativeFilter::None,
             limits: [T::of(f64::NEG_INFINITY), T::of(f64::INFINITY)],
             rate_limit: T::of(f64::INFINITY),
@@ -272,6 +278,12 @@ impl<T: Real> PidLaw<T> {
                 let tracking = T::of(libm::pow(time, -settings.integral_order));
                 let positive = time > 0.0 && tracking > T::zero() && tracking.is_finite();
                 check(positive, "tracking time", time, "positive and finite")?;
+                // The leading weight over τ^λ, by which limits are divided.
+                if let Some(sample) = settings.sample {
+                    let ratio = T::of(libm::pow(sample / time, settings.integral_order));
+                    let allowed = "not so much shorter than a sample time";
+                    check(ratio.is_finite(), "tracking time", time, allowed)?;
+                }
                 tracking
             }
             AntiWindup::None | AntiWindup::Conditional => T::zero(),
@@ -296,7 +308,7 @@ impl<T: Real> PidLaw<T> {
             let plain = settings.derivative_filter == DerivativeFilter::None;
             let allowed = "none in the series form, which has its own";
             check(plain, "time of the derivative's filter", filter_time, allowed)?;
-            let values = settings.derivative_of == DerivativeOf::Values;
+            let values = settings.derivative_of != DerivativeOf::MeasuredRate;
             let allowed = "of the values r - y in the series form";
             check(values, "derivative", f64::NAN, allowed)?;
         }
@@ -366,9 +378,9 @@ impl<T: Real> PidLaw<T> {
 
     /// Part of the signal that the derivative's operator subtracts.
     pub(crate) fn start(&self) -> Start<T> {
-        match self.settings.derivative_of {
-            DerivativeOf::ValuesFromRest => Start::Caputo,
-            DerivativeOf::Values | DerivativeOf::MeasuredRate => Start::RiemannLiouville,
+        match (self.settings.derivative_of, self.settings.gains) {
+            (DerivativeOf::ValuesFromRest, PidGains::Parallel { .. }) => Start::Caputo,
+            _ => Start::RiemannLiouville,
         }
     }
 

@@ -173,7 +173,9 @@ impl Reference {
                 (AntiWindup::BackCalculation { time }, actuator) => {
                     let tracking = time.powf(-settings.integral_order);
                     if let Actuator::Applied(applied) = actuator {
-                        sample += tracking * (applied - self.output);
+                        // f = (u_applied − u − w f)/τ^λ: what is fed back changes the gap.
+                        let (_, leading) = self.operator(-settings.integral_order, &[]);
+                        sample += tracking * (applied - self.output) / (1.0 + leading * tracking);
                     }
                     sample = bisect(&|v| {
                         let raw = whole(v);
@@ -244,6 +246,7 @@ fn laws() -> Vec<PidSettings<f64>> {
     let of = |gains, lambda, mu| PidSettings {
         integral_order: lambda,
         derivative_order: mu,
+        derivative_of: DerivativeOf::Values,
         ..PidSettings::new(gains, 0.01)
     };
     let back = AntiWindup::BackCalculation { time: 0.2 };
@@ -409,6 +412,81 @@ fn calls_of_every_kind_give_the_outputs_of_the_law() {
             assert!(pid.tick(1.0, 0.0).is_err());
             assert_eq!(bytes_of(&pid), before);
         }
+    }
+}
+
+#[test]
+fn a_loop_at_rest_starts_without_a_kick_unless_asked_to() {
+    for mu in [0.4, 1.0, 1.5] {
+        let gains = PidGains::Parallel { proportional: 2.0, integral: 1.0, derivative: 0.5 };
+        let rest = PidSettings {
+            integral_order: 0.8,
+            derivative_order: mu,
+            setpoint_weights: [1.0, 0.5],
+            ..PidSettings::new(gains, 0.01)
+        };
+        let tables = tables(&rest);
+        let mut pid = on(rest, &tables);
+        for _ in 0..50 {
+            assert_eq!(pid.tick(20.0, 20.0), Ok(0.0), "order {mu}");
+        }
+        // What comes later is seen as it is: a step of y.
+        let seen = pid.tick(20.0, 21.0).unwrap();
+        let expected = -2.0 - 0.01f64.powf(0.8) - 0.5 * 0.01f64.powf(-mu);
+        assert!((seen - expected).abs() < 1e-12 * expected.abs(), "order {mu}: {seen} {expected}");
+        // After `reset` it starts at rest again, and so it does where the first output is set by hand.
+        pid.reset();
+        assert_eq!(pid.tick(-3.0, -3.0), Ok(0.0));
+        // c r − y from 0 to −10: a kick of −10 K_d h^{−μ}.
+        let mut kicks = on(PidSettings { derivative_of: DerivativeOf::Values, ..rest }, &tables);
+        let kick = -5.0 * 0.01f64.powf(-mu);
+        assert!((kicks.tick(20.0, 20.0).unwrap() - kick).abs() < 1e-12 * kick.abs(), "order {mu}");
+    }
+    // The series form acts on r − y: there is nothing to start from.
+    let gains =
+        PidGains::Series { proportional: 1.5, integral_rate: 2.0, derivative_time: 0.05, filter_ratio: 8.0 };
+    let settings = PidSettings::new(gains, 0.01);
+    let tables = tables(&settings);
+    assert_eq!(on(settings, &tables).tick(20.0, 20.0), Ok(0.0));
+}
+
+#[test]
+fn an_actuator_that_cannot_follow_winds_the_integral_back_for_every_tracking_time() {
+    // An actuator that stops at L, unknown to the law, with any tracking time down to 10⁻⁴ of a sample.
+    // The feedback solved with its own effect is stable for 0 < λ < 2: (1 − z)^λ = −s z with 0 < s < 1 has no
+    // solution in |z| ≤ 1.
+    let mut numbers = noise(40_000).into_iter().map(|number| number + 0.5);
+    let mut random = |low: f64, high: f64| low + (high - low) * numbers.next().unwrap();
+    for case in 0..300 {
+        let lambda = random(0.05, 1.95);
+        let sample = 10f64.powf(random(-4.0, 0.5));
+        let time = sample * 10f64.powf(random(-4.0, 3.0));
+        let gain = 10f64.powf(random(-1.0, 1.0));
+        let gains = PidGains::Parallel { proportional: gain, integral: gain, derivative: 0.0 };
+        let limit = random(0.1, 2.0);
+        let own = if case % 3 == 0 { 2.0 * limit } else { f64::INFINITY };
+        let settings = PidSettings {
+            integral_order: lambda,
+            anti_windup: AntiWindup::BackCalculation { time },
+            limits: [-own, own],
+            ..PidSettings::new(gains, sample)
+        };
+        let tables = tables(&settings);
+        let mut pid = on(settings, &tables);
+        // Without the error: whatever the integral holds comes to the limit. 1 is far beyond for a while.
+        let mut largest = 0.0f64;
+        for tick in 0..HISTORY - 1 {
+            let error = if tick < 100 { random(0.0, 2.0) } else { 0.0 };
+            let output = pid.tick_applied(error, 0.0, pid.output().clamp(-limit, limit)).unwrap();
+            assert_eq!(output, pid.output());
+            largest = largest.max(output.abs());
+        }
+        // K_i h^λ e and K_p e of one tick, beyond what the actuator takes.
+        let bound = 4.0 * (limit + 2.0 * gain * (1.0 + sample.powf(lambda)) + 2.0 * gain * time.powf(lambda));
+        assert!(
+            largest < bound,
+            "case {case}: λ = {lambda}, h = {sample}, τ = {time}: {largest} and {bound}"
+        );
     }
 }
 

@@ -372,8 +372,9 @@ fn read_settings(table: &Table<'_>, sample: f64) -> Result<PidSettings<f64>, Inp
         Some(value) => pair(&value, "two numbers, of the proportional term and of the derivative")?,
     };
     let derivatives = [("riemann-liouville", DerivativeOf::Values), ("caputo", DerivativeOf::ValuesFromRest)];
-    let derivative_of =
-        table.optional("derivative").map_or(Ok(DerivativeOf::Values), |value| value.choice(&derivatives))?;
+    let derivative_of = table
+        .optional("derivative")
+        .map_or(Ok(DerivativeOf::ValuesFromRest), |value| value.choice(&derivatives))?;
     let derivative_filter = match table.optional("derivative_filter") {
         None => DerivativeFilter::None,
         Some(value) if value.is_table() => {

@@ -26,7 +26,9 @@ struct Law {
     /// τ of back-calculation.
     tracking: Option<f64>,
     samples: Vec<f64>,
+    /// c r − y, less its first value.
     signals: Vec<f64>,
+    first: Option<f64>,
     filtered: f64,
     output: f64,
 }
@@ -44,6 +46,7 @@ impl Law {
             tracking: None,
             samples: Vec::new(),
             signals: Vec::new(),
+            first: None,
             filtered: 0.0,
             output: 0.0,
         }
@@ -64,7 +67,8 @@ impl Law {
     fn tick(&mut self, r: f64, y: f64) -> f64 {
         let [kp, ki, kd] = self.gains;
         let [lambda, mu] = self.orders;
-        self.signals.push(self.weight * r - y);
+        let signal = self.weight * r - y;
+        self.signals.push(signal - *self.first.get_or_insert(signal));
         let derivative = self.operator(mu, &self.signals);
         let time = self.filter / self.sample;
         self.filtered = (time * self.filtered + derivative) / (1.0 + time);
@@ -347,6 +351,20 @@ fn sampled_loops_approach_the_step_responses_of_continuous_ones() {
             assert!((1.6..2.5).contains(&(pair[0] / pair[1])), "{measures}, dead time {delay}: {errors:?}");
         }
     }
+}
+
+#[test]
+fn a_loop_at_rest_stays_there_unless_values_before_the_start_count_as_zero() {
+    // q = 20 without forces, setpoint 20.
+    let rest = "[system]\nmass = [1.0]\n[initial]\nposition = [20.0]\n[time]\nstep = 0.01\nend = 1.0\n\
+                [controller]\nmeasures = \"q0\"\nsetpoint = \"20\"\ndrives = [1.0]\nkp = 2.0\nki = 1.0\nkd = 0.5\n\
+                mu = 0.9\nsample = 0.01\n";
+    let place = Workplace::new();
+    let run = place.run(rest, &[]);
+    assert!(run.column("u").iter().all(|&u| u == 0.0) && run.column("q0").iter().all(|&q| q == 20.0));
+    let run = place.run(&format!("{rest}derivative = \"riemann-liouville\"\n"), &[]);
+    let kick = -0.5 * 20.0 * 0.01f64.powf(-0.9);
+    assert!((run.column("u")[0] - kick).abs() < 1e-9, "{}", run.column("u")[0]);
 }
 
 const LOOP: &str = "[controller]\nmeasures = \"q0\"\nsetpoint = \"1\"\ndrives = [1.0]\nkp = 1.5\nki = 0.8\nlambda = 0.9\n\
@@ -678,6 +696,28 @@ fn constants_for_firmware_have_the_tables_and_the_law_of_the_run() {
     ] {
         assert!(c.contains(passage), "no {passage} in\n{c}");
     }
+    // A controller with a horizon says when it ends, one without has no end, and tables for single precision.
+    let said = text(&place.fvi(&["controller", "scenario.toml", "--format", "c"]).stderr);
+    assert_eq!(
+        said,
+        "note: controller ends after 1000000 samples, 60000 units of time: further ticks are refused\n"
+    );
+    for (constants, end) in [
+        (&rust, "It\n/// ends after 1000000 samples, 60000 units of time: further ticks are refused."),
+        (&c, "The controller ends after 1000000 samples, 60000 units of time: further ticks are refused."),
+    ] {
+        assert!(constants.contains(end), "{constants}");
+    }
+    place.write("scenario.toml", &oscillator(LOOP, 2.0));
+    let (rust, c) = (listed(&["--format", "rust"]), listed(&["--format", "c"]));
+    assert!(rust.contains("It has no end.") && c.contains("The controller has no end."), "{rust}{c}");
+    for (constants, count, end) in [(&rust, 2, "ENDLESS,"), (&c, 2, "_HORIZON FVI_ENDLESS\n")] {
+        assert_eq!(constants.matches(end).count(), count, "{constants}");
+        assert!(constants.contains("tolerance 1e-7") && !constants.contains("ends after"), "{constants}");
+    }
+    let double = listed(&["--format", "rust", "--precision", "f64"]);
+    assert!(double.contains("tolerance 4e-15"), "{double}");
+    assert_eq!(text(&place.fvi(&["controller", "scenario.toml", "--format", "c"]).stderr), "");
     // What cannot be listed.
     place.write("scenario.toml", &oscillator("", 2.0));
     let refused = |arguments: &[&str], said: &str| {
