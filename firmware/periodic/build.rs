@@ -1,4 +1,4 @@
-//! Generates the constants of the controller from its orders, gains, sample time and horizon.
+//! Generates the constants of the controller from its orders, gains and sample time.
 
 use std::error::Error;
 use std::path::Path;
@@ -6,6 +6,7 @@ use std::{env, fs};
 
 use fvi_core::{AntiWindup, DerivativeFilter, PidGains, PidSettings};
 use fvi_fft::exponentials::controller_source::controller_source;
+use fvi_fft::exponentials::exponential_table::ENDLESS;
 
 fn main() -> Result<(), Box<dyn Error>> {
     // u = 8 (r − y) + 4 I^0.9 (r − y) − 2 D^0.8 y, filtered, within ±2, every millisecond.
@@ -18,8 +19,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         anti_windup: AntiWindup::BackCalculation { time: 0.2 },
         ..PidSettings::new(gains, 1e-3)
     };
-    // Weights within 10⁻⁷ over 10⁸ ticks, more than a day.
-    let source = controller_source("axis", &settings, 100_000_000, 1e-7)?;
+    // Weights within 10⁻⁷, without an end.
+    let source = controller_source("axis", &settings, ENDLESS, 1e-7)?;
     fs::write(Path::new(&env::var("OUT_DIR")?).join("axis.rs"), source)?;
     println!("cargo::rerun-if-changed=build.rs");
     // The memory map of the processor.

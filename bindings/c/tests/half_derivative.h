@@ -1,4 +1,5 @@
-/* BDF 1, exponent 0.5, step 0.25: tolerance 1e-7. The exponentials in blocks of four decays and four coefficients, as fvi.h takes them. */
+/* BDF 1, exponent 0.5, step 0.25: tolerance 1e-7. The exponentials in blocks of four decays and four coefficients, as fvi.h takes them. A memory on it ends after 1000000 samples, 250000 units of time:
+   it refuses further ones, or forgets with FVI_FORGET_PAST_HORIZON. */
 #define HALF_DERIVATIVE_HEAD 5
 #define HALF_DERIVATIVE_EXPONENTIALS 72
 #define HALF_DERIVATIVE_SLOW_BLOCKS 6

@@ -1,7 +1,7 @@
 //! A fractional PID controller as Rust source: its tables, its law, a type and a constructor.
 
 use crate::exponentials::exponential_table::{ExponentialKernel, ExponentialKernelError};
-use crate::exponentials::rust_constants::{is_identifier, scalar, table_constant, table_fits};
+use crate::exponentials::rust_constants::{end_of, is_identifier, scalar, table_constant, table_fits};
 use fvi_core::{
     AntiWindup, BdfOrder, Bumpless, DerivativeFilter, DerivativeOf, Kernel, ParameterError, PidGains, PidLaw,
     PidSettings, Real,
@@ -46,6 +46,13 @@ impl ControllerTables {
             derivative: table(law.derivative_kernel()?)?,
             filter: law.filter_kernel()?.map(table).transpose()?,
         })
+    }
+
+    /// When a controller on the tables ends, in words, with this time between ticks; `None` where it does
+    /// not.
+    pub fn end(&self, sample: f64) -> Option<String> {
+        let tables = [Some(&self.integral), Some(&self.derivative), self.filter.as_ref()];
+        tables.into_iter().flatten().find_map(|table| end_of(table, sample))
     }
 }
 
@@ -92,11 +99,13 @@ impl From<ExponentialKernelError> for ControllerSourceError {
 /// depends on fvi-core only.
 ///
 /// `horizon` is the number of ticks for which the weights hold, each within the relative tolerance
-/// `tolerance` ([`ExponentialKernel::bdf`]); [`ENDLESS`](super::exponential_table::ENDLESS) for no limit.
+/// `tolerance` ([`ExponentialKernel::bdf`]), and after which the controller refuses further ones;
+/// [`ENDLESS`](super::exponential_table::ENDLESS) for no limit. The source says which.
 ///
 /// ```
 /// use fvi_core::{AntiWindup, PidGains, PidSettings};
 /// use fvi_fft::exponentials::controller_source::controller_source;
+/// use fvi_fft::exponentials::exponential_table::ENDLESS;
 ///
 /// // In build.rs:
 /// let gains = PidGains::Parallel { proportional: 8.0f32, integral: 4.0, derivative: 2.0 };
@@ -107,7 +116,7 @@ impl From<ExponentialKernelError> for ControllerSourceError {
 ///     anti_windup: AntiWindup::BackCalculation { time: 0.2 },
 ///     ..PidSettings::new(gains, 1e-3)
 /// };
-/// let source = controller_source("axis", &settings, 100_000_000, 1e-7)?;
+/// let source = controller_source("axis", &settings, ENDLESS, 1e-7)?;
 /// // std::fs::write(Path::new(&env::var("OUT_DIR")?).join("axis.rs"), source)?;
 /// assert!(source.contains("pub fn new_axis()"));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
@@ -197,9 +206,13 @@ pub fn source_with_tables<T: Real + LowerExp>(
         (None, false) => "    fvi_core::FractionalPid::without_derivative(law, integral)\n".to_owned(),
     };
     let camel = camel_case(&small);
+    let end = match law.settings().sample.and_then(|sample| tables.end(sample)) {
+        Some(end) => format!("It\n/// {end}: further ticks are refused."),
+        None => "It has no end.".to_owned(),
+    };
     let _ = write!(
         text,
-        "/// The controller, with a law of its own or one that it borrows.\n\
+        "/// The controller, with a law of its own or one that it borrows. {end}\n\
          pub type {camel}Pid<L = {law_type}> = fvi_core::FractionalPid<{types}>;\n\n\
          /// The controller with a law of its own, before its first tick.\n///\n/// # Errors\n\
          /// None: it has been checked.\n\

@@ -24,6 +24,18 @@ pub fn table_fits<T: Real>(kernel: &ExponentialKernel) -> bool {
     })
 }
 
+/// When a memory on the table ends, in words, with `step` units of time between samples; nothing where it
+/// does not.
+pub fn end_of(kernel: &ExponentialKernel, step: f64) -> Option<String> {
+    let ends = kernel.horizon() != ENDLESS && !kernel.exponentials().is_empty();
+    ends.then(|| {
+        let samples = kernel.horizon();
+        let time = format!(", {} units of time", samples as f64 * step);
+        // A table with a step of 1 is one for any step.
+        format!("ends after {samples} samples{}", if step == 1.0 { "" } else { &time })
+    })
+}
+
 /// The constant `name`, an [`ExponentialTable`](fvi_core::ExponentialTable) of `f32` or `f64`; `origin` is
 /// part of its documentation.
 pub fn table_constant<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &str, name: &str) -> String {
@@ -33,8 +45,12 @@ pub fn table_constant<T: Real + LowerExp>(kernel: &ExponentialKernel, origin: &s
         ENDLESS => "fvi_core::ExponentialTable::<()>::ENDLESS".to_owned(),
         horizon => horizon.to_string(),
     };
+    let end = match end_of(kernel, kernel.step_size()) {
+        Some(end) => format!("/// A memory on it {end}: it refuses further ones, or forgets.\n///\n"),
+        None => String::new(),
+    };
     format!(
-        "/// {origin}: {} weights, then {} exponentials; tolerance {:e}.\n///\n\
+        "/// {origin}: {} weights, then {} exponentials; tolerance {:e}.\n///\n{end}\
          /// `fvi_core::Kernel::exponential_sum` takes it, with \
          `{name}.state_len(channels)` numbers of state.\n\
          pub const {name}: fvi_core::ExponentialTable<&[{scalar}]> = fvi_core::ExponentialTable {{\n    \

@@ -1,5 +1,7 @@
 /// Integral, s^-1.25 but for a sum: 5 weights, then 9 exponentials; tolerance 1e-3.
 ///
+/// A memory on it ends after 1000 samples: it refuses further ones, or forgets.
+///
 /// `fvi_core::Kernel::exponential_sum` takes it, with `FULL_INTEGRAL.state_len(channels)` numbers of state.
 pub const FULL_INTEGRAL: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable {
     stages: 1,
@@ -23,6 +25,8 @@ pub const FULL_INTEGRAL: fvi_core::ExponentialTable<&[f32]> = fvi_core::Exponent
 
 /// Derivative, s^0.75: 5 weights, then 9 exponentials; tolerance 1e-3.
 ///
+/// A memory on it ends after 1000 samples: it refuses further ones, or forgets.
+///
 /// `fvi_core::Kernel::exponential_sum` takes it, with `FULL_DERIVATIVE.state_len(channels)` numbers of state.
 pub const FULL_DERIVATIVE: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable {
     stages: 1,
@@ -45,6 +49,8 @@ pub const FULL_DERIVATIVE: fvi_core::ExponentialTable<&[f32]> = fvi_core::Expone
 };
 
 /// Filter of the derivative: 5 weights, then 10 exponentials; tolerance 1e-3.
+///
+/// A memory on it ends after 1000 samples: it refuses further ones, or forgets.
 ///
 /// `fvi_core::Kernel::exponential_sum` takes it, with `FULL_FILTER.state_len(channels)` numbers of state.
 pub const FULL_FILTER: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable {
@@ -87,7 +93,8 @@ pub fn full_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterError> {
     })
 }
 
-/// The controller, with a law of its own or one that it borrows.
+/// The controller, with a law of its own or one that it borrows. It
+/// ends after 1000 samples, 10 units of time: further ticks are refused.
 pub type FullPid<L = fvi_core::PidLaw<f32>> = fvi_core::FractionalPid<f32, fvi_core::ExponentialSum<f32, &'static [f32], [f32; FULL_INTEGRAL.state_len(1)]>, fvi_core::ExponentialSum<f32, &'static [f32], [f32; FULL_DERIVATIVE.state_len(1)]>, L, fvi_core::ExponentialSum<f32, &'static [f32], [f32; FULL_FILTER.state_len(1)]>>;
 
 /// The controller with a law of its own, before its first tick.

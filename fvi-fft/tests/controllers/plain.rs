@@ -1,5 +1,7 @@
 /// Integral, s^-0.5: 5 weights, then 15 exponentials; tolerance 1e-6.
 ///
+/// A memory on it ends after 1000 samples: it refuses further ones, or forgets.
+///
 /// `fvi_core::Kernel::exponential_sum` takes it, with `PLAIN_INTEGRAL.state_len(channels)` numbers of state.
 pub const PLAIN_INTEGRAL: fvi_core::ExponentialTable<&[f64]> = fvi_core::ExponentialTable {
     stages: 1,
@@ -34,7 +36,7 @@ pub fn plain_law() -> Result<fvi_core::PidLaw<f64>, fvi_core::ParameterError> {
         derivative_order: 1.0,
         sample: Some(0.01),
         setpoint_weights: [1.0, 0.0],
-        derivative_of: fvi_core::DerivativeOf::Values,
+        derivative_of: fvi_core::DerivativeOf::ValuesFromRest,
         derivative_filter: fvi_core::DerivativeFilter::None,
         limits: [f64::NEG_INFINITY, f64::INFINITY],
         rate_limit: f64::INFINITY,
@@ -43,7 +45,8 @@ pub fn plain_law() -> Result<fvi_core::PidLaw<f64>, fvi_core::ParameterError> {
     })
 }
 
-/// The controller, with a law of its own or one that it borrows.
+/// The controller, with a law of its own or one that it borrows. It
+/// ends after 1000 samples, 10 units of time: further ticks are refused.
 pub type PlainPid<L = fvi_core::PidLaw<f64>> = fvi_core::FractionalPid<f64, fvi_core::ExponentialSum<f64, &'static [f64], [f64; PLAIN_INTEGRAL.state_len(1)]>, fvi_core::Memoryless<f64>, L>;
 
 /// The controller with a law of its own, before its first tick.

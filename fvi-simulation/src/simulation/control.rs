@@ -187,11 +187,32 @@ pub fn pid<T: Real>(scenario: &Scenario, controller: &Controller) -> Result<SumP
     Ok(FractionalPid::with_parts(law, integral, Some(derivative), filter)?)
 }
 
+/// The tables of a controller for a microcontroller, computed for h = 1: those of a run where `[history]` has
+/// a horizon, and endless ones otherwise; `tolerance` unless `[history]` has another.
+///
+/// # Errors
+/// As [`tables`].
+pub fn tables_of_firmware(
+    scenario: &Scenario,
+    controller: &Controller,
+    tolerance: f64,
+) -> Result<ControllerTables, Unusable> {
+    if scenario.history.horizon.is_some() {
+        return of_horizon(scenario, controller, horizon(scenario, controller)?, tolerance);
+    }
+    of_horizon(scenario, controller, ENDLESS, tolerance)
+}
+
 /// The tables of a controller of a scenario, computed for h = 1.
 ///
 /// # Errors
 /// A message: its `sample` is not an integer number of steps, or a tolerance cannot be met.
 pub fn tables(scenario: &Scenario, controller: &Controller) -> Result<ControllerTables, Unusable> {
+    of_horizon(scenario, controller, horizon(scenario, controller)?, SMALLEST_TOLERANCE)
+}
+
+/// Number of ticks for which the tables of a run are made.
+fn horizon(scenario: &Scenario, controller: &Controller) -> Result<usize, Unusable> {
     let step = scenario.time.step;
     let every = controller
         .steps_between(step)
@@ -199,8 +220,6 @@ pub fn tables(scenario: &Scenario, controller: &Controller) -> Result<Controller
     // Tables are computed for the planned run, and also used by one that is continued beyond.
     let planned = scenario.history.planned.unwrap_or(scenario.time.steps.saturating_add(1));
     let [planned, ticks] = [planned, scenario.time.steps].map(|steps| (steps as u64 / every) as usize + 2);
-    let law = controller.law::<f64>()?;
-    let tolerance = scenario.history.tolerance.unwrap_or(SMALLEST_TOLERANCE);
     let reach = match scenario.history.horizon {
         Some(horizon) => horizon.max(planned),
         None => planned.next_power_of_two().max(1 << 20),
@@ -211,7 +230,17 @@ pub fn tables(scenario: &Scenario, controller: &Controller) -> Result<Controller
         );
         return Err(Unusable::of(&["history.horizon", "sample"], reason));
     }
-    let horizon = if reach > ENDLESS_REACH { ENDLESS } else { reach };
+    Ok(if reach > ENDLESS_REACH { ENDLESS } else { reach })
+}
+
+fn of_horizon(
+    scenario: &Scenario,
+    controller: &Controller,
+    horizon: usize,
+    tolerance: f64,
+) -> Result<ControllerTables, Unusable> {
+    let law = controller.law::<f64>()?;
+    let tolerance = scenario.history.tolerance.unwrap_or(tolerance);
     ControllerTables::new(&law, horizon, tolerance).map_err(|error| match error {
         ExponentialKernelError::Parameter(error) => match error.parameter {
             "horizon" => Unusable::of(&["history.horizon", "sample"], error),

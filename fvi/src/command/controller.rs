@@ -5,12 +5,13 @@ use super::listing::{
     ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, identifier,
     parameter_error,
 };
+use super::terminal::mention;
 use fvi_core::{AntiWindup, DerivativeFilter, DerivativeOf, PidGains, Real};
 use fvi_fft::exponentials::controller_source::{ControllerSourceError, ControllerTables, source_with_tables};
-use fvi_fft::exponentials::exponential_table::ExponentialKernel;
+use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use fvi_scenario::language::Problem;
 use fvi_scenario::scenario::{Controller, Scenario};
-use fvi_simulation::simulation::control::{Unusable, tables};
+use fvi_simulation::simulation::control::{Unusable, tables_of_firmware};
 use std::fmt::{LowerExp, Write as _};
 use std::path::PathBuf;
 
@@ -19,7 +20,8 @@ use std::path::PathBuf;
 pub(crate) struct ControllerArguments {
     /// The scenario, a TOML file with [controller]
     scenario: PathBuf,
-    /// Constants of Rust, or of C for fvi.h
+    /// Constants of Rust, or of C for fvi.h. Memories are endless and, in single precision, accurate to 1e-7,
+    /// unless [history] has a horizon and a tolerance
     #[arg(long, value_enum)]
     format: Format,
     /// Numbers of the constants; those of C are single
@@ -65,11 +67,17 @@ impl ControllerArguments {
                     .to_owned(),
             ));
         }
+        // Unless the scenario says otherwise: near the rounding of the numbers.
+        let tolerance = match precision {
+            ListingPrecision::F32 => 1e-7,
+            ListingPrecision::F64 => SMALLEST_TOLERANCE,
+        };
         let mut text = String::new();
+        let mut mentions = String::new();
         let several = scenario.controllers.len() > 1;
         for (index, controller) in scenario.controllers.iter().enumerate() {
             let refused = |unusable: Unusable| CommandError::from(unusable.error(&scenario, index));
-            let tables = tables(&scenario, controller).map_err(refused)?;
+            let tables = tables_of_firmware(&scenario, controller, tolerance).map_err(refused)?;
             // Values that the microcontroller would refuse are refused here, in its precision.
             let fits = match precision {
                 ListingPrecision::F32 => controller.law::<f32>().map(|_| ()),
@@ -82,12 +90,22 @@ impl ControllerArguments {
                 text.push('\n');
             }
             listed.write(&mut text)?;
+            if let Some(end) = listed.end() {
+                mentions += &format!("note: {} {end}: further ticks are refused\n", listed.name);
+            }
         }
-        emit(|out| out.write_all(text.as_bytes()), self.out.as_deref())
+        emit(|out| out.write_all(text.as_bytes()), self.out.as_deref())?;
+        mention(&mentions);
+        Ok(())
     }
 }
 
 impl Listed<'_> {
+    /// When the controller ends, in words, if it does.
+    fn end(&self) -> Option<String> {
+        self.tables.end(self.controller.sample)
+    }
+
     fn write(&self, text: &mut String) -> Result<(), CommandError> {
         match (self.format, self.precision) {
             (Format::C, _) => self.write_c(text),
@@ -189,11 +207,15 @@ impl Listed<'_> {
         }
         let filter =
             if self.tables.filter.is_some() { format!(", {large}_FILTER_TABLE") } else { String::new() };
+        let end = match self.end() {
+            Some(end) => format!("The controller {end}: further ticks are refused"),
+            None => "The controller has no end".to_owned(),
+        };
         let _ = write!(
             text,
             "/* The members of FviPidSettings of the controller, sample {}, delay {}. fvi_pid_init takes them with memories of\n   \
              {large}_INTEGRAL_TABLE and {large}_DERIVATIVE_TABLE{filter}: their weights are for a step of 1, and\n   \
-             fvi_memory_scale_bdf gives each its scale. */\n#define {large}_SETTINGS",
+             fvi_memory_scale_bdf gives each its scale. {end}. */\n#define {large}_SETTINGS",
             self.controller.sample, self.controller.delay
         );
         for (name, value) in members {

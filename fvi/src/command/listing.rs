@@ -1,10 +1,10 @@
 //! Weights and exponentials as text: tables, and constants for firmware.
 
 use super::CommandError;
-use super::terminal::output;
+use super::terminal::{mention, output};
 use fvi_core::{ParameterError, RateTable, Real};
 use fvi_fft::exponentials::exponential_table::{ENDLESS, ExponentialKernel};
-use fvi_fft::exponentials::rust_constants::{is_identifier, rows, table_constant, table_fits};
+use fvi_fft::exponentials::rust_constants::{end_of, is_identifier, rows, table_constant, table_fits};
 use fvi_host::results::files::write_out;
 use std::fmt::LowerExp;
 use std::io::{self, Write};
@@ -20,6 +20,18 @@ pub(super) enum ListingFormat {
     Rust,
     /// Constants of C
     C,
+}
+
+impl ListingFormat {
+    /// The precision of the numbers, where the user has asked for this one or for none: a table in CSV is in
+    /// double precision, and constants of C are those of fvi.h.
+    pub(super) fn precision(self, asked: Option<ListingPrecision>) -> ListingPrecision {
+        match (self, asked) {
+            (Self::Csv, _) | (Self::Rust, None) => ListingPrecision::F64,
+            (Self::C, None) => ListingPrecision::F32,
+            (_, Some(precision)) => precision,
+        }
+    }
 }
 
 /// Precision of constants.
@@ -56,26 +68,36 @@ pub(super) fn emit(
     }
 }
 
+/// Says on standard error when a memory on listed tables ends, if it does.
+pub(super) fn mention_end(end: Option<&str>) {
+    if let Some(end) = end {
+        mention(&format!("note: a memory on this table {end}\n"));
+    }
+}
+
 /// Writes `count` weights w₀, w₁, … one by one, since all of them may not fit into memory.
 pub(super) fn write_weights(
     out: &mut dyn Write,
     weights: impl Iterator<Item = f64>,
     count: usize,
     (origin, name): (&str, Option<&str>),
-    format: ListingFormat,
+    (format, precision): (ListingFormat, ListingPrecision),
 ) -> io::Result<()> {
+    let single = precision == ListingPrecision::F32;
     let (head, end) = match format {
         ListingFormat::Csv => ("n,weight\n".to_owned(), ""),
         ListingFormat::Rust => {
             let name = name.unwrap_or("WEIGHTS").to_ascii_uppercase();
             let doc = format!("/// Convolution-quadrature weights: {origin}.");
-            (format!("{doc}\npub const {name}: [f64; {count}] = [\n"), "];\n")
+            let scalar = if single { "f32" } else { "f64" };
+            (format!("{doc}\npub const {name}: [{scalar}; {count}] = [\n"), "];\n")
         }
         ListingFormat::C => {
             let (small, large) = names_of_c(name);
+            let scalar = if single { "float" } else { "double" };
             let constants = format!(
                 "/* Convolution-quadrature weights: {origin}. */\n#define {large}_WEIGHTS {count}\n\
-                 static const double {small}_weights[{large}_WEIGHTS] = {{\n"
+                 static const {scalar} {small}_weights[{large}_WEIGHTS] = {{\n"
             );
             (constants, "};\n")
         }
@@ -87,7 +109,12 @@ pub(super) fn write_weights(
             // Constants: four numbers in a row.
             _ => {
                 let (before, after) = (if n % 4 == 0 { "    " } else { " " }, n % 4 == 3 || n + 1 == count);
-                write!(out, "{before}{weight:e},{}", if after { "\n" } else { "" })?;
+                let end = if after { "\n" } else { "" };
+                match (single, format) {
+                    (true, ListingFormat::C) => write!(out, "{before}{:e}f,{end}", weight as f32)?,
+                    (true, _) => write!(out, "{before}{:e},{end}", weight as f32)?,
+                    (false, _) => write!(out, "{before}{weight:e},{end}")?,
+                }
             }
         }
     }
@@ -101,12 +128,12 @@ pub(super) fn write_matrix_weights(
     planes: &[f64],
     stages: usize,
     (origin, name): (&str, Option<&str>),
-    format: ListingFormat,
+    form: (ListingFormat, ListingPrecision),
 ) -> io::Result<()> {
     let count = planes.len() / (stages * stages);
-    if format != ListingFormat::Csv {
+    if form.0 != ListingFormat::Csv {
         let layout = format!("{origin}; entry (i, j) of weight n at (i*{stages} + j)*{count} + n");
-        return write_weights(out, planes.iter().copied(), planes.len(), (&layout, name), format);
+        return write_weights(out, planes.iter().copied(), planes.len(), (&layout, name), form);
     }
     out.write_all(b"n,row,column,weight\n")?;
     for n in 0..count {
@@ -215,8 +242,14 @@ fn exponentials_c<T: Real + LowerExp>(
     } else {
         String::new()
     };
+    let end = match end_of(kernel, kernel.step_size()) {
+        Some(end) => format!(
+            " A memory on it {end}:\n   it refuses further ones, or forgets with FVI_FORGET_PAST_HORIZON."
+        ),
+        None => String::new(),
+    };
     format!(
-        "/* {origin}: tolerance {:e}. The exponentials in blocks of four decays and four coefficients, as fvi.h takes them. */\n\
+        "/* {origin}: tolerance {:e}. The exponentials in blocks of four decays and four coefficients, as fvi.h takes them.{end} */\n\
          #define {large}_HEAD {}\n#define {large}_EXPONENTIALS {}\n#define {large}_SLOW_BLOCKS {}\n#define {large}_FAR_BLOCKS {}\n\
          #define {large}_HORIZON {horizon}\n#define {large}_STEP {:e}\n\
          #define {large}_NUMBERS(channels) \\\n    FVI_EXPONENTIAL_NUMBERS({large}_HEAD, {large}_EXPONENTIALS, \

@@ -2,7 +2,9 @@
 
 use super::CommandError;
 use super::kernel_choice::KernelChoice;
-use super::listing::{ListingFormat, emit, identifier, parameter_error, write_matrix_weights, write_weights};
+use super::listing::{
+    ListingFormat, ListingPrecision, emit, identifier, parameter_error, write_matrix_weights, write_weights,
+};
 use fvi_core::{BdfOrder, ConvolutionWeights, ParameterError, RungeKutta};
 use fvi_fft::quadrature::StagedMethod;
 use fvi_fft::quadrature::multistep_weights::multistep_weights;
@@ -41,6 +43,9 @@ pub(crate) struct WeightsArguments {
     /// A table, or constants for firmware
     #[arg(long, value_enum, default_value_t)]
     format: ListingFormat,
+    /// Precision of the constants [default: f32 in C, as in fvi.h, else f64]
+    #[arg(long, value_enum)]
+    precision: Option<ListingPrecision>,
     /// Name of the constants, such as half_derivative [default: WEIGHTS in Rust, fvi in C]
     #[arg(long, value_parser = identifier)]
     name: Option<String>,
@@ -106,7 +111,7 @@ impl WeightsArguments {
         let on = if self.increments { " on increments" } else { "" };
         let origin = format!("BDF {}, exponent {exponent}{on}, step {}", self.order, self.step);
         let said = (&*origin, self.name.as_deref());
-        emit(|out| write_weights(out, weights, self.count, said, self.format), self.out.as_deref())
+        emit(|out| write_weights(out, weights, self.count, said, self.form()), self.out.as_deref())
     }
 
     /// Lists weights that are computed all at once: for kernels other than s^β, or by the trapezoidal rule.
@@ -119,7 +124,7 @@ impl WeightsArguments {
         let origin = format!("{rule}, {}{on}, step {}", self.kernel.origin(transfer), self.step);
         let said = (&*origin, self.name.as_deref());
         let write = |out: &mut dyn std::io::Write| {
-            write_weights(out, weights.into_iter(), self.count, said, self.format)
+            write_weights(out, weights.into_iter(), self.count, said, self.form())
         };
         emit(write, self.out.as_deref())
     }
@@ -140,15 +145,25 @@ impl WeightsArguments {
         let on = if self.increments { " on rises" } else { "" };
         let origin = format!("{name}, {R} stages, exponent {exponent}{on}, step {}", self.step);
         let said = (&*origin, self.name.as_deref());
-        emit(|out| write_matrix_weights(out, &planes, R, said, self.format), self.out.as_deref())
+        emit(|out| write_matrix_weights(out, &planes, R, said, self.form()), self.out.as_deref())
     }
 
-    /// Refuses weights that overflow or underflow in double precision.
+    /// Format and precision of the listing.
+    fn form(&self) -> (ListingFormat, ListingPrecision) {
+        (self.format, self.format.precision(self.precision))
+    }
+
+    /// Refuses weights that overflow or underflow in the precision of the listing.
     fn check(&self, mut weights: impl Iterator<Item = f64>) -> Result<(), CommandError> {
-        if weights.all(|weight| weight == 0.0 || weight.is_normal()) {
+        let single = self.form().1 == ListingPrecision::F32;
+        let held = |weight: f64| if single { (weight as f32).is_normal() } else { weight.is_normal() };
+        if weights.all(|weight| weight == 0.0 || held(weight)) {
             return Ok(());
         }
-        let allowed = "a step whose weights, h^−exponent in size, double precision holds";
+        let allowed = match single {
+            true => "a step whose weights, h^−exponent in size, single precision holds",
+            false => "a step whose weights, h^−exponent in size, double precision holds",
+        };
         Err(parameter_error(ParameterError { parameter: "step", value: self.step, allowed }))
     }
 }

@@ -250,7 +250,8 @@ fn numbers_that_cannot_be_listed_are_refused() {
         "weights --exponent 1.9 --step 1e170",
         "weights --exponent 1.9 --step 1e155 --count 100000000",
         "exponentials --exponent 1.9 --step 1e-170",
-        "exponentials --exponent 1.9 --step 1e-30 --precision f32 --format c",
+        "exponentials --exponent 1.9 --step 1e-30 --format c",
+        "weights --exponent 1.9 --step 1e-30 --format c",
         "exponentials --exponent 1.9 --step 1e30 --precision f32 --format rust",
     ] {
         let output = place.fvi(&arguments.split(' ').collect::<Vec<_>>());
@@ -259,7 +260,7 @@ fn numbers_that_cannot_be_listed_are_refused() {
         assert!(text(&output.stderr).contains("step = "), "{}", text(&output.stderr));
     }
     // What is not asked for in single precision need not fit into it.
-    let double = "exponentials --exponent 1.9 --step 1e-30 --format c";
+    let double = "exponentials --exponent 1.9 --step 1e-30 --format c --precision f64";
     assert!(place.fvi(&double.split(' ').collect::<Vec<_>>()).status.success());
 }
 

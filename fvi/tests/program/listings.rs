@@ -44,18 +44,32 @@ fn listed_exponentials_sum_up_to_the_listed_weights_behind_the_head() {
 #[test]
 fn constants_hold_the_numbers_of_the_tables() {
     for format in ["rust", "c"] {
-        let constants = text(&format!("weights --order 1 --exponent 0.5 --count 6 --format {format}"));
-        assert!(constants.contains("1e0, -5e-1, -1.25e-1, -6.25e-2,"), "{constants}");
-        let constants = text(&format!(
-            "exponentials --exponent 0.5 --horizon 1e4 --tolerance 1e-3 --precision f32 --format {format}"
-        ));
-        // Constants of C carry the suffix of single precision.
+        // Constants of C are those of fvi.h, in single precision, and carry its suffix.
         let head = if format == "rust" {
             "1e0, -5e-1, -1.25e-1, -6.25e-2,"
         } else {
             "1e0f, -5e-1f, -1.25e-1f, -6.25e-2f,"
         };
+        let constants = text(&format!("weights --order 1 --exponent 0.5 --count 6 --format {format}"));
         assert!(constants.contains(head), "{constants}");
+        let constants =
+            text(&format!("exponentials --exponent 0.5 --horizon 1e4 --tolerance 1e-3 --format {format}"));
+        assert!(constants.contains(head), "{constants}");
+        let scalar = if format == "rust" { "&[f64]" } else { "static const float fvi_head" };
+        assert!(constants.contains(scalar), "{constants}");
+        // In the other precision on request.
+        let asked = |arguments: &str| {
+            let precision = if format == "rust" { "f32" } else { "f64" };
+            text(&format!("{arguments} --precision {precision} --format {format}"))
+        };
+        let other = [
+            asked("weights --exponent 0.5 --count 6"),
+            asked("exponentials --exponent 0.5 --tolerance 1e-3"),
+        ];
+        for constants in other {
+            assert!(constants.contains(if format == "rust" { "f32" } else { "const double" }), "{constants}");
+            assert!(constants.contains("1e0, -5e-1, -1.25e-1, -6.25e-2,"), "{constants}");
+        }
         assert!(constants.contains(if format == "rust" {
             "horizon: 10000,"
         } else {
@@ -65,22 +79,35 @@ fn constants_hold_the_numbers_of_the_tables() {
 }
 
 #[test]
-fn an_endless_table_says_so_and_a_long_horizon_has_a_type_that_holds_it() {
+fn a_table_has_no_end_unless_asked_for_and_one_that_ends_says_when() {
     let table = |arguments: &str| text(&format!("exponentials --exponent -0.8 --tolerance 1e-7 {arguments}"));
-    let endless = table("--endless --format rust --precision f32");
+    let endless = table("--format rust --precision f32");
+    assert_eq!(endless, table("--endless --format rust --precision f32"));
+    assert!(!endless.contains("ends after"), "{endless}");
     assert!(endless.contains("horizon: fvi_core::ExponentialTable::<()>::ENDLESS,"), "{endless}");
     assert!(endless.contains("step_size: 1.0,") && !endless.contains("far_blocks: 0,"), "{endless}");
-    let endless = table("--endless --step 0.001 --format c --precision f32");
+    let endless = table("--step 0.001 --format c");
     assert!(endless.contains("#define FVI_HORIZON FVI_ENDLESS\n"), "{endless}");
     assert!(endless.contains("#define FVI_STEP 1e-3\n"), "{endless}");
-    assert!(table("--endless").contains("# horizon = endless\n"));
+    assert!(table("").contains("# horizon = endless\n"));
+    // In the file and on standard error.
+    for format in ["rust", "c"] {
+        let arguments = format!(
+            "exponentials --exponent -0.8 --tolerance 1e-7 --step 0.01 --horizon 1e6 --format {format}"
+        );
+        let output = fvi(&arguments);
+        let [file, said] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+        assert!(file.contains("ends after 1000000 samples, 10000 units of time"), "{file}");
+        assert_eq!(said, "note: a memory on this table ends after 1000000 samples, 10000 units of time\n");
+    }
     // More than a word of 32 bits holds.
     let long = table("--horizon 1e10 --format c --precision f32");
     assert!(long.contains("#define FVI_HORIZON UINT64_C(10000000000)\n"), "{long}");
     let long = table("--horizon 1e10 --format rust --precision f32");
     assert!(long.contains("horizon: 10000000000,"), "{long}");
     // Kernels that end with their head have no horizon.
-    let whole = text("exponentials --exponent 1 --format c --precision f32");
+    let whole = text("exponentials --exponent 1 --horizon 1e4 --format c");
+    assert!(!whole.contains("ends after"), "{whole}");
     assert!(whole.contains("#define FVI_HORIZON FVI_ENDLESS\n") && whole.contains(".exponentials = NULL"));
     let both = fvi("exponentials --exponent 0.5 --endless --horizon 5");
     assert_eq!(both.status.code(), Some(2));
@@ -103,7 +130,7 @@ fn tables_of_several_operators_have_names() {
     let rust = text(&format!("{arguments} --format rust"));
     assert!(rust.contains("pub const HALF_RATE2: fvi_core::ExponentialTable<&[f32]>"), "{rust}");
     let weights = text("weights --exponent 0.5 --count 2 --format c --name half");
-    assert!(weights.contains("static const double half_weights[HALF_WEIGHTS]"), "{weights}");
+    assert!(weights.contains("static const float half_weights[HALF_WEIGHTS]"), "{weights}");
     let weights = text("weights --exponent 0.5 --count 2 --format rust --name half");
     assert!(weights.contains("pub const HALF: [f64; 2]"), "{weights}");
     let rates = text("rates --stages 1 --exponent 0.5 --shortest 0.1 --horizon 9 --format rust --name half");

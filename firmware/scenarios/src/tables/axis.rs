@@ -1,5 +1,7 @@
 /// Integral, s^-0.8: 5 weights, then 34 exponentials; tolerance 1e-7.
 ///
+/// A memory on it ends after 100000000 samples: it refuses further ones, or forgets.
+///
 /// `fvi_core::Kernel::exponential_sum` takes it, with `AXIS_INTEGRAL.state_len(channels)` numbers of state.
 pub const AXIS_INTEGRAL: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable {
     stages: 1,
@@ -34,6 +36,8 @@ pub const AXIS_INTEGRAL: fvi_core::ExponentialTable<&[f32]> = fvi_core::Exponent
 };
 
 /// Derivative, s^0.6: 5 weights, then 39 exponentials; tolerance 1e-7.
+///
+/// A memory on it ends after 100000000 samples: it refuses further ones, or forgets.
 ///
 /// `fvi_core::Kernel::exponential_sum` takes it, with `AXIS_DERIVATIVE.state_len(channels)` numbers of state.
 pub const AXIS_DERIVATIVE: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable {
@@ -81,7 +85,7 @@ pub fn axis_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterError> {
         derivative_order: 0.6,
         sample: Some(0.002),
         setpoint_weights: [1.0, 0.0],
-        derivative_of: fvi_core::DerivativeOf::Values,
+        derivative_of: fvi_core::DerivativeOf::ValuesFromRest,
         derivative_filter: fvi_core::DerivativeFilter::FirstOrder { time: 0.004 },
         limits: [-40.0, 40.0],
         rate_limit: 20000.0,
@@ -90,7 +94,8 @@ pub fn axis_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterError> {
     })
 }
 
-/// The controller, with a law of its own or one that it borrows.
+/// The controller, with a law of its own or one that it borrows. It
+/// ends after 100000000 samples, 200000 units of time: further ticks are refused.
 pub type AxisPid<L = fvi_core::PidLaw<f32>> = fvi_core::FractionalPid<f32, fvi_core::ExponentialSum<f32, &'static [f32], [f32; AXIS_INTEGRAL.state_len(1)]>, fvi_core::ExponentialSum<f32, &'static [f32], [f32; AXIS_DERIVATIVE.state_len(1)]>, L>;
 
 /// The controller with a law of its own, before its first tick.

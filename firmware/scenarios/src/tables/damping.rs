@@ -1,5 +1,7 @@
 /// BDF 1, exponent 0.5, step 0.001: 5 weights, then 44 exponentials; tolerance 1e-7.
 ///
+/// A memory on it ends after 100000000 samples, 100000 units of time: it refuses further ones, or forgets.
+///
 /// `fvi_core::Kernel::exponential_sum` takes it, with `TABLE.state_len(channels)` numbers of state.
 pub const TABLE: fvi_core::ExponentialTable<&[f32]> = fvi_core::ExponentialTable {
     stages: 1,
