@@ -113,14 +113,14 @@
 #define FVI_PID_SERIES 1
 
 /*
- The derivative is that of c r - y, taken as zero before the first tick.
+ The derivative is that of c r - y minus its first value: a loop at rest starts without a kick.
  */
-#define FVI_PID_OF_VALUES 0
+#define FVI_PID_FROM_REST 0
 
 /*
- The derivative is that of c r - y minus its first value.
+ The derivative is that of c r - y, taken as zero before the first tick.
  */
-#define FVI_PID_FROM_REST 1
+#define FVI_PID_OF_VALUES 1
 
 /*
  The derivative is D^(mu - 1) of a measured rate of y; c is 0.
@@ -458,18 +458,6 @@ typedef struct FviStepper6 {
 } FviStepper6;
 
 /*
- A fractional PID controller.
-
- Set all words to zero before the first call.
- */
-typedef struct FviPid {
-  /*
-   Internal state; not to be accessed by the caller.
-   */
-  uint64_t words[FVI_PID_WORDS];
-} FviPid;
-
-/*
  A control law. Members that are zero mean: no limits, no filter, default orders; the setpoint weights are
  used as given.
  */
@@ -531,7 +519,7 @@ typedef struct FviPidSettings {
    */
   uint32_t form;
   /*
-   FVI_PID_OF_VALUES, FVI_PID_FROM_REST or FVI_PID_OF_RATE.
+   FVI_PID_FROM_REST, FVI_PID_OF_VALUES or FVI_PID_OF_RATE.
    */
   uint32_t derivative_of;
   /*
@@ -543,6 +531,18 @@ typedef struct FviPidSettings {
    */
   uint32_t bumpless;
 } FviPidSettings;
+
+/*
+ A fractional PID controller.
+
+ Set all words to zero before the first call.
+ */
+typedef struct FviPid {
+  /*
+   Internal state; not to be accessed by the caller.
+   */
+  uint64_t words[FVI_PID_WORDS];
+} FviPid;
 
 /*
  Inputs of a tick.
@@ -1002,12 +1002,24 @@ enum FviStatus fvi_stepper_save_6(const struct FviStepper *stepper, uint8_t *byt
 enum FviStatus fvi_stepper_restore_6(struct FviStepper *stepper, const uint8_t *bytes, size_t count);
 
 /*
+ The name of the first member of the settings that fvi_pid_init and fvi_pid_set would refuse, such as
+ "lambda"; NULL if they are all right, and "settings" if the pointer is NULL or misaligned. Memories are not
+ looked at.
+
+ # Safety
+ `settings` must be readable, or NULL.
+ */
+const char *fvi_pid_refused(const struct FviPidSettings *settings);
+
+/*
  Sets up a controller on empty memories.
 
- The kernel of the integral's memory is D^-lambda for lambda < 1, else D^(1 - lambda), which for lambda = 1
- is a ring with the single weight 1. That of the derivative's memory is D^mu, or D^(mu - 1) for a rate;
+ The kernel of the integral's memory is D^-lambda for lambda < 1, else D^(1 - lambda). For lambda = 1 that
+ is the identity, a ring with the single weight 1, or NULL: a P or PD controller is one with lambda = 1, ki =
+ 0 and no memory of an integral. That of the derivative's memory is D^mu, or D^(mu - 1) for a rate;
  NULL without a derivative. That of the filter's memory is D^filter_order; NULL where the order is 1 or
- there is no filter. The memories are compared with these kernels. Returns FVI_STATUS_NULL,
+ there is no filter. The memories are compared with these kernels. fvi_pid_refused names the member of the
+ settings that is wrong. Returns FVI_STATUS_NULL,
  FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if
  something is wrong with a pointer, a number or a size.
 
@@ -1064,8 +1076,8 @@ enum FviStatus fvi_pid_manual(struct FviPid *controller, float output);
 enum FviStatus fvi_pid_automatic(struct FviPid *controller);
 
 /*
- Changes the gains, from the next tick on; `bumpless` of the settings selects how the output may change. In
- the series form they are kp, 1/T_i and T_d.
+ Changes the gains, from the next tick on; `bumpless` of the settings selects how the output may change.
+ They are those of FviPidSettings: in the series form kp, 1/T_i and T_d.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, or
  FVI_STATUS_OUT_OF_RANGE if a gain is not allowed, or a derivative lacks its memory.
@@ -1074,6 +1086,31 @@ enum FviStatus fvi_pid_automatic(struct FviPid *controller);
  `controller` must be zeroed or set up.
  */
 enum FviStatus fvi_pid_set_gains(struct FviPid *controller, float kp, float ki, float kd);
+
+/*
+ Changes the settings, from the next tick on: gains, setpoint weights, limits, rate limit, anti-windup with
+ its tracking time, filter time, and `bumpless`, which selects how the output may change where gains do. Form,
+ orders, sample time and kind of derivative are those of the set-up.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, or
+ FVI_STATUS_OUT_OF_RANGE if a member is not allowed (fvi_pid_refused names it), needs other memories, or
+ differs that may not.
+
+ # Safety
+ `controller` must be zeroed or set up, `settings` readable.
+ */
+enum FviStatus fvi_pid_set(struct FviPid *controller, const struct FviPidSettings *settings);
+
+/*
+ Writes the output of the last tick, 0 before the first, and the integral term in it, ki I^lambda of the
+ samples as limits and transfers have changed them. A pointer that is NULL receives nothing.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
+
+ # Safety
+ `controller` must be zeroed or set up, `output` and `integral` writable or NULL.
+ */
+enum FviStatus fvi_pid_state(const struct FviPid *controller, float *output, float *integral);
 
 /*
  Restores the state after set-up, with empty memories and in automatic mode; the gains are kept.

@@ -3,8 +3,8 @@
 use core::mem::take;
 
 use fvi_core::{
-    ActsOn, BdfOrder, Direct, ExponentialSum, ExponentialTable, Kernel, Memory, MemoryError, Overflow,
-    StateError, StateReader, StateWriter, Stateful,
+    ActsOn, BdfOrder, Direct, ExponentialSum, ExponentialTable, Kernel, Memory, MemoryError, Memoryless,
+    Overflow, StateError, StateReader, StateWriter, Stateful,
 };
 
 use crate::pointer::{reference, slice, slice_mut};
@@ -114,9 +114,10 @@ pub unsafe extern "C" fn fvi_memory_scale_bdf(
     })())
 }
 
-/// A memory with `C` channels on the caller's buffer.
+/// A memory with `C` channels on the caller's buffer, or that of the identity, which needs none.
 #[derive(Debug)]
 pub(crate) enum AnyMemory<const C: usize> {
+    Identity(Memoryless<f32>),
     Ring(Direct<f32, &'static [f32], [BufferRing; C], BufferRing>),
     Exponential(ExponentialSum<f32, &'static [f32], &'static mut [f32]>),
 }
@@ -177,6 +178,7 @@ impl<const C: usize> AnyMemory<C> {
 macro_rules! each {
     ($memory:expr, $name:ident => $call:expr) => {
         match $memory {
+            AnyMemory::Identity($name) => $call,
             AnyMemory::Ring($name) => $call,
             AnyMemory::Exponential($name) => $call,
         }

@@ -1,8 +1,10 @@
 //! A fractional PID controller.
 
+use core::ffi::{CStr, c_char};
+
 use fvi_core::{
-    Actuator, AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, FractionalPid, PidError, PidGains,
-    PidInputs, PidLaw, PidSettings,
+    Actuator, AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, FractionalPid, Memoryless,
+    ParameterError, PidError, PidGains, PidInputs, PidLaw, PidSettings,
 };
 
 use crate::memory::{AnyMemory, FviMemory};
@@ -17,10 +19,10 @@ pub const FVI_PID_PARALLEL: u32 = 0;
 /// is T_d.
 pub const FVI_PID_SERIES: u32 = 1;
 
+/// The derivative is that of c r - y minus its first value: a loop at rest starts without a kick.
+pub const FVI_PID_FROM_REST: u32 = 0;
 /// The derivative is that of c r - y, taken as zero before the first tick.
-pub const FVI_PID_OF_VALUES: u32 = 0;
-/// The derivative is that of c r - y minus its first value.
-pub const FVI_PID_FROM_REST: u32 = 1;
+pub const FVI_PID_OF_VALUES: u32 = 1;
 /// The derivative is D^(mu - 1) of a measured rate of y; c is 0.
 pub const FVI_PID_OF_RATE: u32 = 2;
 
@@ -78,7 +80,7 @@ pub struct FviPidSettings {
     pub rate_limit: f32,
     /// FVI_PID_PARALLEL or FVI_PID_SERIES.
     pub form: u32,
-    /// FVI_PID_OF_VALUES, FVI_PID_FROM_REST or FVI_PID_OF_RATE.
+    /// FVI_PID_FROM_REST, FVI_PID_OF_VALUES or FVI_PID_OF_RATE.
     pub derivative_of: u32,
     /// FVI_PID_NO_ANTI_WINDUP, FVI_PID_BACK_CALCULATION or FVI_PID_CONDITIONAL.
     pub anti_windup: u32,
@@ -135,8 +137,49 @@ impl From<PidError> for FviStatus {
     }
 }
 
+/// A member of the settings that is refused.
+struct Refused {
+    status: FviStatus,
+    member: &'static CStr,
+}
+
+impl Refused {
+    /// An unknown constant.
+    fn constant(member: &'static CStr) -> Self {
+        Self { status: FviStatus::OutOfRange, member }
+    }
+}
+
+impl From<ParameterError> for Refused {
+    fn from(error: ParameterError) -> Self {
+        let member = match error.parameter {
+            "proportional gain" => c"kp",
+            "integral gain" | "integral rate" => c"ki",
+            "derivative gain" | "derivative time" => c"kd",
+            "filter ratio" => c"filter_ratio",
+            "integral order" => c"lambda",
+            "derivative order" => c"mu",
+            "setpoint weight" | "setpoint weight of the derivative" => c"setpoint_weights",
+            "lower limit" | "limits" => c"limits",
+            "rate limit" => c"rate_limit",
+            "tracking time" => c"tracking_time",
+            "time of the derivative's filter" => c"filter_time",
+            "order of the derivative's filter" => c"filter_order",
+            "derivative" => c"derivative_of",
+            _ => c"sample",
+        };
+        Self { status: error.into(), member }
+    }
+}
+
+impl From<Refused> for FviStatus {
+    fn from(refused: Refused) -> Self {
+        refused.status
+    }
+}
+
 /// Gains of a form.
-fn gains(form: u32, [kp, ki, kd, ratio]: [f32; 4]) -> Result<PidGains<f32>, FviStatus> {
+fn gains(form: u32, [kp, ki, kd, ratio]: [f32; 4]) -> Result<PidGains<f32>, Refused> {
     match form {
         FVI_PID_PARALLEL => Ok(PidGains::Parallel { proportional: kp, integral: ki, derivative: kd }),
         FVI_PID_SERIES => Ok(PidGains::Series {
@@ -145,12 +188,16 @@ fn gains(form: u32, [kp, ki, kd, ratio]: [f32; 4]) -> Result<PidGains<f32>, FviS
             derivative_time: kd,
             filter_ratio: ratio,
         }),
-        _ => Err(FviStatus::OutOfRange),
+        _ => Err(Refused::constant(c"form")),
     }
 }
 
-fn law(settings: &FviPidSettings) -> Result<PidLaw<f32>, FviStatus> {
-    let or_one = |order: f64| if order == 0.0 { 1.0 } else { order };
+/// An order, of which 0 stands for 1.
+fn or_one(order: f64) -> f64 {
+    if order == 0.0 { 1.0 } else { order }
+}
+
+fn law(settings: &FviPidSettings) -> Result<PidLaw<f32>, Refused> {
     let FviPidSettings { kp, ki, kd, filter_ratio, limits, rate_limit, .. } = *settings;
     let derivative_filter = match (settings.filter_time, or_one(settings.filter_order)) {
         (0.0, _) => DerivativeFilter::None,
@@ -167,7 +214,7 @@ fn law(settings: &FviPidSettings) -> Result<PidLaw<f32>, FviStatus> {
             FVI_PID_OF_VALUES => DerivativeOf::Values,
             FVI_PID_FROM_REST => DerivativeOf::ValuesFromRest,
             FVI_PID_OF_RATE => DerivativeOf::MeasuredRate,
-            _ => return Err(FviStatus::OutOfRange),
+            _ => return Err(Refused::constant(c"derivative_of")),
         },
         derivative_filter,
         limits: if limits == [0.0; 2] { [f32::NEG_INFINITY, f32::INFINITY] } else { limits },
@@ -176,25 +223,42 @@ fn law(settings: &FviPidSettings) -> Result<PidLaw<f32>, FviStatus> {
             FVI_PID_NO_ANTI_WINDUP => AntiWindup::None,
             FVI_PID_BACK_CALCULATION => AntiWindup::BackCalculation { time: settings.tracking_time },
             FVI_PID_CONDITIONAL => AntiWindup::Conditional,
-            _ => return Err(FviStatus::OutOfRange),
+            _ => return Err(Refused::constant(c"anti_windup")),
         },
         bumpless: match settings.bumpless {
             FVI_PID_BUMPLESS => Bumpless::Whole,
             FVI_PID_EXCEPT_PROPORTIONAL => Bumpless::ExceptProportional,
             FVI_PID_BUMPS => Bumpless::Nothing,
-            _ => return Err(FviStatus::OutOfRange),
+            _ => return Err(Refused::constant(c"bumpless")),
         },
     })?)
 }
 
+/// The name of the first member of the settings that fvi_pid_init and fvi_pid_set would refuse, such as
+/// "lambda"; NULL if they are all right, and "settings" if the pointer is NULL or misaligned. Memories are
+/// not looked at.
+///
+/// # Safety
+/// `settings` must be readable, or NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_refused(settings: *const FviPidSettings) -> *const c_char {
+    // SAFETY: readable as promised.
+    match unsafe { reference(settings) }.map(law) {
+        Ok(Ok(_)) => core::ptr::null(),
+        Ok(Err(refused)) => refused.member.as_ptr(),
+        Err(_) => c"settings".as_ptr(),
+    }
+}
+
 /// Sets up a controller on empty memories.
 ///
-/// The kernel of the integral's memory is D^-lambda for lambda < 1, else D^(1 - lambda), which for lambda = 1
-/// is a ring with the single weight 1. That of the derivative's memory is D^mu, or D^(mu - 1) for a rate;
-/// NULL without a derivative. That of the filter's memory is D^filter_order; NULL where the order is 1 or
-/// there is no filter. The memories are compared with these kernels. Returns FVI_STATUS_NULL,
-/// FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if
-/// something is wrong with a pointer, a number or a size.
+/// The kernel of the integral's memory is D^-lambda for lambda < 1, else D^(1 - lambda). For lambda = 1 that
+/// is the identity, a ring with the single weight 1, or NULL: a P or PD controller is one with lambda = 1, ki
+/// = 0 and no memory of an integral. That of the derivative's memory is D^mu, or D^(mu - 1) for a rate; NULL
+/// without a derivative. That of the filter's memory is D^filter_order; NULL where the order is 1 or there is
+/// no filter. The memories are compared with these kernels. fvi_pid_refused names the member of the settings
+/// that is wrong. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE,
+/// FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if something is wrong with a pointer, a number or a size.
 ///
 /// # Safety
 /// `controller` must be writable, `settings` readable, the memories as their type describes or NULL.
@@ -221,7 +285,11 @@ pub unsafe extern "C" fn fvi_pid_init(
         let law = law(unsafe { reference(settings) }?)?;
         // SAFETY: promised by the caller.
         let (integral, derivative, filter) =
-            unsafe { (memory(integral)?.ok_or(FviStatus::Null)?, memory(derivative)?, memory(filter)?) };
+            unsafe { (memory(integral)?, memory(derivative)?, memory(filter)?) };
+        let integral = match integral {
+            None if law.settings().integral_order == 1.0 => AnyMemory::Identity(Memoryless::new()),
+            given => given.ok_or(FviStatus::Null)?,
+        };
         let pid = Pid::with_parts(law, integral, derivative, filter)?;
         // SAFETY: the words are as many as the assertion above demands.
         unsafe { keep(controller.cast(), pid) }
@@ -319,8 +387,8 @@ pub unsafe extern "C" fn fvi_pid_automatic(controller: *mut FviPid) -> FviStatus
     })())
 }
 
-/// Changes the gains, from the next tick on; `bumpless` of the settings selects how the output may change. In
-/// the series form they are kp, 1/T_i and T_d.
+/// Changes the gains, from the next tick on; `bumpless` of the settings selects how the output may change.
+/// They are those of FviPidSettings: in the series form kp, 1/T_i and T_d.
 ///
 /// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, or
 /// FVI_STATUS_OUT_OF_RANGE if a gain is not allowed, or a derivative lacks its memory.
@@ -338,6 +406,61 @@ pub unsafe extern "C" fn fvi_pid_set_gains(controller: *mut FviPid, kp: f32, ki:
             PidGains::Series { filter_ratio, .. } => (FVI_PID_SERIES, filter_ratio),
         };
         Ok(pid.set_gains(gains(form, [kp, ki, kd, ratio])?)?)
+    })())
+}
+
+/// Changes the settings, from the next tick on: gains, setpoint weights, limits, rate limit, anti-windup with
+/// its tracking time, filter time, and `bumpless`, which selects how the output may change where gains do.
+/// Form, orders, sample time and kind of derivative are those of the set-up.
+///
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, or
+/// FVI_STATUS_OUT_OF_RANGE if a member is not allowed (fvi_pid_refused names it), needs other memories, or
+/// differs that may not.
+///
+/// # Safety
+/// `controller` must be zeroed or set up, `settings` readable.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_set(controller: *mut FviPid, settings: *const FviPidSettings) -> FviStatus {
+    status((|| {
+        check(controller)?;
+        // SAFETY: readable as promised.
+        let law = law(unsafe { reference(settings) }?)?;
+        // SAFETY: zeroed or set up, as promised.
+        let pid = unsafe { kept::<Pid>(controller.cast()) }?;
+        // The law is one by itself, but not one for these memories.
+        pid.set_law(law).map_err(|_| FviStatus::OutOfRange)
+    })())
+}
+
+/// Writes the output of the last tick, 0 before the first, and the integral term in it, ki I^lambda of the
+/// samples as limits and transfers have changed them. A pointer that is NULL receives nothing.
+///
+/// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
+///
+/// # Safety
+/// `controller` must be zeroed or set up, `output` and `integral` writable or NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn fvi_pid_state(
+    controller: *const FviPid,
+    output: *mut f32,
+    integral: *mut f32,
+) -> FviStatus {
+    status((|| {
+        check(controller)?;
+        for place in [output, integral] {
+            if !place.is_null() {
+                check(place)?;
+            }
+        }
+        // SAFETY: zeroed or set up, as promised.
+        let pid = unsafe { kept::<Pid>(controller.cast_mut().cast()) }?;
+        for (place, value) in [(output, pid.output()), (integral, pid.integral())] {
+            if !place.is_null() {
+                // SAFETY: aligned; writable as promised.
+                unsafe { place.write(value) };
+            }
+        }
+        Ok(())
     })())
 }
 

@@ -730,6 +730,75 @@ static void check_restarted_operators(void) {
 
 static FviPid controller;
 
+static int is_name(const char *name, const char *expected) {
+    while (name && *name && *name == *expected) {
+        ++name;
+        ++expected;
+    }
+    return name && *name == *expected;
+}
+
+/* The member of the settings that is refused has its name. */
+static void check_names(const FviPidSettings *fine) {
+    FviPidSettings wrong = *fine;
+    expect_that("nothing refused", fvi_pid_refused(fine) == NULL);
+    expect_that("no settings", is_name(fvi_pid_refused(NULL), "settings"));
+#define EXPECT_REFUSED(name, member, value) \
+    wrong = *fine; \
+    wrong.member = value; \
+    expect_that(name " by name", is_name(fvi_pid_refused(&wrong), name))
+    EXPECT_REFUSED("sample", sample, -1.0);
+    EXPECT_REFUSED("lambda", lambda, 2.0);
+    EXPECT_REFUSED("mu", mu, -0.5);
+    EXPECT_REFUSED("filter_time", filter_time, -1.0);
+    EXPECT_REFUSED("filter_order", filter_order, 3.0);
+    EXPECT_REFUSED("tracking_time", tracking_time, 0.0);
+    EXPECT_REFUSED("kp", kp, not_a_number);
+    EXPECT_REFUSED("ki", ki, not_a_number);
+    EXPECT_REFUSED("kd", kd, not_a_number);
+    EXPECT_REFUSED("setpoint_weights", setpoint_weights[1], not_a_number);
+    EXPECT_REFUSED("limits", limits[0], 3.0f);
+    EXPECT_REFUSED("rate_limit", rate_limit, -1.0f);
+    EXPECT_REFUSED("form", form, 7);
+    EXPECT_REFUSED("derivative_of", derivative_of, 7);
+    EXPECT_REFUSED("anti_windup", anti_windup, 7);
+    EXPECT_REFUSED("bumpless", bumpless, 7);
+    EXPECT_REFUSED("filter_ratio", form, FVI_PID_SERIES);
+}
+
+/* P and PD controllers have no memory of an integral; PI of order 1 has none either. */
+static void check_plain_controllers(void) {
+    static FviPid plain;
+    static float weights[2] = {100.0f, -100.0f}, samples[2];
+    float output = 0.0f;
+    FviPidSettings settings = {.sample = 0.01, .kp = 2.0f, .setpoint_weights = {1.0f, 0.0f}};
+    expect("P", fvi_pid_init(&plain, &settings, NULL, NULL, NULL), FVI_STATUS_OK);
+    expect("tick", fvi_pid_tick(&plain, 3.0f, 1.0f, &output), FVI_STATUS_OK);
+    expect_that("P", output == 4.0f);
+    settings.ki = 5.0f;
+    expect("PI", fvi_pid_set(&plain, &settings), FVI_STATUS_OK);
+    expect("tick", fvi_pid_tick(&plain, 3.0f, 1.0f, &output), FVI_STATUS_OK);
+    expect("tick", fvi_pid_tick(&plain, 3.0f, 1.0f, &output), FVI_STATUS_OK);
+    expect_that("PI", output > 4.09f && output < 4.11f);
+    settings.ki = 0.0f;
+    settings.kd = 0.1f;
+    expect("kd without its memory", fvi_pid_set(&plain, &settings), FVI_STATUS_OUT_OF_RANGE);
+    FviMemory derivative = ring(FVI_SHORT_MEMORY, samples, 2);
+    derivative.weights = weights;
+    derivative.weight_count = 2;
+    expect("PD", fvi_pid_init(&plain, &settings, NULL, &derivative, NULL), FVI_STATUS_OK);
+    expect("tick", fvi_pid_tick(&plain, 20.0f, 20.0f, &output), FVI_STATUS_OK);
+    expect_that("at rest no kick", output == 0.0f);
+    expect("tick", fvi_pid_tick(&plain, 20.0f, 20.5f, &output), FVI_STATUS_OK);
+    expect_that("PD", output > -6.001f && output < -5.999f);
+    settings.derivative_of = FVI_PID_OF_VALUES;
+    expect("PD of values", fvi_pid_init(&plain, &settings, NULL, &derivative, NULL), FVI_STATUS_OK);
+    expect("tick", fvi_pid_tick(&plain, 20.0f, 20.0f, &output), FVI_STATUS_OK);
+    expect_that("a kick on request", output > -200.001f && output < -199.999f);
+    settings.lambda = 0.5;
+    expect("a fractional order without memory", fvi_pid_init(&plain, &settings, NULL, &derivative, NULL), FVI_STATUS_NULL);
+}
+
 /* A loop of first order, with limits, back-calculation, a hand on it, and a restart. */
 static void check_controller(void) {
     static float integral_weights[CAPACITY], derivative_weights[CAPACITY], integral_samples[CAPACITY], derivative_samples[CAPACITY];
@@ -747,6 +816,7 @@ static void check_controller(void) {
         .setpoint_weights = {1.0f, 0.0f}, .limits = {-2.0f, 2.0f}, .rate_limit = 300.0f, .anti_windup = FVI_PID_BACK_CALCULATION,
     };
     take(&before, &controller, sizeof controller);
+    check_names(&settings);
     expect("no settings", fvi_pid_init(&controller, NULL, &integral, &derivative, NULL), FVI_STATUS_NULL);
     expect("no integral", fvi_pid_init(&controller, &settings, NULL, &derivative, NULL), FVI_STATUS_NULL);
     expect("no derivative", fvi_pid_init(&controller, &settings, &integral, NULL, NULL), FVI_STATUS_OUT_OF_RANGE);
@@ -797,6 +867,34 @@ static void check_controller(void) {
         plant += 0.05f * (output - plant);
         note(output);
     }
+    /* Limits, weights, tracking and rate change while it runs; orders do not. */
+    float term = 0.0f;
+    expect("state", fvi_pid_state(&controller, &expected, &term), FVI_STATUS_OK);
+    expect_that("the last output", expected == output && term != 0.0f);
+    settings.limits[1] = output - 0.25f;
+    settings.setpoint_weights[0] = 0.5f;
+    settings.tracking_time = 0.05;
+    settings.rate_limit = 10.0f;
+    settings.kp = 1.0f;
+    settings.ki = 2.0f;
+    settings.kd = 0.05f;
+    take(&before, &controller, sizeof controller);
+    settings.lambda = 0.7;
+    expect("another order", fvi_pid_set(&controller, &settings), FVI_STATUS_OUT_OF_RANGE);
+    settings.lambda = 0.8;
+    settings.rate_limit = not_a_number;
+    expect("rate limit", fvi_pid_set(&controller, &settings), FVI_STATUS_NOT_FINITE);
+    settings.rate_limit = 10.0f;
+    expect("no settings", fvi_pid_set(&controller, NULL), FVI_STATUS_NULL);
+    expect_unchanged("controller", &before);
+    expect("set", fvi_pid_set(&controller, &settings), FVI_STATUS_OK);
+    for (int k = 0; k < 20; ++k) {
+        float last = output;
+        expect("tick", fvi_pid_tick(&controller, 5.0f, plant, &output), FVI_STATUS_OK);
+        expect_that("the new limit holds", output <= settings.limits[1]);
+        expect_that("the new rate holds", k == 0 || (output - last < 0.1001f && last - output < 0.1001f));
+        note(output);
+    }
     expect("save", fvi_pid_save(&controller, saved, sizeof saved, &written), FVI_STATUS_OK);
     expect("tick", fvi_pid_tick(&controller, 0.0f, plant, &expected), FVI_STATUS_OK);
     expect("reset", fvi_pid_reset(&controller), FVI_STATUS_OK);
@@ -831,6 +929,7 @@ int check_interface(void (*say)(const char *text)) {
     check_restarts();
     check_restarted_operators();
     check_controller();
+    check_plain_controllers();
     for (int status = 0; status < STATUSES; ++status) {
         if (!reached[status]) {
             fail(fvi_status_text(status), "never returned");

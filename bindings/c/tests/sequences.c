@@ -241,11 +241,9 @@ static FviMemory controller_memory(int index, int part) {
     return drawn;
 }
 
-static void init_controller(void) {
-    int index = (int)below(CONTROLLERS);
-    FviMemory integral = controller_memory(index, 0), derivative = controller_memory(index, 1);
+static FviPidSettings controller_settings(void) {
     float bound = 3.0f * positive();
-    FviPidSettings settings = {
+    return (FviPidSettings){
         .sample = rarely() ? (double)number() : 0.01,
         .lambda = rarely() ? 3.0 * (double)number() : 0.8,
         .mu = rarely() ? 3.0 * (double)number() : 0.6,
@@ -264,7 +262,13 @@ static void init_controller(void) {
         .anti_windup = rarely() ? below(5) : below(3),
         .bumpless = rarely() ? below(5) : below(3),
     };
-    void *const given[5] = {pointer(&world.controllers[index]), pointer(&settings), pointer(&integral),
+}
+
+static void init_controller(void) {
+    int index = (int)below(CONTROLLERS);
+    FviMemory integral = controller_memory(index, 0), derivative = controller_memory(index, 1);
+    FviPidSettings settings = controller_settings();
+    void *const given[5] = {pointer(&world.controllers[index]), pointer(&settings), below(8) ? pointer(&integral) : NULL,
         below(8) ? pointer(&derivative) : NULL, NULL};
     remember();
     emptied = world.controller_buffers[index][0];
@@ -286,13 +290,17 @@ static void control(void) {
         .actuator = rarely() ? below(9) : below(3),
         .applied = number(),
     };
+    FviPidSettings settings = controller_settings();
+    float term;
     FviStatus status;
     remember();
-    switch (below(16)) {
+    switch (below(18)) {
     case 0: status = fvi_pid_manual(controller, number()); break;
     case 1: status = fvi_pid_automatic(controller); break;
     case 2: status = fvi_pid_set_gains(controller, number(), number(), number()); break;
     case 3: status = fvi_pid_reset(controller); break;
+    case 16: status = fvi_pid_set(controller, pointer(&settings)); break;
+    case 17: status = fvi_pid_state(controller, below(2) ? NULL : &term, pointer(&world.result)); break;
     case 4:
         is_done(12, fvi_pid_save(controller, pointer(world.saved[2]), capacity(), pointer(&world.written[2])));
         damage(2);
