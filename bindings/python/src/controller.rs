@@ -90,7 +90,7 @@ impl FractionalPid {
                 }
                 PidGains::Series { filter_ratio, .. } => PidGains::Series {
                     proportional: kp,
-                    integral_rate: if ki == 0.0 { 0.0 } else { 1.0 / ki },
+                    integral_rate: ki,
                     derivative_time: kd,
                     filter_ratio,
                 },

@@ -329,6 +329,22 @@ def test_a_controller_by_itself_is_that_of_the_loop():
         fvi.FractionalPid(sample=0.02, speed=1.0)
 
 
+def test_a_controller_starts_from_rest_and_gains_are_factors_of_the_operators():
+    rest = {"sample": 0.01, "kp": 2.0, "ki": 1.0, "kd": 1.0, "mu": 0.9}
+    assert fvi.FractionalPid(**rest).tick(20.0, 20.0) == 0.0
+    kick = fvi.FractionalPid(**rest, derivative="riemann-liouville").tick(20.0, 20.0)
+    assert kick == pytest.approx(-20.0 * 0.01**-0.9)
+    # In the series form 1/T_i and T_d, as in Rust and C.
+    series = {"sample": 0.01, "form": "series", "lam": 0.8, "mu": 0.7}
+    made = fvi.FractionalPid(**series, kp=2.0, integral_time=4.0, derivative_time=0.5)
+    given = fvi.FractionalPid(**series, kp=1.0, integral_time=1.0, derivative_time=0.1)
+    given.set_gains(2.0, 0.25, 0.5)
+    assert given.response(3.0) == made.response(3.0)
+    without = fvi.FractionalPid(**series, kp=2.0, derivative_time=0.5)
+    given.set_gains(2.0, 0.0, 0.5)
+    assert given.response(3.0) == without.response(3.0)
+
+
 def test_controllers_have_columns(tmp_path):
     plain = fvi.run(loop_of())
     assert plain.u is None and plain.setpoint is None and plain.measure is None

@@ -14,7 +14,8 @@ class FractionalPid(_fvi.FractionalPid):
 
         u = kp (b r − y) + ki I^lam (r − y) + kd D^mu (c r − y)_f + u_ff     within limits
 
-    It remembers the whole past, by exponential sums that are exact to rounding.
+    It remembers the whole past, by exponential sums that are exact to rounding. The derivative starts from rest: the first
+    output has none, at any value; with derivative="riemann-liouville" the values before the first tick count as zero.
 
     Parameters
     ----------
@@ -111,6 +112,21 @@ class FractionalPid(_fvi.FractionalPid):
         float
         """
         return super().tick(setpoint, measured, feed_forward, applied, limited)
+
+    def set_gains(self, kp: float, ki: float, kd: float) -> None:
+        """Changes the gains, from the next tick on; the integral absorbs what this changes in the output.
+
+        Parameters
+        ----------
+        kp, ki, kd : float
+            Gains as in Rust and C, the factors of 1, I^lam and D^mu: in the series form kp, 1/T_i (0 for no integral) and T_d.
+
+        Raises
+        ------
+        InputError
+            If a gain is out of range.
+        """
+        super().set_gains(kp, ki, kd)
 
     def response(self, omega: float) -> tuple[complex, complex]:  # type: ignore[override]
         """Frequency response of the discrete law without limits at ω, 0 < ω ≤ π/sample: C_r and C_y of u = C_r r − C_y y."""
