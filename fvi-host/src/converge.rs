@@ -413,9 +413,10 @@ impl Convergence {
         let subtitle = format!("{}; {}", scenario.scheme.describe(), scenario.convolution.describe());
         let mut chart = Chart::new(
             scenario.heading(),
-            Axis::logarithmic("step size h"),
+            Axis::logarithmic("step size h").in_units(&scenario.output.appearance.units.time),
             Axis::logarithmic("largest error"),
         )
+        .on_paper(scenario.output.appearance.paper)
         .with_subtitle(subtitle);
         let mut orders: Vec<(i64, (f64, f64))> = Vec::new();
         for quantity in Quantity::ALL {

@@ -4,6 +4,7 @@
 //! does not depend on how it is run. Its serialised form is the record of the inputs as used.
 
 mod adaptive;
+mod appearance;
 mod builder;
 mod case;
 mod combinations;
@@ -35,6 +36,7 @@ mod time;
 mod warnings;
 
 pub use adaptive::{Adaptive, Start};
+pub use appearance::{Appearance, Paper, Units};
 pub use builder::{Damper, Entries, ScenarioBuilder};
 pub use case::Case;
 pub use combinations::{Feature, MARK as COMBINATIONS_MARK, ROWS, Row, page as combinations_page};
@@ -375,7 +377,15 @@ impl Scenario {
             Some(value) => {
                 let table = value.table()?;
                 if of_equation {
-                    table.allow(&["every", "coordinates", "times", "momentum"])?;
+                    table.allow(&[
+                        "every",
+                        "coordinates",
+                        "times",
+                        "momentum",
+                        "labels",
+                        "units",
+                        "picture",
+                    ])?;
                 }
                 OutputOptions::read(&table, descriptor, count, time)?
             }

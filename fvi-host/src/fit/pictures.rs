@@ -10,12 +10,12 @@ const MOST_TABLES: usize = 20;
 
 /// The charts of a fitted model, with the names of their files.
 pub(super) fn charts(plan: &Fit, fitted: &FittedModel) -> Vec<(String, Chart)> {
-    let mut charts = Vec::new();
+    let (mut charts, appearance) = (Vec::new(), plan.appearance());
     for (index, record) in plan.records.iter().take(MOST_TABLES).enumerate() {
         let told = &fitted.told[index];
         let values = || record.columns.iter().flat_map(|column| &column.values).chain(told.iter().flatten());
         let over = || match record.domain {
-            Domain::Time => Axis::linear("time t"),
+            Domain::Time => Axis::linear("time t").in_units(&appearance.units.time),
             Domain::Frequency { .. } => Axis::logarithmic("angular frequency ω"),
         };
         // Moduli span decades; parts of a receptance have either sign.
@@ -23,7 +23,11 @@ pub(super) fn charts(plan: &Fit, fitted: &FittedModel) -> Vec<(String, Chart)> {
         let names: Vec<&str> = record.columns.iter().map(|column| column.name.as_str()).collect();
         let names = names.join(", ");
         let y = if is_positive { Axis::logarithmic(&names) } else { Axis::linear(&names) };
-        let chart = |y: Axis| Chart::new(plan.heading(), over(), y).with_subtitle(record.name.clone());
+        let chart = |y: Axis| {
+            Chart::new(plan.heading(), over(), y)
+                .on_paper(appearance.paper)
+                .with_subtitle(record.name.clone())
+        };
         let (mut both, mut left) = (chart(y), chart(Axis::linear("(datum − model)/deviation")));
         for (number, (column, told)) in record.columns.iter().zip(told).enumerate() {
             // The model over its data, in a colour of its own.

@@ -4,6 +4,8 @@ use super::data::{Deviations, Extent, Record};
 use crate::sweep::put;
 use fvi_scenario::language::document::{Document, Table, Value};
 use fvi_scenario::language::{InputError, Problem};
+#[cfg(feature = "pictures")]
+use fvi_scenario::scenario::Appearance;
 use fvi_scenario::scenario::{Feature, Scenario};
 use std::path::Path;
 
@@ -275,6 +277,12 @@ impl Fit {
     /// Title of its pictures: its own, or that of the scenario.
     pub fn heading(&self) -> &str {
         &self.heading
+    }
+
+    /// How its pictures look, as the first model's scenario says.
+    #[cfg(feature = "pictures")]
+    pub(super) fn appearance(&self) -> Appearance {
+        self.models.first().map(|model| model.base.output.appearance.clone()).unwrap_or_default()
     }
 
     /// The file that it was read from.

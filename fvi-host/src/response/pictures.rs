@@ -14,7 +14,9 @@ pub(super) fn charts(
 ) -> Vec<(&'static str, Chart)> {
     let (input, output) = (options.input, options.output);
     let subtitle = format!("q{output} under a force on q{input}; {}", scenario.scheme.describe());
-    let chart = |x: Axis, y: Axis| Chart::new(scenario.heading(), x, y).with_subtitle(subtitle.clone());
+    let plain =
+        |x: Axis, y: Axis| Chart::new(scenario.heading(), x, y).on_paper(scenario.output.appearance.paper);
+    let chart = |x: Axis, y: Axis| plain(x, y).with_subtitle(subtitle.clone());
     let frequency = || Axis::logarithmic("angular frequency ω");
     let discrete: &[Complex<f64>] = found.discrete.as_deref().unwrap_or_default();
     let both = |mut chart: Chart, point: &dyn Fn(f64, Complex<f64>) -> (f64, f64)| {
@@ -41,9 +43,8 @@ pub(super) fn charts(
     if found.kernels.is_empty() {
         return charts;
     }
-    let plain = |x: Axis, y: Axis| Chart::new(scenario.heading(), x, y);
     let mut moduli = plain(frequency(), Axis::logarithmic("modulus of K(iω)"));
-    let time = || Axis::logarithmic("time t");
+    let time = || Axis::logarithmic("time t").in_units(&scenario.output.appearance.units.time);
     let mut creep = plain(time(), Axis::logarithmic("creep J(t)"));
     let mut relaxation = plain(time(), Axis::logarithmic("relaxation G(t)"));
     for (term, kernel) in found.kernels.iter().enumerate() {

@@ -54,15 +54,19 @@ impl RunTraces {
     fn coordinates(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {
         let chosen = scenario.written_coordinates();
         let letter = States::of(scenario).letter();
-        let label = match (chosen.as_slice(), &scenario.equation) {
-            ([only], Some(_)) => format!("solution {letter}{only}"),
-            ([only], None) => format!("position {letter}{only}"),
-            (_, Some(_)) => "solution".to_owned(),
-            (_, None) => "position".to_owned(),
+        let labels = &scenario.output.appearance.labels;
+        let label = match (chosen.as_slice(), labels.as_slice(), &scenario.equation) {
+            (_, [only], _) => only.clone(),
+            ([only], _, Some(_)) => format!("solution {letter}{only}"),
+            ([only], _, None) => format!("position {letter}{only}"),
+            (_, _, Some(_)) => "solution".to_owned(),
+            (_, _, None) => "position".to_owned(),
         };
-        let mut chart = chart(scenario, time_axis(scenario), Axis::linear(label));
-        for (index, envelope) in chosen.iter().zip(&self.coordinates) {
-            chart = chart.with(Series::new(format!("{letter}{index}"), Style::Line, envelope.points()));
+        let axis = Axis::linear(label).in_units(&scenario.output.appearance.units.position);
+        let mut chart = chart(scenario, time_axis(scenario), axis);
+        for (place, (index, envelope)) in chosen.iter().zip(&self.coordinates).enumerate() {
+            let name = labels.get(place).cloned().unwrap_or_else(|| format!("{letter}{index}"));
+            chart = chart.with(Series::new(name, Style::Line, envelope.points()));
         }
         for (index, &coordinate) in chosen.iter().take(self.coordinates.len()).enumerate() {
             let known = |row: &ReferenceRow| Some((row.time, (*row.position.get(coordinate)?)?));
@@ -111,8 +115,13 @@ impl RunTraces {
 
     fn energy(&self, scenario: &Scenario, reference: &[ReferenceRow]) -> Chart {
         let points = reference.iter().filter_map(|row| Some((row.time, row.energy?))).collect();
-        let mut chart = chart(scenario, time_axis(scenario), Axis::linear("energy ½ pᵀM⁻¹p + U(q)"))
-            .with(Series::new("energy", Style::Line, self.energy.points()));
+        let units = &scenario.output.appearance.units;
+        let energy_axis = Axis::linear("energy ½ pᵀM⁻¹p + U(q)").in_units(&units.energy);
+        let mut chart = chart(scenario, time_axis(scenario), energy_axis).with(Series::new(
+            "energy",
+            Style::Line,
+            self.energy.points(),
+        ));
         let of_memories = self.of(scenario, Source::Memories);
         for (name, envelope) in ["stored in memories", "dissipated by them"].into_iter().zip(of_memories) {
             chart = chart.with(Series::new(name, Style::Line, envelope.points()));
@@ -138,11 +147,19 @@ impl RunTraces {
         if path.interrupted() {
             subtitle += "; beginning and end of the run";
         }
-        let (x, y) = match second {
-            Some(second) => (format!("x{coordinate}"), format!("x{second}")),
-            None => (format!("position q{coordinate}"), format!("momentum p{coordinate}")),
+        let appearance = &scenario.output.appearance;
+        let label = |place: usize, name: String| appearance.labels.get(place).cloned().unwrap_or(name);
+        let (y, unit) = match second {
+            Some(second) => (label(1, format!("x{second}")), &appearance.units.position),
+            None => (format!("momentum p{coordinate}"), &appearance.units.momentum),
         };
-        let chart = Chart::new(scenario.heading(), Axis::linear(x), Axis::linear(y))
+        let x = match second {
+            Some(_) => label(0, format!("x{coordinate}")),
+            None => label(0, format!("position q{coordinate}")),
+        };
+        let (x, y) = (Axis::linear(x).in_units(&appearance.units.position), Axis::linear(y).in_units(unit));
+        let chart = Chart::new(scenario.heading(), x, y)
+            .on_paper(appearance.paper)
             .with_subtitle(subtitle)
             .with(Series::new("trajectory", Style::Line, path.points()));
         Some(with_reference(chart, scenario, "reference", points))
@@ -150,7 +167,9 @@ impl RunTraces {
 }
 
 fn chart(scenario: &Scenario, x: Axis, y: Axis) -> Chart {
-    Chart::new(scenario.heading(), x, y).with_subtitle(subtitle(scenario))
+    Chart::new(scenario.heading(), x, y)
+        .on_paper(scenario.output.appearance.paper)
+        .with_subtitle(subtitle(scenario))
 }
 
 /// Number of decades of time beyond which the time axis is logarithmic.
@@ -172,7 +191,8 @@ fn first_time(scenario: &Scenario) -> f64 {
 }
 
 fn time_axis(scenario: &Scenario) -> Axis {
-    if over_decades(scenario) { Axis::logarithmic("time t") } else { Axis::linear("time t") }
+    let axis = if over_decades(scenario) { Axis::logarithmic("time t") } else { Axis::linear("time t") };
+    axis.in_units(&scenario.output.appearance.units.time)
 }
 
 fn subtitle(scenario: &Scenario) -> String {

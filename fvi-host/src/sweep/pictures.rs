@@ -155,7 +155,7 @@ fn draw(sweep: &Sweep, shards: &[Records], request: &PictureRequest) -> Result<C
             chart
         }
     };
-    Ok(chart.with_subtitle(hidden_words.join("; ")))
+    Ok(chart.on_paper(sweep.paper()).with_subtitle(hidden_words.join("; ")))
 }
 
 /// What a column of results is, for an axis: `q0` is the coordinate at the end of the run.

@@ -8,6 +8,8 @@ use crate::checkpoint::contents_of_kernels;
 use fvi_scenario::language::document::{Document, Table, Value};
 use fvi_scenario::language::expression::nearest;
 use fvi_scenario::language::{InputError, Problem};
+#[cfg(feature = "pictures")]
+use fvi_scenario::scenario::Paper;
 use fvi_scenario::scenario::{Feature, Scenario, SharedTerms};
 use fvi_simulation::simulation::Precision;
 use serde_json::json;
@@ -377,6 +379,12 @@ impl Sweep {
         let mut texts = BTreeSet::new();
         self.values.values().chain(lists.flatten()).for_each(|value| collect_texts(value, &mut texts));
         texts
+    }
+
+    /// The size of its pictures, as the scenario says.
+    #[cfg(feature = "pictures")]
+    pub(super) fn paper(&self) -> Option<Paper> {
+        self.base.output.appearance.paper
     }
 
     /// The title, or that of the scenario.

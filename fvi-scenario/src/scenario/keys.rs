@@ -8,8 +8,14 @@ pub(super) const HISTORY: [&str; 7] =
     ["engine", "tolerance", "horizon", "capacity", "overflow", "states", "threads"];
 
 /// Keys of `[output]`.
-pub(super) const OUTPUT: [&str; 6] =
-    ["every", "momentum", "coordinates", "snapshots", "times", "memory_energy"];
+pub(super) const OUTPUT: [&str; 9] =
+    ["every", "momentum", "coordinates", "snapshots", "times", "memory_energy", "labels", "units", "picture"];
+
+/// Keys of `output.units`.
+pub(super) const UNITS: [&str; 4] = ["time", "position", "momentum", "energy"];
+
+/// Keys of `output.picture`.
+pub(super) const PICTURE: [&str; 3] = ["width", "height", "font"];
 
 /// Keys of `[scheme]`, for all kinds.
 const SCHEME: [&str; 5] = ["kind", "kappa", "degree", "quadrature", "points"];

@@ -1,6 +1,7 @@
 //! `[time]`, `[history]` and `[output]`: the grid, the memory engine and the output.
 
 use super::adaptive::{Adaptive, MOST_STEPS_CHOSEN, Start};
+use super::appearance::Appearance;
 use super::grid::{Grid, GridRule, read_must_hit};
 use super::keys;
 use super::scheme_descriptor::SchemeDescriptor;
@@ -454,6 +455,9 @@ pub struct OutputOptions {
     /// trajectory.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub memory_energy: bool,
+    /// How the pictures look; no part of what a run is.
+    #[serde(skip)]
+    pub appearance: Appearance,
 }
 
 impl OutputOptions {
@@ -469,6 +473,7 @@ impl OutputOptions {
             snapshots: None,
             times: Vec::new(),
             memory_energy: false,
+            appearance: Appearance::default(),
         }
     }
 
@@ -508,7 +513,8 @@ impl OutputOptions {
         let snapshots = table.optional("snapshots").map(|value| value.whole(1..=usize::MAX)).transpose()?;
         let memory_energy = table.optional("memory_energy").map_or(Ok(false), |value| value.truth())?;
         let times = Vec::new();
-        let output = Self { every, momentum, coordinates, snapshots, times, memory_energy };
+        let appearance = Appearance::read(table, coordinates.as_ref().map_or(count, Vec::len))?;
+        let output = Self { every, momentum, coordinates, snapshots, times, memory_energy, appearance };
         let Some(value) = table.optional("times") else {
             return Ok(output);
         };

@@ -29,6 +29,51 @@ steps = 25
 "#;
 
 #[test]
+fn pictures_have_the_names_units_and_size_that_were_asked_for_and_the_data_stay_as_they_are() {
+    let place = Workplace::new();
+    let plain = place.run(OSCILLATOR, &[]).rows;
+    let output = r#"
+        [output]
+        labels = ["angle of the arm"]
+        units = { time = "s", position = "rad", energy = "J" }
+        picture = { width = 84, height = 60, font = 8 }
+    "#;
+    assert_eq!(place.run(&format!("{OSCILLATOR}{output}"), &[]).rows, plain);
+    let picture = |name: &str| fs::read_to_string(place.path("out").join(name)).unwrap();
+    for (name, words) in [
+        ("coordinates.svg", ["time t (s)", "angle of the arm (rad)"]),
+        ("energy.svg", ["time t (s)", "energy ½ pᵀM⁻¹p + U(q) (J)"]),
+        ("phase.svg", ["angle of the arm (rad)", "momentum p0"]),
+    ] {
+        let svg = picture(name);
+        assert!(svg.starts_with("<svg width=\"84mm\" height=\"60mm\" viewBox="), "{name}: {}", &svg[..80]);
+        for words in words {
+            assert!(svg.contains(words), "{name} does not say {words}");
+        }
+    }
+}
+
+#[test]
+fn pictures_that_cannot_be_drawn_are_refused_with_what_is_allowed() {
+    let place = Workplace::new();
+    for (line, words) in [
+        ("labels = [\"a\", \"b\"]", "1 names, one for each coordinate that is drawn, not 2"),
+        ("labels = [\"\"]", "a name of 1 … 80 characters in one line"),
+        ("units = { speed = \"m/s\" }", "time, position, momentum, energy"),
+        ("picture = { width = 3 }", "30 … 1000 millimetres"),
+        ("picture = { width = 84, font = 20 }", "for letters of 20 points, a width of 127"),
+        ("picture = { font = 8 }", "width"),
+    ] {
+        place.write("scenario.toml", &format!("{OSCILLATOR}[output]\n{line}\n"));
+        let output = place.fvi(&["run", "scenario.toml"]);
+        assert_eq!(output.status.code(), Some(2), "{line}");
+        let message = text(&output.stderr).replace('\n', " ");
+        let message = message.split_whitespace().filter(|word| *word != "│").collect::<Vec<_>>().join(" ");
+        assert!(message.contains(words), "{line}: {message}");
+    }
+}
+
+#[test]
 fn a_run_writes_data_pictures_and_a_line_of_result() {
     let place = Workplace::new();
     place.write("oscillator.toml", OSCILLATOR);

@@ -36,6 +36,14 @@ impl Axis {
         Self { label: label.into(), scale: Scale::Logarithmic, range: None }
     }
 
+    /// The axis with the name of its unit behind its label, if it has one.
+    pub fn in_units(mut self, unit: &str) -> Self {
+        if !unit.is_empty() {
+            self.label = format!("{} ({unit})", self.label);
+        }
+        self
+    }
+
     /// The axis with a range of its own; on a logarithmic axis both ends are > 0.
     pub fn with_range(mut self, from: f64, to: f64) -> Self {
         self.range = Some((from, to));

@@ -2,11 +2,16 @@
 
 use super::axis::{Axis, LARGEST_PLACE, Ticks};
 use super::colour_map::ColourMap;
+use fvi_scenario::scenario::Paper;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-/// Size of a picture as it is shown, in pixels.
+/// Size of a picture for a screen, in pixels.
 const SIZE: (i32, i32) = (900, 560);
+/// Left edge of titles and legend, in pixels.
+const LEFT: i32 = 24;
+/// Height of the letters at axes and in the legend, in pixels.
+const LETTERS: i32 = 14;
 /// Subdivision of a pixel: the library's integer coordinates count these finer units.
 const FINE: i32 = 4;
 
@@ -132,6 +137,7 @@ pub struct Chart {
     y: Axis,
     series: Vec<Series>,
     map: Option<ColourMap>,
+    paper: Option<Paper>,
 }
 
 /// Error message of the plotting library.
@@ -152,7 +158,15 @@ type DrawingResult<E> = Result<(), DrawingAreaErrorKind<E>>;
 impl Chart {
     /// An empty chart.
     pub fn new(title: impl Into<String>, x: Axis, y: Axis) -> Self {
-        Self { title: title.into(), subtitle: String::new(), x, y, series: Vec::new(), map: None }
+        Self {
+            title: title.into(),
+            subtitle: String::new(),
+            x,
+            y,
+            series: Vec::new(),
+            map: None,
+            paper: None,
+        }
     }
 
     /// A smaller line under the title.
@@ -173,20 +187,36 @@ impl Chart {
         self
     }
 
+    /// The chart in a size on paper; `None`: for a screen.
+    pub fn on_paper(mut self, paper: Option<Paper>) -> Self {
+        self.paper = paper;
+        self
+    }
+
+    /// Width and height of the drawing, in pixels.
+    fn size(&self) -> (i32, i32) {
+        self.paper.map_or(SIZE, |paper| paper.pixels(f64::from(LETTERS)))
+    }
+
     /// The picture as SVG text.
     ///
     /// # Errors
     /// [`PictureError`].
     pub fn to_svg(&self) -> Result<String, PictureError> {
-        let fine = ((SIZE.0 * FINE) as u32, (SIZE.1 * FINE) as u32);
+        let (width, height) = self.size();
+        let fine = ((width * FINE) as u32, (height * FINE) as u32);
         let mut svg = String::new();
         {
             let area = SVGBackend::with_string(&mut svg, fine).into_drawing_area();
             self.draw(&area).map_err(|error| PictureError(error.to_string()))?;
             area.present().map_err(|error| PictureError(error.to_string()))?;
         }
-        let size = |(width, height): (u32, u32)| format!("width=\"{width}\" height=\"{height}\"");
-        let svg = svg.replacen(&size(fine), &size((SIZE.0 as u32, SIZE.1 as u32)), 1);
+        let of_drawing = format!("width=\"{}\" height=\"{}\"", fine.0, fine.1);
+        let shown = match self.paper {
+            Some(Paper { width, height, .. }) => format!("width=\"{width}mm\" height=\"{height}mm\""),
+            None => format!("width=\"{width}\" height=\"{height}\""),
+        };
+        let svg = svg.replacen(&of_drawing, &shown, 1);
         // Titles and labels may hold any character; XML may not.
         Ok(svg.replace(|letter| !belongs_in_xml(letter), "\u{fffd}"))
     }
@@ -200,19 +230,21 @@ impl Chart {
         let all = || pieces.iter().flatten().flatten();
         let rectangles = self.map.as_ref().map_or_else(Vec::new, |map| map.rectangles(&self.x, &self.y));
         let corners = || rectangles.iter().flatten().filter(|corner| corner.0.is_finite());
+        // On a screen 10 ticks across and 8 up.
+        let (across, up) = ((self.size().0 / 90).max(3) as usize, (self.size().1 / 70).max(3) as usize);
         let (x, y) = match &self.map {
             // The axes of a map end with its data.
             Some(map) if map.cells => (
-                self.x.ticks_over(corners().map(|at| at.0), 10),
-                self.y.ticks_over(corners().map(|at| at.1), 8),
+                self.x.ticks_over(corners().map(|at| at.0), across),
+                self.y.ticks_over(corners().map(|at| at.1), up),
             ),
             _ => (
-                self.x.ticks(all().chain(corners()).map(|point| point.0), 10),
-                self.y.ticks(all().chain(corners()).map(|point| point.1), 8),
+                self.x.ticks(all().chain(corners()).map(|point| point.0), across),
+                self.y.ticks(all().chain(corners()).map(|point| point.1), up),
             ),
         };
         let scale = self.map.as_ref().map(|map| {
-            map.quantity.ticks_over(map.values.iter().filter_map(|(_, value)| map.quantity.place(*value)), 8)
+            map.quantity.ticks_over(map.values.iter().filter_map(|(_, value)| map.quantity.place(*value)), up)
         });
         let bar = scale.as_ref().map_or(0, |scale| 66 + 8 * scale.label_width() as i32);
         let top = self.draw_head(area)?;
@@ -229,7 +261,7 @@ impl Chart {
             .bold_line_style(RGBColor(208, 208, 208).stroke_width(FINE as u32))
             .light_line_style(RGBColor(236, 236, 236).stroke_width(FINE as u32))
             .axis_style(INK.stroke_width(FINE as u32))
-            .label_style((FONT, 14 * FINE).into_font().color(&INK))
+            .label_style((FONT, LETTERS * FINE).into_font().color(&INK))
             .axis_desc_style((FONT, 16 * FINE).into_font().color(&INK))
             .set_all_tick_mark_size(5 * FINE)
             .x_desc(self.x.label())
@@ -314,24 +346,43 @@ impl Chart {
         Ok(())
     }
 
+    /// The lines of a text whose letters are about `letter` pixels wide; a screen has room for one.
+    fn lines(&self, text: &str, letter: i32) -> Vec<String> {
+        let room = if self.paper.is_some() { (self.size().0 - 2 * LEFT) / letter } else { i32::MAX } as usize;
+        let mut lines: Vec<String> = Vec::new();
+        for word in text.split(' ') {
+            match lines.last_mut() {
+                Some(line) if line.chars().count() + 1 + word.chars().count() <= room => {
+                    line.push(' ');
+                    line.push_str(word);
+                }
+                _ => lines.push(word.to_owned()),
+            }
+        }
+        lines
+    }
+
     /// Draws title, subtitle and legend; returns the height they take.
     fn draw_head<B: DrawingBackend>(
         &self,
         area: &DrawingArea<B, plotters::coord::Shift>,
     ) -> Result<i32, DrawingAreaErrorKind<B::ErrorType>> {
-        const LEFT: i32 = 24;
         const ROW: i32 = 22;
         let mut top = 12;
         if !self.title.is_empty() {
             let style = (FONT, 19 * FINE).into_font().color(&INK);
-            area.draw(&Text::new(self.title.clone(), (LEFT * FINE, top * FINE), style))?;
-            top += 26;
+            for line in self.lines(&self.title, 10) {
+                area.draw(&Text::new(line, (LEFT * FINE, top * FINE), style.clone()))?;
+                top += 26;
+            }
         }
         let subtitle = self.subtitle_with_omissions();
         if !subtitle.is_empty() {
-            let style = (FONT, 14 * FINE).into_font().color(&FAINT);
-            area.draw(&Text::new(subtitle, (LEFT * FINE, top * FINE), style))?;
-            top += ROW;
+            let style = (FONT, LETTERS * FINE).into_font().color(&FAINT);
+            for line in self.lines(&subtitle, 7) {
+                area.draw(&Text::new(line, (LEFT * FINE, top * FINE), style.clone()))?;
+                top += ROW;
+            }
         }
         let shown: Vec<usize> = (0..self.series.len())
             .filter(|&index| self.series[index].style != Style::Guide && !self.series[index].label.is_empty())
@@ -345,7 +396,7 @@ impl Chart {
             let label = &self.series[index].label;
             // Letters are about half as wide as they are high; the estimate is on the wide side.
             let width = 34 + 7 * label.chars().count() as i32 + 18;
-            if left + width > SIZE.0 && left > LEFT {
+            if left + width > self.size().0 && left > LEFT {
                 left = LEFT;
                 top += ROW;
             }
@@ -527,7 +578,7 @@ fn draw_bar<B: DrawingBackend>(
     let style = (FONT, 15 * FINE).into_font().color(&INK).pos(Pos::new(HPos::Right, VPos::Bottom));
     area.draw(&Text::new(
         map.quantity.label().to_owned(),
-        (SIZE.0 * FINE - 12 * FINE, rows.start - 6 * FINE),
+        (area.dim_in_pixel().0 as i32 - 12 * FINE, rows.start - 6 * FINE),
         style,
     ))
 }
