@@ -464,7 +464,9 @@ impl MemoryRequest<'_> {
                 Err(EngineError::Unsuited { engine, reason })
             }
             Engine::Direct | Engine::BlockFft | Engine::RealTime => match (self.transfer.exponent(), rule) {
-                (Some(exponent), MultistepRule::Bdf(order)) => self.power_weights(engine, order, exponent),
+                (Some(exponent), MultistepRule::Bdf(order)) => {
+                    self.power_weights(engine, order, exponent, tables)
+                }
                 _ => self.transfer_weights(engine, rule, tables),
             },
             Engine::ExponentialSum | Engine::ExponentialSumCore => {
@@ -590,6 +592,7 @@ impl MemoryRequest<'_> {
         engine: Engine,
         order: BdfOrder,
         exponent: f64,
+        tables: &Tables,
     ) -> Result<HostMemory<T>, EngineError> {
         let weights = |step_size: f64| -> Result<ConvolutionWeights, ParameterError> {
             let weights = ConvolutionWeights::bdf(order, exponent, step_size)?;
@@ -601,12 +604,28 @@ impl MemoryRequest<'_> {
         let kept = self.kept();
         // With the step size γ_p(0) the leading weight is 1: the monic table that firmware uses, with a
         // scale.
-        let mut monic = weights(order.generating_function(0.0))?;
-        let mut table = self.room(engine, kept.saturating_add(1))?;
-        table.resize(kept + 1, T::zero());
-        monic.fill(&mut table);
+        let table = self.kept_weights(kept, tables, || {
+            let mut monic = weights(order.generating_function(0.0))?;
+            let mut table = self.room(engine, kept.saturating_add(1))?;
+            table.resize(kept + 1, T::zero());
+            monic.fill(&mut table);
+            Ok(table)
+        })?;
         let scale = T::of(fvi_core::leading_bdf_weight(order, exponent, self.step_size)?);
         self.direct(table, 1, scale)
+    }
+
+    /// The weights that `make` computes for so many samples; few of them are cached.
+    fn kept_weights<T: Engines>(
+        &self,
+        samples: usize,
+        tables: &Tables,
+        make: impl Fn() -> Result<Vec<T>, EngineError>,
+    ) -> Result<Vec<T>, EngineError> {
+        if samples > CROSSOVER {
+            return make();
+        }
+        Ok(tables.get(&self.key(samples as u64, 0.0), make)?.to_vec())
     }
 
     /// A memory that sums weights of another transfer function.

@@ -13,6 +13,7 @@
 //! | module | content |
 //! |---|---|
 //! | [`run`], [`checkpoint`] | a run that can be stopped and continued |
+//! | [`batch`] | many runs of one scenario with other numbers, as arrays |
 //! | [`converge`] | orders of convergence |
 //! | [`sweep`] | one scenario with many values of some of its keys |
 //! | [`fit`] | parameters from data |
@@ -23,6 +24,7 @@
 //! The feature `pictures`, on by default, adds the pictures of runs and studies.
 #![forbid(unsafe_code)]
 
+pub mod batch;
 pub mod checkpoint;
 pub mod converge;
 pub mod fit;

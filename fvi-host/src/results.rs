@@ -9,6 +9,7 @@ pub(crate) mod numpy;
 pub mod output_directory;
 #[cfg(feature = "pictures")]
 pub mod picture;
+pub mod rows;
 #[cfg(feature = "pictures")]
 pub(crate) mod run_pictures;
 pub(crate) mod run_traces;

@@ -954,10 +954,35 @@ impl<'s> Run<'s> {
         self.seconds + self.begin.elapsed().as_secs_f64()
     }
 
-    fn summary(self, end: RunEnd) -> RunSummary {
+    /// Steps made, events and warnings so far.
+    pub fn told(&self) -> (usize, Vec<Happened>, Vec<String>) {
+        (self.steps(), self.events(), self.warnings())
+    }
+
+    fn events(&self) -> Vec<Happened> {
+        self.watch.seen().happened.iter().map(|happened| of_written(self.scenario, happened)).collect()
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        let simulation = self.motion.simulation();
+        self.scenario
+            .warnings()
+            .into_iter()
+            .chain(simulation.warning().map(str::to_owned))
+            .chain(self.errors.warning())
+            .chain(self.motion.warning().map(str::to_owned))
+            .chain(self.motion.notes())
+            .chain(small_beside_scale(self.scenario, &self.largest))
+            .chain(events_not_told(self.watch.seen()))
+            .chain(self.elsewhere.iter().cloned())
+            .collect()
+    }
+
+    /// The record of the run, which has ended so.
+    pub fn summary(self, end: RunEnd) -> RunSummary {
         let (seconds, overruns) = (self.seconds(), self.overruns());
-        let (last, seen) = (self.state().clone(), self.watch.seen().clone());
-        let warned = small_beside_scale(self.scenario, &self.largest);
+        let (last, events) = (self.state().clone(), self.events());
+        let warnings = self.warnings();
         let largest = Largest { energy: max_or_nan(self.largest.energy, last.energy.abs()), ..self.largest };
         let (scenario, motion) = (self.scenario, self.motion);
         let simulation = motion.simulation();
@@ -990,7 +1015,7 @@ impl<'s> Run<'s> {
             newton_iterations: self.newton_iterations,
             newton_iterations_most: self.newton_iterations_most,
             last,
-            events: seen.happened.iter().map(|happened| of_written(scenario, happened)).collect(),
+            events,
             largest,
             cases: Vec::new(),
             energies: motion
@@ -1003,17 +1028,7 @@ impl<'s> Run<'s> {
                 .filter(|exponents| !exponents.is_empty())
                 .map(|exponents| starting_condition(exponents))
                 .filter(|condition| condition.is_finite()),
-            warnings: scenario
-                .warnings()
-                .into_iter()
-                .chain(simulation.warning().map(str::to_owned))
-                .chain(self.errors.warning())
-                .chain(motion.warning().map(str::to_owned))
-                .chain(motion.notes())
-                .chain(warned)
-                .chain(events_not_told(&seen))
-                .chain(self.elsewhere)
-                .collect(),
+            warnings,
             errors: Some(self.errors).filter(ReferenceErrors::any),
             files: Vec::new(),
             scenario: scenario.clone(),

@@ -17,7 +17,6 @@ mod points;
 mod records;
 mod table;
 
-pub(super) use axis::put;
 pub use elsewhere::{Ledger, MadeRun, Parts};
 pub use plan::Sweep;
 pub use records::{Shard, ShardError};
@@ -278,7 +277,12 @@ impl Sweep {
         }
         let under_way = match Run::sharing(&scenario, options.precision, tables) {
             Ok(under_way) => under_way,
-            Err(error) => return Ok(Some(refused(error))),
+            Err(error) => {
+                // In the words of the run's own file.
+                let read = self.read_scenario_of(run);
+                let again = read.and_then(|read| Run::sharing(&read, options.precision, tables).map(drop));
+                return Ok(Some(refused(again.err().unwrap_or(error))));
+            }
         };
         let mut writer = match self.trajectory_of(run, &options.directory) {
             Some(path) => {

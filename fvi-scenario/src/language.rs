@@ -9,7 +9,9 @@ pub(crate) mod matrix_file;
 pub mod memory_limit;
 pub mod npy;
 pub mod number_table;
+mod paths;
 pub mod visible;
 
 pub use document::Document;
 pub use error::{Cause, InputError, Problem};
+pub use paths::put;

@@ -20,6 +20,7 @@ mod keys;
 mod kinetic;
 mod load;
 mod matrix;
+mod members;
 mod own_terms;
 mod parameters;
 mod past;
@@ -51,6 +52,7 @@ pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol, kernel_of
 pub use keys::KEYS;
 pub use load::{Amplitude, Load, Pattern, Record};
 pub use matrix::SymmetricMatrix;
+pub use members::Members;
 pub use own_terms::{OwnTerms, SharedTerms};
 pub use parameters::read_parameters;
 pub use past::Past;

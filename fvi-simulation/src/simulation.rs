@@ -212,6 +212,7 @@ impl Simulation {
         }
         let (given, placed) = (scenario, massless::placed(scenario)?);
         let scenario = &*placed.scenario;
+        let mut compiled = None;
         let space = match sparse_space(scenario, choice)? {
             Some(space) => {
                 if choice::is_of_few(scenario, choice) && !stability::is_unconditional(scenario) {
@@ -225,7 +226,8 @@ impl Simulation {
                 // Eigenvalues of full matrices would take as long as hundreds of steps.
                 let known = choice::are_several(scenario) && stability::is_unconditional(scenario);
                 if !known || scenario.system.gyroscopic.is_some() {
-                    check_stability(scenario)?;
+                    let model = check_stability(scenario)?;
+                    compiled = model.filter(|_| !placed.jumps);
                 }
                 AnySpace::dense(scenario.coordinates())
             }
@@ -235,8 +237,8 @@ impl Simulation {
             factor_bytes: plan.factor_bytes(),
         });
         let stepper: Box<dyn Stepper> = match precision {
-            Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, given, &placed, tables)?),
-            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, given, &placed, tables)?),
+            Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, given, &placed, tables, compiled)?),
+            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, given, &placed, tables, None)?),
         };
         let (engines, shared) = (stepper.engines(), stepper.shared());
         let warning = if solver == Solver::Dense { dense_warning(scenario) } else { None };
@@ -274,7 +276,7 @@ impl Simulation {
         let mut scenario = massless::placed(scenario)?.scenario.into_owned();
         scenario.time.allow_unstable = false;
         match check_stability(&scenario) {
-            Ok(()) => Ok(true),
+            Ok(_) => Ok(true),
             Err(error) if matches!(error.problem(), Problem::Unstable { .. }) => Ok(false),
             Err(error) => Err(error),
         }
@@ -420,22 +422,23 @@ impl Simulation {
 /// Largest number of coordinates for which all motions are checked for growth, not the fastest only.
 const ALL_MOTIONS: usize = 256;
 
-/// Checks the step of a system in the dense space.
-fn check_stability(scenario: &Scenario) -> Result<(), InputError> {
+/// Checks the step of a system in the dense space; returns the system if it was compiled for the check.
+fn check_stability(scenario: &Scenario) -> Result<Option<Model<f64>>, InputError> {
     if scenario.system.gyroscopic.is_some() {
-        return gyroscopic::check_step(scenario);
+        return gyroscopic::check_step(scenario).map(|()| None);
     }
     if scenario.coordinates() > ALL_MOTIONS {
-        return stability::check_large_step(scenario);
+        return stability::check_large_step(scenario).map(|()| None);
     }
-    let (stiffness, resistance) = linearised(scenario)?;
-    stability::check_step(scenario, (&stiffness, resistance.as_ref()))
+    let model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
+    let (stiffness, resistance) = linearised(scenario, model.clone());
+    stability::check_step(scenario, (&stiffness, resistance.as_ref()))?;
+    Ok(Some(model))
 }
 
 /// ∂²U/∂q² − ∂F/∂q and, if forces depend on the velocity, −∂F/∂v at the initial state in the middle of the
 /// first step.
-fn linearised(scenario: &Scenario) -> Result<(DMatrix<f64>, Option<DMatrix<f64>>), InputError> {
-    let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
+fn linearised(scenario: &Scenario, mut model: Model<f64>) -> (DMatrix<f64>, Option<DMatrix<f64>>) {
     let size = scenario.coordinates();
     let instant = Instant::in_step(scenario.time.start, 0.5, scenario.time.step);
     let mut restoring = vec![0.0; size];
@@ -450,14 +453,14 @@ fn linearised(scenario: &Scenario) -> Result<(DMatrix<f64>, Option<DMatrix<f64>>
     };
     if !Mechanics::depends_on_velocity(&model) {
         model.linearise(instant, position, &mut restoring, &mut stiffness);
-        return Ok((full(&stiffness), None));
+        return (full(&stiffness), None);
     }
     let mut velocity = vec![0.0; size];
     model.velocity(&scenario.initial.momentum, &mut velocity);
     let mut resistance = model.stiffness();
     model.linearise_in_motion(instant, position, &velocity, &mut restoring, &mut stiffness);
     model.resistance(instant, position, &velocity, &mut resistance);
-    Ok((full(&stiffness), Some(full(&resistance))))
+    (full(&stiffness), Some(full(&resistance)))
 }
 
 /// Fractions of a step at which `initial.past` has positions in addition to those at grid points; empty if
@@ -504,13 +507,14 @@ enum Energies {
 }
 
 impl<T: Elementary + Memories> TypedSimulation<T> {
-    /// Builds the integrator from system, scheme and memories, which are at rest at the position of the
-    /// scenario, and lets it jump to the one `placed`.
+    /// Builds the integrator from system, compiled already or not, scheme and memories, which are at rest at
+    /// the position of the scenario, and lets it jump to the one `placed`.
     fn new(
         space: AnySpace,
         scenario: &Scenario,
         placed: &Placed<'_>,
         tables: &Tables,
+        compiled: Option<Model<T>>,
     ) -> Result<Self, InputError> {
         let scheme = AnyScheme::new(scenario).map_err(|error| {
             let allowed = format!("{} ({} given)", error.allowed, error.parameter);
@@ -519,7 +523,10 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         let scheme = scheme.with_massless(placed.rows.clone());
         let nodes = scheme.sampling().nodes();
         let mut damping = damping_terms(scenario, &space, nodes, tables)?;
-        let system = Model::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
+        let system = match compiled {
+            Some(system) => system,
+            None => Model::new(scenario).map_err(|error| bad_mass(scenario, &error))?,
+        };
         // With a past the motion begins at rest at its first position.
         let position = vector(scenario.initial.base()).repeat(space.copies());
         let start = placed.jumps.then(|| vector(&placed.scenario.initial.position));

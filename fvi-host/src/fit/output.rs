@@ -5,7 +5,7 @@ use super::plan::{Fit, Free, Model, put_number};
 use super::{Estimate, Fitted, FittedModel};
 use crate::results::files::{FileError, remove, write_json, write_text};
 use crate::results::output_directory::OutputDirectory;
-use crate::sweep::put;
+use fvi_scenario::language::put;
 use serde::Serialize;
 use std::fmt::Write as _;
 

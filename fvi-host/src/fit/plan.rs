@@ -1,9 +1,8 @@
 //! The file of a fit: a scenario, which of its numbers are free, and the data.
 
 use super::data::{Deviations, Extent, Record};
-use crate::sweep::put;
 use fvi_scenario::language::document::{Document, Table, Value};
-use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::language::{InputError, Problem, put};
 #[cfg(feature = "pictures")]
 use fvi_scenario::scenario::Appearance;
 use fvi_scenario::scenario::{Feature, Scenario};

@@ -3,11 +3,10 @@
 use super::data::{Answer, Domain, Observed, Record};
 use super::interpolation::{Of, Stencil};
 use super::plan::{Free, Model, put_number, said};
-use crate::sweep::put;
 use fvi_core::{Instant, Mechanics};
 use fvi_fft::memory::Tables;
 use fvi_fft::transfer::laplace::whole;
-use fvi_scenario::language::InputError;
+use fvi_scenario::language::{InputError, put};
 use fvi_scenario::scenario::{KnownMatrices, Quantity, Scenario};
 use fvi_simulation::model::{Matrix, Model as System};
 use fvi_simulation::simulation::motion::Motion;

@@ -1,16 +1,16 @@
 //! The sweep file: a scenario, the values of some of its keys, and the results to be kept.
 
-use super::axis::{self, Axis, Values, put};
+use super::axis::{self, Axis, Values};
 use super::keep::{Quantities, Quantity};
 use super::points::{MOST_SOBOL, MOST_SOBOL_AXES, Sampling};
 use super::records::Layout;
 use crate::checkpoint::contents_of_kernels;
 use fvi_scenario::language::document::{Document, Table, Value};
 use fvi_scenario::language::expression::nearest;
-use fvi_scenario::language::{InputError, Problem};
+use fvi_scenario::language::{InputError, Problem, put};
 #[cfg(feature = "pictures")]
 use fvi_scenario::scenario::Paper;
-use fvi_scenario::scenario::{Feature, Scenario, SharedTerms};
+use fvi_scenario::scenario::{Feature, Members, Scenario, SharedTerms};
 use fvi_simulation::simulation::Precision;
 use serde_json::json;
 use std::collections::BTreeSet;
@@ -34,6 +34,8 @@ pub struct Sweep {
     pictures: Vec<PictureRequest>,
     heading: String,
     own_terms: Option<TermsOfRuns>,
+    /// The runs as members of the scenario, if all axes are of numbers.
+    members: Option<Members>,
 }
 
 /// Makes the potential and forces given as code for the scenario of a run.
@@ -152,10 +154,15 @@ impl Sweep {
             settled: SETTLED,
             pictures: Vec::new(),
             own_terms: None,
+            members: None,
         };
         sweep.read_keep(root.optional("keep").map(|value| value.table()).transpose()?.as_ref())?;
         for (index, (_, value)) in table.entries().iter().enumerate() {
             sweep.check_axis(index, value)?;
+        }
+        if sweep.axes.iter().all(Axis::is_numeric) {
+            let paths = sweep.axes.iter().map(|axis| axis.path.as_str());
+            sweep.members = Members::new(sweep.base.clone(), paths).ok();
         }
         if let Some(value) = root.optional("pictures") {
             for (index, picture) in value.list("a list of pictures, [[pictures]]")?.iter().enumerate() {
@@ -397,19 +404,34 @@ impl Sweep {
     /// # Errors
     /// If the combination of values is invalid.
     pub fn scenario_of(&self, run: usize) -> Result<Scenario, InputError> {
+        let numbers = || self.values_of(run).iter().map(axis::number).collect::<Option<Vec<f64>>>();
+        match self.members.as_ref().and_then(|members| members.changed(&numbers()?)) {
+            Some(scenario) => Ok(self.with_terms(scenario)),
+            None => self.read_scenario_of(run),
+        }
+    }
+
+    /// The scenario of a run, read from the values of its file.
+    ///
+    /// # Errors
+    /// As [`scenario_of`](Self::scenario_of).
+    pub(super) fn read_scenario_of(&self, run: usize) -> Result<Scenario, InputError> {
         let mut table = self.values.clone();
         for (axis, value) in self.axes.iter().zip(self.values_of(run)) {
             // The paths were checked when the sweep was read.
             let _ = put(&mut table, &axis.path, value);
         }
-        let scenario = Scenario::from_document(self.base.document().with_values(&table))?;
-        Ok(match &self.own_terms {
+        Scenario::from_document(self.base.document().with_values(&table)).map(|read| self.with_terms(read))
+    }
+
+    fn with_terms(&self, scenario: Scenario) -> Scenario {
+        match &self.own_terms {
             Some(TermsOfRuns(make)) => {
                 let terms = make(&scenario);
                 scenario.with_own_terms(terms)
             }
             None => scenario,
-        })
+        }
     }
 
     /// The sweep with potential and forces given as code, in addition to those of each run's scenario. The

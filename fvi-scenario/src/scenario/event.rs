@@ -3,7 +3,7 @@
 use super::system::System;
 use crate::language::document::Table;
 use crate::language::error::{InputError, Problem};
-use crate::language::expression::Expression;
+use crate::language::expression::{Expression, Symbols};
 use serde::Serialize;
 use std::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -73,20 +73,28 @@ pub enum Action {
 }
 
 impl Event {
+    /// The names of the momenta; the unknowns of an equation have none.
+    fn momenta(system: &System) -> impl Iterator<Item = String> + use<> {
+        let momenta = if system.stands_for_equation() { 0 } else { system.coordinates() };
+        (0..momenta).map(|index| format!("p{index}"))
+    }
+
+    /// The names in `when`.
+    pub(super) fn symbols(system: &System) -> Symbols {
+        let symbols = system.symbols().with_time().with_variables(system.names());
+        symbols.with_variables(Self::momenta(system))
+    }
+
     pub(super) fn read(table: &Table<'_>, system: &System) -> Result<Self, InputError> {
         table.allow(&["when", "direction", "action"])?;
-        // The unknowns of an equation have no momenta.
-        let momenta = if system.stands_for_equation() { 0 } else { system.coordinates() };
-        let momenta = || (0..momenta).map(|index| format!("p{index}"));
-        if let Some(name) = momenta().find(|name| system.parameters.contains_key(name)) {
+        if let Some(name) = Self::momenta(system).find(|name| system.parameters.contains_key(name)) {
             return Err(table.required("when")?.error(Problem::Incompatible {
                 with: format!("a parameter with the name `{name}`"),
                 allowed: "another name of the parameter: here it is a momentum".to_owned(),
             }));
         }
-        let symbols = system.symbols().with_time().with_variables(system.names()).with_variables(momenta());
         let value = table.required("when")?;
-        let when = value.expression(&symbols)?;
+        let when = value.expression(&Self::symbols(system))?;
         if when.root().as_number().is_some() {
             return Err(value.out_of_range("a function of t, positions or momenta, which may pass zero"));
         }

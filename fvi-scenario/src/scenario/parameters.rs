@@ -29,3 +29,13 @@ pub(super) fn symbols_of(parameters: &BTreeMap<String, f64>) -> Symbols {
     }
     symbols
 }
+
+/// The names in a potential of `count` coordinates.
+pub(super) fn symbols_of_potential(parameters: &BTreeMap<String, f64>, count: usize) -> Symbols {
+    symbols_of(parameters).with_coordinates(count)
+}
+
+/// The names in a force on `count` coordinates.
+pub(super) fn symbols_of_force(parameters: &BTreeMap<String, f64>, count: usize) -> Symbols {
+    symbols_of(parameters).with_time().with_coordinates(count).with_velocities(count, |_| false)
+}

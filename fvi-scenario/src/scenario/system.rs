@@ -7,7 +7,7 @@ use super::kinetic::Kinetic;
 use super::load::Load;
 use super::matrix::SymmetricMatrix;
 use super::own_terms::SharedTerms;
-use super::parameters::{read_parameters, symbols_of};
+use super::parameters::{read_parameters, symbols_of, symbols_of_force, symbols_of_potential};
 use super::relaxation_matrix::{Pair, RelaxationMatrix};
 use super::sparse_matrix::{KnownMatrices, Matrices, SparseMatrix};
 use crate::language::document::{Table, Value};
@@ -192,17 +192,13 @@ impl System {
         let gyroscopic =
             table.optional("gyroscopic").map(|value| SkewMatrix::read(&value, count)).transpose()?;
         // The names of all coordinates are built only if expressions may contain them.
-        let symbols = symbols_of(&parameters);
         let potential = table
             .optional("potential")
-            .map(|value| value.expression(&symbols.clone().with_coordinates(count)))
+            .map(|value| value.expression(&symbols_of_potential(&parameters, count)))
             .transpose()?;
         let force = table
             .optional("force")
-            .map(|value| {
-                let symbols = symbols.with_time().with_coordinates(count);
-                value.expressions(&symbols.with_velocities(count, |_| false), count)
-            })
+            .map(|value| value.expressions(&symbols_of_force(&parameters, count), count))
             .transpose()?;
         let constraints = match table.optional("constraints") {
             Some(value) => {

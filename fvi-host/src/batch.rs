@@ -1,0 +1,311 @@
+//! Batches: many runs of one scenario with other numbers, on threads, without files.
+
+use crate::run::{Run, RunEnd, RunSummary};
+use crate::results::rows::Rows;
+use fvi_fft::memory::Tables;
+use fvi_scenario::language::InputError;
+use fvi_scenario::scenario::{Feature, Members, Scenario};
+use fvi_simulation::simulation::events::Happened;
+use fvi_simulation::simulation::step_batch::StepBatch;
+use fvi_simulation::simulation::{GridState, Precision};
+use std::convert::Infallible;
+use std::num::NonZero;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::RecvTimeoutError;
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::time::Duration;
+
+/// A scenario that is run many times with other numbers at some of its places. It is read and compiled once;
+/// runs with equal kernels, steps and lengths share the tables of their memories. Every run has the bits of a
+/// run by itself.
+///
+/// ```
+/// # use fvi_host::batch::Batch;
+/// # use fvi_scenario::scenario::{Members, Scenario};
+/// # use fvi_simulation::simulation::Precision;
+/// let oscillator: Scenario = "
+/// [system]
+/// mass = [1.0]
+/// potential = '0.5*k*q0^2'
+/// parameters = { k = 1.0 }
+/// damping = [{ order = 0.5, coefficient = [0.1] }]
+/// [initial]
+/// position = [1.0]
+/// [time]
+/// step = 0.05
+/// steps = 100
+/// ".parse()?;
+/// let members = Members::new(oscillator, ["system.parameters.k"])?;
+/// let batch = Batch::new(members, Precision::F64, Default::default())?;
+/// let runs = batch.run(&[1.0, 2.0, 3.0], None, &Default::default(), &mut |_| {});
+/// assert_eq!(runs[2].as_ref().unwrap().rows.len(), 101);
+/// # Ok::<(), fvi_scenario::language::InputError>(())
+/// ```
+#[derive(Debug)]
+pub struct Batch {
+    members: Members,
+    precision: Precision,
+    tables: Arc<Tables>,
+}
+
+/// One run of a batch.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MemberRun {
+    /// Its rows, as `[output]` selects them.
+    pub rows: Rows,
+    /// How it ended.
+    pub end: RunEnd,
+    /// Steps made.
+    pub steps: usize,
+    /// The events that have occurred, in order of time.
+    pub events: Vec<Happened>,
+    /// Warnings.
+    pub warnings: Vec<String>,
+}
+
+/// Number of runs that a thread takes at a time.
+const SHARE: usize = 16;
+
+/// Time between two calls of the progress function.
+const LOOK: Duration = Duration::from_millis(20);
+
+impl Batch {
+    /// A batch of these members; its tables may be shared with other batches and runs.
+    ///
+    /// # Errors
+    /// If the scenario has load cases.
+    pub fn new(members: Members, precision: Precision, tables: Arc<Tables>) -> Result<Self, InputError> {
+        members.base().check_use(Feature::OneMotion)?;
+        Ok(Self { members, precision, tables })
+    }
+
+    /// The members.
+    pub fn members(&self) -> &Members {
+        &self.members
+    }
+
+    /// The run of the member with these numbers, one for each path: its rows and its record. `take` receives
+    /// the states, so that it can also set `stop`.
+    ///
+    /// # Errors
+    /// If the numbers cannot be used.
+    pub fn run_one(
+        &self,
+        numbers: &[f64],
+        stop: &AtomicBool,
+        take: &mut dyn FnMut(&StepBatch),
+    ) -> Result<(Rows, RunSummary), InputError> {
+        self.with_member(numbers, |scenario| {
+            let (run, rows, end) = self.made(scenario, stop, &mut *take)?;
+            Ok((rows, run.summary(end)))
+        })
+    }
+
+    fn member_run(&self, numbers: &[f64], stop: &AtomicBool) -> Result<MemberRun, InputError> {
+        self.with_member(numbers, |scenario| {
+            let (run, rows, end) = self.made(scenario, stop, &mut |_| {})?;
+            let (steps, events, warnings) = run.told();
+            Ok(MemberRun { rows, end, steps, events, warnings })
+        })
+    }
+
+    /// What `make` makes of a member; where it refuses it, the error shows the numbers of the member.
+    fn with_member<R>(
+        &self,
+        numbers: &[f64],
+        mut make: impl FnMut(&Scenario) -> Result<R, InputError>,
+    ) -> Result<R, InputError> {
+        let scenario = self.members.member(numbers)?;
+        make(&scenario).or_else(|_| make(&self.members.read(numbers)?))
+    }
+
+    fn made<'s>(
+        &self,
+        scenario: &'s Scenario,
+        stop: &AtomicBool,
+        take: &mut dyn FnMut(&StepBatch),
+    ) -> Result<(Run<'s>, Rows, RunEnd), InputError> {
+        let mut run = Run::sharing(scenario, self.precision, &self.tables)?;
+        let mut rows = Rows::for_run(scenario);
+        let row = |_, state: &GridState| {
+            rows.push(state);
+            Ok::<_, Infallible>(())
+        };
+        let Ok(end) = run.rows_of_cases(stop, row, take);
+        Ok((run, rows, end))
+    }
+
+    /// The runs of all members, on threads: their numbers follow each other in `numbers`. `jobs` is the
+    /// number of threads, by default one for each core. `stop` ends the batch: members that have not begun
+    /// have no run ([`Stopped`](RunEnd::Stopped), no rows). `progress` receives the number of runs made, some
+    /// fifty times a second, so that it can also set `stop`.
+    ///
+    /// A member that cannot be run has its error in place of a run.
+    pub fn run(
+        &self,
+        numbers: &[f64],
+        jobs: Option<NonZero<usize>>,
+        stop: &AtomicBool,
+        progress: &mut dyn FnMut(usize),
+    ) -> Vec<Result<MemberRun, InputError>> {
+        let width = self.members.paths().len().max(1);
+        let count = numbers.len() / width;
+        let mut made: Vec<Option<Result<MemberRun, InputError>>> = (0..count).map(|_| None).collect();
+        let jobs = jobs.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
+        let done = AtomicUsize::new(0);
+        let make = |(places, numbers): (&mut [Option<_>], &[f64])| {
+            for (place, numbers) in places.iter_mut().zip(numbers.chunks_exact(width)) {
+                if stop.load(Ordering::Relaxed) {
+                    return;
+                }
+                *place = Some(self.member_run(numbers, stop));
+                done.fetch_add(1, Ordering::Relaxed);
+            }
+        };
+        let shares = made.chunks_mut(SHARE).zip(numbers.chunks(SHARE * width));
+        if jobs == 1 || count <= SHARE {
+            for share in shares {
+                make(share);
+                progress(done.load(Ordering::Relaxed));
+            }
+        } else {
+            let shares = Mutex::new(shares);
+            let (sender, ended) = mpsc::sync_channel::<()>(0);
+            std::thread::scope(|scope| {
+                for _ in 0..jobs.min(count.div_ceil(SHARE)) {
+                    let (shares, make, sender) = (&shares, &make, sender.clone());
+                    scope.spawn(move || {
+                        loop {
+                            let share = shares.lock().unwrap_or_else(PoisonError::into_inner).next();
+                            let Some(share) = share else { break };
+                            make(share);
+                        }
+                        // The last thread that ends closes the channel.
+                        drop(sender);
+                    });
+                }
+                drop(sender);
+                while ended.recv_timeout(LOOK) == Err(RecvTimeoutError::Timeout) {
+                    progress(done.load(Ordering::Relaxed));
+                }
+            });
+            progress(done.load(Ordering::Relaxed));
+        }
+        made.into_iter().map(|run| run.unwrap_or_else(|| Ok(MemberRun::none()))).collect()
+    }
+}
+
+impl MemberRun {
+    /// A run that has not begun.
+    fn none() -> Self {
+        let (rows, end) = (Rows::default(), RunEnd::Stopped);
+        Self { rows, end, steps: 0, events: Vec::new(), warnings: Vec::new() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::{Value, json};
+
+    fn scenario(more: Value) -> Scenario {
+        let mut value = json!({
+            "system": {
+                "mass": [1.0],
+                "potential": "0.5*k*q0^2 + c*q0^4",
+                "parameters": { "k": 1.0, "c": 0.1 },
+                "damping": [{ "order": 0.5, "coefficient": [0.1] }],
+            },
+            "initial": { "position": [1.0], "momentum": [0.0] },
+            "time": { "step": 0.05, "steps": 90 },
+        });
+        value.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        Scenario::from_value(&value).unwrap()
+    }
+
+    fn batch(scenario: Scenario, paths: &[&str]) -> Batch {
+        let members = Members::new(scenario, paths.iter().copied()).unwrap();
+        Batch::new(members, Precision::F64, Arc::default()).unwrap()
+    }
+
+    /// The rows of a member that is read and run by itself.
+    fn alone(batch: &Batch, numbers: &[f64]) -> (Rows, RunEnd) {
+        let scenario = batch.members().read(numbers).unwrap();
+        let run = Run::start(&scenario, Precision::F64).unwrap();
+        let mut rows = Rows::for_run(&scenario);
+        let row = |state: &_| {
+            rows.push(state);
+            Ok::<_, Infallible>(())
+        };
+        let Ok(summary) = run.rows_to_the_end(&AtomicBool::new(false), row, |_| {});
+        (rows, summary.end)
+    }
+
+    #[test]
+    fn every_member_has_the_bits_of_a_run_by_itself() {
+        let (stop, jobs) = (AtomicBool::new(false), NonZero::new(3));
+        let kernel = json!({ "form": "maxwell", "order": 0.6, "time": 1.0 });
+        let other = json!({ "system": {
+            "mass": [[2.0, 0.1], [0.1, 1.0]],
+            "stiffness": [[2.0, -1.0], [-1.0, 2.0]],
+            "force": ["a*sin(t)", "0"],
+            "parameters": { "a": 1.0 },
+            "damping": [{ "kernel": kernel, "coefficient": [0.1, 0.3] }],
+        }, "initial": { "position": [1.0, 0.0], "velocity": [0.0, 0.0] }, "output": { "every": 7 } });
+        let stops = json!({ "event": [{ "when": "q0", "action": "stop" }] });
+        let times = json!({ "output": { "times": [0.1, 0.33, 4.0] } });
+        let adaptive = json!({
+            "time": { "grid": "adaptive", "end": 2.0, "tolerance": 1e-6 }, "scheme": { "kind": "collocation" }
+        });
+        let long = json!({ "time": { "step": 0.05, "steps": 700 } });
+        for (scenario, paths) in [
+            (scenario(json!({})), ["system.parameters.k", "initial.position[0]"]),
+            (scenario(json!({})), ["system.damping[0].order", "system.damping[0].coefficient"]),
+            (scenario(long), ["system.damping[0].order", "initial.momentum"]),
+            (scenario(stops), ["system.parameters.c", "initial.momentum[0]"]),
+            (scenario(times), ["system.parameters.c", "system.mass[0]"]),
+            (scenario(adaptive), ["system.parameters.c", "initial.position[0]"]),
+            (scenario(other), ["system.parameters.a", "initial.velocity[1]"]),
+        ] {
+            let batch = batch(scenario, &paths);
+            let numbers: Vec<f64> = (0..80).map(|index| 0.3 + 0.01 * f64::from(index)).collect();
+            let mut last = 0;
+            let runs = batch.run(&numbers, jobs, &stop, &mut |done| last = done);
+            assert_eq!((runs.len(), last), (40, 40));
+            for (run, numbers) in runs.into_iter().zip(numbers.chunks_exact(2)) {
+                let run = run.unwrap();
+                assert_eq!((run.rows, run.end), alone(&batch, numbers), "{paths:?} {numbers:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn errors_ends_and_stops_belong_to_their_members() {
+        // The potential ends at 3, where faster members arrive.
+        let edge = json!({ "system": {
+            "mass": [1.0], "potential": "-q0 + 0*sqrt(3 - q0)",
+            "damping": [{ "order": 0.5, "coefficient": [0.1] }],
+        } });
+        let batch = batch(scenario(edge), &["initial.momentum[0]", "system.damping[0].order"]);
+        let numbers = [-9.0, 0.5, 1.0, 0.5, 1.0, 2.5, 0.0, 0.5];
+        let runs = batch.run(&numbers, None, &AtomicBool::new(false), &mut |_| {});
+        assert_eq!(runs[0].as_ref().unwrap().end, RunEnd::Completed);
+        let failed = runs[1].as_ref().unwrap();
+        assert!(matches!(&failed.end, RunEnd::Failed { step, .. } if *step == failed.steps), "{failed:?}");
+        assert_eq!(failed.rows.len(), failed.steps + 1);
+        let refused = runs[2].as_ref().unwrap_err();
+        assert_eq!((refused.key(), refused.value()), ("system.damping[0].order", "2.5"));
+        assert_eq!(runs[3].as_ref().unwrap().rows.time[0], 0.0);
+        let stopped = batch.run(&numbers, None, &AtomicBool::new(true), &mut |_| {});
+        assert!(stopped.iter().all(|run| run.as_ref().is_ok_and(|run| run.end == RunEnd::Stopped)));
+    }
+
+    #[test]
+    fn a_step_that_is_too_long_for_one_member_is_refused_for_it() {
+        let explicit = json!({ "scheme": { "kind": "low-order", "kappa": 0.0 } });
+        let batch = batch(scenario(explicit), &["system.parameters.k"]);
+        let runs = batch.run(&[1.0, 1e4], None, &AtomicBool::new(false), &mut |_| {});
+        assert!(runs[0].is_ok());
+        assert_eq!(runs[1].as_ref().unwrap_err().key(), "time.step");
+    }
+}

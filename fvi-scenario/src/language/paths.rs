@@ -1,0 +1,82 @@
+//! Values of a document by their paths.
+
+/// Puts a value at a path, such as `system.damping[0].order`. Tables that are missing on the way are added.
+///
+/// # Errors
+/// Which part of the path does not exist.
+pub fn put(table: &mut toml::Table, path: &str, value: toml::Value) -> Result<(), String> {
+    let mut so_far = String::new();
+    let parts: Vec<&str> = path.split('.').collect();
+    let mut here = table;
+    for (depth, part) in parts.iter().enumerate() {
+        let (key, indices) = part.split_once('[').map_or((*part, ""), |(key, _)| (key, &part[key.len()..]));
+        if key.is_empty() {
+            return Err(format!("a key is missing behind `{so_far}`"));
+        }
+        so_far = if so_far.is_empty() { key.to_owned() } else { format!("{so_far}.{key}") };
+        let last = depth + 1 == parts.len();
+        let indices = indices_of(indices).ok_or_else(|| format!("`{indices}` is no list of indices"))?;
+        if last && indices.is_empty() {
+            here.insert(key.to_owned(), value);
+            return Ok(());
+        }
+        let mut place = match indices.is_empty() {
+            true => here.entry(key).or_insert_with(|| toml::Value::Table(toml::Table::new())),
+            false => here.get_mut(key).ok_or_else(|| format!("the scenario has no `{so_far}`"))?,
+        };
+        for index in indices {
+            let list = place.as_array_mut().ok_or_else(|| format!("`{so_far}` is no list"))?;
+            let length = list.len();
+            place = list
+                .get_mut(index)
+                .ok_or_else(|| format!("`{so_far}` has {length} entries, with indices from 0"))?;
+            so_far += &format!("[{index}]");
+        }
+        if last {
+            *place = value;
+            return Ok(());
+        }
+        here = place.as_table_mut().ok_or_else(|| format!("`{so_far}` has no keys"))?;
+    }
+    Ok(())
+}
+
+/// The indices of `[0][1]`.
+fn indices_of(text: &str) -> Option<Vec<usize>> {
+    let mut rest = text;
+    let mut indices = Vec::new();
+    while !rest.is_empty() {
+        let (index, behind) = rest.strip_prefix('[')?.split_once(']')?;
+        indices.push(index.parse().ok()?);
+        rest = behind;
+    }
+    Some(indices)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_put_where_paths_lead() {
+        let mut table: toml::Table = "a = { list = [1.0, [2.0, 3.0]] }\nb = [{ c = 1 }]".parse().unwrap();
+        let four = || toml::Value::Float(4.0);
+        put(&mut table, "a.list[1][0]", four()).unwrap();
+        put(&mut table, "b[0].c", four()).unwrap();
+        put(&mut table, "new.key", four()).unwrap();
+        assert_eq!(table["a"]["list"][1][0], four());
+        assert_eq!(table["b"][0]["c"], four());
+        assert_eq!(table["new"]["key"], four());
+        for (path, said) in [
+            ("a.list[2]", "`a.list` has 2 entries"),
+            ("b[1].c", "`b` has 1 entries"),
+            ("d[0]", "the scenario has no `d`"),
+            ("a.list.x", "`a.list` has no keys"),
+            ("a.list[x]", "no list of indices"),
+            ("a..b", "a key is missing"),
+        ] {
+            let error = put(&mut table, path, four()).unwrap_err();
+            assert!(error.contains(said), "{path}: {error}");
+        }
+    }
+}
