@@ -3,6 +3,7 @@
 //! Python code in `python/fvi` checks arguments and formats results; this module calls fvi-host. Panics
 //! become exceptions.
 
+mod batch;
 mod controller;
 mod convolver;
 mod derivative;
@@ -26,6 +27,8 @@ use pyo3::prelude::*;
 #[pymodule(gil_used = false)]
 mod _fvi {
     #[pymodule_export]
+    use super::batch::Batch;
+    #[pymodule_export]
     use super::controller::FractionalPid;
     #[pymodule_export]
     use super::convolver::Convolver;
@@ -42,7 +45,7 @@ mod _fvi {
     #[pymodule_export]
     use super::response::response;
     #[pymodule_export]
-    use super::run::{Prepared, Standing, past_nodes, run, run_in};
+    use super::run::{Prepared, Record, Standing, past_nodes, run, run_in};
     #[pymodule_export]
     use super::studies::{compare_engines, converge, extremal};
     #[pymodule_export]

@@ -4,29 +4,28 @@ use crate::documents::Source;
 use crate::errors::{Failure, Outcome, guarded};
 use crate::terms::{Callables, ErrorSlot, PythonTerms, watched};
 use crate::watch::Watch;
+use fvi_fft::memory::Engine;
+use fvi_fft::memory::Tables;
 use fvi_host::checkpoint::IntervalError;
 use fvi_host::run::{
     Run, RunEnd, RunError, RunOptions, RunSummary, Standing as HostStanding, run as run_into_files,
 };
-use fvi_scenario::language::Problem;
-use fvi_fft::memory::Tables;
-use fvi_scenario::language::memory_limit::check_capacity;
+use fvi_host::results::rows::Rows;
 use fvi_host::results::trajectory::Format;
-use fvi_fft::memory::{Engine};
+use fvi_scenario::language::Problem;
 use fvi_scenario::scenario::{Feature, KnownMatrices, Scenario, SharedTerms};
-use fvi_simulation::simulation::columns::Columns;
-use fvi_simulation::simulation::{GridState, Precision, sample_fractions};
+use fvi_simulation::simulation::{Precision, sample_fractions};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::convert::Infallible;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Result of a motion for Python: name of its load case, t, q, p, energy, further columns by name,
-/// derivatives of q and p with respect to each parameter, and as JSON how it ended and the whole summary. The
-/// latter is long for many coordinates and parsed on demand only.
+/// derivatives of q and p with respect to each parameter, as JSON how it ended, and the whole summary.
 type Motion<'py> = (
     String,
     Bound<'py, PyArray1<f64>>,
@@ -36,7 +35,7 @@ type Motion<'py> = (
     Bound<'py, PyDict>,
     Bound<'py, PyArray2<f64>>,
     String,
-    String,
+    Record,
 );
 
 /// Runs a scenario and returns the rows that `fvi run` would write: those of its one motion, or with `cases`
@@ -64,7 +63,7 @@ pub(crate) fn run<'py>(
     let begin = Instant::now();
     let known = prepared.map(|prepared| &prepared.matrices);
     let own_tables = Tables::default();
-    let tables = prepared.map_or(&own_tables, |prepared| &prepared.tables);
+    let tables = prepared.map_or(&own_tables, |prepared| &*prepared.tables);
     let read = || -> Outcome<Scenario> {
         let scenario =
             if cases { read_its_cases(&source, engine) } else { read_knowing(&source, engine, known) };
@@ -109,7 +108,7 @@ pub(crate) fn run<'py>(
         })?,
     };
     let motions = names.into_iter().zip(motions);
-    let motions = motions.map(|(name, (rows, summary))| rows.into_python(py, name, &summary));
+    let motions = motions.map(|(name, (rows, summary))| into_python(py, name, rows, summary));
     Ok((motions.collect::<PyResult<_>>()?, raised, standing.map(|standing| Standing { standing })))
 }
 
@@ -190,15 +189,15 @@ pub(crate) fn engine(name: &str) -> Result<Engine, Failure> {
 /// Shared between runs of one model: matrices with their analyses and factors, tables of memories.
 #[pyclass(frozen, module = "fvi._fvi")]
 pub(crate) struct Prepared {
-    matrices: KnownMatrices,
-    tables: Tables,
+    pub(crate) matrices: KnownMatrices,
+    pub(crate) tables: Arc<Tables>,
 }
 
 #[pymethods]
 impl Prepared {
     #[new]
     fn new() -> Self {
-        Self { matrices: KnownMatrices::default(), tables: Tables::default() }
+        Self { matrices: KnownMatrices::default(), tables: Arc::default() }
     }
 }
 
@@ -234,7 +233,11 @@ pub(crate) fn read(source: &Source, engine: Option<Engine>) -> Outcome<Scenario>
 }
 
 /// Like [`read`], with matrices that have been read already.
-fn read_knowing(source: &Source, engine: Option<Engine>, known: Option<&KnownMatrices>) -> Outcome<Scenario> {
+pub(crate) fn read_knowing(
+    source: &Source,
+    engine: Option<Engine>,
+    known: Option<&KnownMatrices>,
+) -> Outcome<Scenario> {
     let scenario = read_cases(source, engine, known)?;
     scenario.check_use(Feature::OneMotion).map_err(|error| source.failure(&error))?;
     Ok(scenario)
@@ -285,7 +288,7 @@ fn compute(
     if let Some(Standing { standing }) = go_on {
         run.go_on_from(standing).map_err(|error| Failure::Failed(format!("continue_from: {error}")))?;
     }
-    let mut motions = Rows::of_cases(scenario)?;
+    let mut motions = Rows::of_cases(scenario).map_err(|error| Failure::NoRoom(error.to_string()))?;
     let mut watch = Watch::new(progress);
     let stop = AtomicBool::new(false);
     let all = scenario.time.steps_known();
@@ -324,102 +327,60 @@ fn compute(
     Ok((names, motions.into_iter().zip(summaries).collect(), raised, standing))
 }
 
-/// The rows of a trajectory, column by column.
-struct Rows {
-    coordinates: usize,
-    time: Vec<f64>,
-    /// q of each row, N numbers each.
-    position: Vec<f64>,
-    momentum: Vec<f64>,
-    energy: Vec<f64>,
-    columns: Columns,
-    /// Values of the columns of each row.
-    of_columns: Vec<f64>,
-    derivatives: Vec<f64>,
+/// The rows as arrays, with the name of their load case and the summary of the run.
+fn into_python<'py>(py: Python<'py>, name: String, rows: Rows, summary: RunSummary) -> PyResult<Motion<'py>> {
+    let json = serde_json::to_string(&summary.in_short());
+    let end = json.map_err(|error| Failure::Failed(error.to_string()))?;
+    let (time, position, momentum, energy, columns, derivatives) = arrays_of(py, rows)?;
+    Ok((name, time, position, momentum, energy, columns, derivatives, end, Record { summary }))
 }
 
-impl Rows {
-    /// Empty rows for each load case of a scenario.
-    fn of_cases(scenario: &Scenario) -> Outcome<Vec<Self>> {
-        let coordinates = scenario.written_coordinates().len();
-        // They grow where the number of steps is not known.
-        let steps = scenario.time.steps_known().unwrap_or_default();
-        let rows = match scenario.output.times.len() {
-            0 => (steps / scenario.output.every).saturating_add(2),
-            times => times,
-        };
-        let columns = Columns::of(scenario);
-        let parameters = scenario.sensitivity.as_ref().map_or(0, |asked| asked.parameters.len());
-        let derivatives = coordinates.saturating_mul(2).saturating_mul(parameters);
-        let more = derivatives.saturating_add(columns.len());
-        let numbers = coordinates.saturating_mul(2).saturating_add(2).saturating_add(more);
-        let no_room = |what: String| {
-            Failure::NoRoom(format!(
-                "{rows} rows of {numbers} numbers: {what}; write fewer of them with `every`"
-            ))
-        };
-        let copies = scenario.copies();
-        check_capacity(rows.saturating_mul(numbers).saturating_mul(copies).saturating_mul(size_of::<f64>()))
-            .map_err(|error| no_room(error.to_string()))?;
-        let room = |count: usize| {
-            let mut room: Vec<f64> = Vec::new();
-            room.try_reserve_exact(count).map(|()| room).map_err(|error| no_room(error.to_string()))
-        };
-        let one = |_| {
-            Ok(Self {
-                coordinates,
-                time: room(rows)?,
-                position: room(rows * coordinates)?,
-                momentum: room(rows * coordinates)?,
-                energy: room(rows)?,
-                columns: columns.clone(),
-                of_columns: room(rows * columns.len())?,
-                derivatives: room(rows * derivatives)?,
-            })
-        };
-        (0..copies).map(one).collect()
-    }
+/// t, q, p, energy, further columns by name, and derivatives.
+pub(crate) type Arrays<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyDict>,
+    Bound<'py, PyArray2<f64>>,
+);
 
-    /// Converts the rows to arrays, with the summary of the run.
-    fn into_python<'py>(self, py: Python<'py>, name: String, summary: &RunSummary) -> PyResult<Motion<'py>> {
-        let json = |value: Result<String, serde_json::Error>| {
-            value.map_err(|error| Failure::Failed(error.to_string()))
-        };
-        let end = json(serde_json::to_string(&summary.in_short()))?;
-        let summary = match summary.scenario.equation {
-            Some(_) => json(summary.record().map(|record| record.to_string()))?,
-            None => json(serde_json::to_string(summary))?,
-        };
-        let Self { coordinates, time, position, momentum, energy, columns, of_columns, derivatives } = self;
-        let rows = time.len();
-        let table = |numbers: Vec<f64>, columns| numbers.into_pyarray(py).reshape([rows, columns]);
-        let per_row = derivatives.len().checked_div(rows).unwrap_or(0);
-        let (position, momentum) = (table(position, coordinates)?, table(momentum, coordinates)?);
-        let derivatives = table(derivatives, per_row)?;
-        let (time, energy) = (time.into_pyarray(py), energy.into_pyarray(py));
-        let by_name = PyDict::new(py);
-        for quantity in columns.quantities() {
-            let of_rows = of_columns.chunks_exact(columns.len());
-            let numbers: Vec<f64> = of_rows.flat_map(|row| quantity.of(row)).collect();
-            match quantity.members {
-                1 => by_name.set_item(quantity.name, numbers.into_pyarray(py))?,
-                members => by_name.set_item(quantity.name, table(numbers, members)?)?,
-            }
+/// The rows as arrays.
+pub(crate) fn arrays_of(py: Python<'_>, rows: Rows) -> PyResult<Arrays<'_>> {
+    let Rows { coordinates, time, position, momentum, energy, columns, of_columns, derivatives } = rows;
+    let rows = time.len();
+    let table = |numbers: Vec<f64>, columns| numbers.into_pyarray(py).reshape([rows, columns]);
+    let per_row = derivatives.len().checked_div(rows).unwrap_or(0);
+    let (position, momentum) = (table(position, coordinates)?, table(momentum, coordinates)?);
+    let derivatives = table(derivatives, per_row)?;
+    let (time, energy) = (time.into_pyarray(py), energy.into_pyarray(py));
+    let by_name = PyDict::new(py);
+    for quantity in columns.quantities() {
+        let of_rows = of_columns.chunks_exact(columns.len());
+        let numbers: Vec<f64> = of_rows.flat_map(|row| quantity.of(row)).collect();
+        match quantity.members {
+            1 => by_name.set_item(quantity.name, numbers.into_pyarray(py))?,
+            members => by_name.set_item(quantity.name, table(numbers, members)?)?,
         }
-        Ok((name, time, position, momentum, energy, by_name, derivatives, end, summary))
     }
+    Ok((time, position, momentum, energy, by_name, derivatives))
+}
 
-    fn bytes(&self) -> usize {
-        let numbers = self.time.len() + self.position.len() + self.momentum.len() + self.energy.len();
-        numbers * size_of::<f64>()
-    }
+/// The whole summary of a run. Its text is long for many coordinates, and made on demand.
+#[pyclass(frozen, module = "fvi._fvi")]
+pub(crate) struct Record {
+    pub(crate) summary: RunSummary,
+}
 
-    fn push(&mut self, state: &GridState) {
-        self.time.push(state.time);
-        self.position.extend_from_slice(&state.position);
-        self.momentum.extend_from_slice(&state.momentum);
-        self.energy.push(state.energy);
-        self.derivatives.extend_from_slice(&state.sensitivities);
-        self.of_columns.extend_from_slice(&state.columns);
+#[pymethods]
+impl Record {
+    /// The summary as JSON.
+    fn json(&self, py: Python<'_>) -> PyResult<String> {
+        let summary = &self.summary;
+        let text = py.detach(|| match summary.scenario.equation {
+            Some(_) => summary.record().map(|record| record.to_string()),
+            None => serde_json::to_string(summary),
+        });
+        text.map_err(|error| Failure::Failed(error.to_string()).into())
     }
 }

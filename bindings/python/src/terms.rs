@@ -4,6 +4,7 @@ use crate::errors::{Failure, Outcome};
 use fvi_scenario::language::expression::Moment;
 use fvi_scenario::scenario::{OwnTerms, SharedFunction};
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyArithmeticError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyFloat, PyList, PyTuple};
@@ -67,6 +68,16 @@ impl ErrorSlot {
     }
 }
 
+/// Distance, relative to the position, of a further point at which a gradient is checked.
+const NEARBY: f64 = 0.01;
+/// Most entries of a gradient that are checked.
+const MOST_CHECKED: usize = 16;
+/// Relative difference from which a gradient is wrong, and as a multiple of the error of differences.
+const ENOUGH: f64 = 1e-3;
+const TEN: f64 = 10.0;
+/// Second distance of differences, as a multiple of the first: rounded functions differ at them.
+const WIDER: f64 = 100.0;
+
 /// [`Callables`] with the interface that the library requires.
 pub(crate) struct PythonTerms {
     callables: Callables,
@@ -111,12 +122,83 @@ impl PythonTerms {
             None
         };
         match bad {
-            None => Ok(()),
+            None => self.check_gradient(position),
             Some((key, what)) => {
                 let message = format!("{key}: {what} is not finite at t = {time}, q = {position:?}");
                 Err(Failure::Input { key: key.to_owned(), value: String::new(), message })
             }
         }
+    }
+
+    /// Refuses a gradient that is not that of the value: at the start, and where differences of the value say
+    /// too little there, as at rest, at a point nearby.
+    fn check_gradient(&mut self, position: &[f64]) -> Outcome<()> {
+        if self.callables.value.is_none() || self.callables.gradient.is_none() {
+            return Ok(());
+        }
+        let apart =
+            |(index, &q): (usize, &f64)| q + NEARBY * q.abs().max(1.0) * (1.0 + 0.3 * (index % 7) as f64);
+        let nearby: Vec<f64> = position.iter().enumerate().map(apart).collect();
+        for point in [position, &nearby] {
+            let (mut told, stride) = (true, self.size.div_ceil(MOST_CHECKED));
+            self.call(Which::Gradient, None, Some(point), self.size);
+            let gradient = self.answer.clone();
+            for coordinate in (0..self.size).step_by(stride.max(1)) {
+                let given = gradient[coordinate];
+                let Some((slope, error)) = self.slope(point, coordinate) else {
+                    told = false;
+                    continue;
+                };
+                let size = slope.abs().max(given.abs());
+                if (slope - given).abs() > TEN * error + ENOUGH * size {
+                    let message = format!(
+                        "potential.gradient: entry {coordinate} is {given} at q = {point:?}, where differences of the value give \
+                         {slope:.6}"
+                    );
+                    let (key, value) = ("potential.gradient".to_owned(), given.to_string());
+                    return Err(Failure::Input { key, value, message });
+                }
+                told &= size > TEN * error;
+            }
+            // The domain of the functions may end nearby.
+            if let Some(error) = self.slot.take()
+                && !Python::attach(|py| {
+                    error.is_instance_of::<PyValueError>(py) || error.is_instance_of::<PyArithmeticError>(py)
+                })
+            {
+                return Err(Failure::Raised(error));
+            }
+            if told {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// ∂U/∂q of a coordinate by differences of U, with an estimate of their error; `None` where U is not
+    /// finite nearby.
+    fn slope(&mut self, point: &[f64], coordinate: usize) -> Option<(f64, f64)> {
+        let mut at = point.to_vec();
+        let mut value = |distance: f64| {
+            at[coordinate] = point[coordinate] + distance;
+            let rise = at[coordinate] - point[coordinate];
+            (rise, self.potential(&at))
+        };
+        let (_, middle) = value(0.0);
+        let mut slopes = [[0.0; 2]; 2];
+        let mut largest = middle.abs();
+        for (slopes, part) in slopes.iter_mut().zip([1.0, WIDER]) {
+            let distance = part * f64::EPSILON.cbrt() * point[coordinate].abs().max(1.0);
+            for (slope, side) in slopes.iter_mut().zip([distance, -distance]) {
+                let (rise, other) = value(side);
+                largest = largest.max(other.abs());
+                *slope = (other - middle) / rise;
+            }
+        }
+        let [near, far] = slopes.map(|[ahead, behind]| 0.5 * (ahead + behind));
+        let rounding = 8.0 * f64::EPSILON.powf(2.0 / 3.0) * largest;
+        let error = (near - far).abs() + (slopes[0][0] - slopes[0][1]).abs() + rounding;
+        error.is_finite().then_some((near, error))
     }
 
     /// Calls a function and stores its `count` values in `answer`; NaN if it fails.

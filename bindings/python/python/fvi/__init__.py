@@ -9,7 +9,8 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 ======================  ==============================================================
 `run`                   a scenario from a file or a dictionary
 `integrate`             a system given by arrays, expressions and functions
-`Model`                 a system that is integrated several times
+`Model`                 a system that is integrated several times: `Model.run`, and `Model.batch` for
+                        many runs on all cores
 `run_cases`,            several load cases of a linear system together
 `integrate_cases`
 `solve_fde`             fractional differential equations D^α x = f(t, x)
@@ -44,8 +45,9 @@ from fvi._kernel import Kernel
 from fvi._memory import Memory, Operator
 from fvi._model import Model
 from fvi._response import KernelCurves, Response, response
-from fvi._result import Extremal, Result, Table, load
+from fvi._result import Convergence, Extremal, Result, Table, load
 from fvi._run import run, run_cases
+from fvi._runs import Runs
 from fvi._sequences import derivative, weights
 from fvi._studies import compare_engines, converge, extremal
 from fvi._sweep import sweep
@@ -53,6 +55,7 @@ from fvi._terms import Damping, Element, Event, Force, Load, Potential
 from fvi._tune import Tuning, tune
 
 __all__ = [
+    "Convergence",
     "Convolver",
     "Damping",
     "Element",
@@ -73,6 +76,7 @@ __all__ = [
     "Potential",
     "Response",
     "Result",
+    "Runs",
     "Solution",
     "StepError",
     "Table",

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
 from fvi._result import ending
-from fvi._run import Progress, _outside, _raise, check_progress
+from fvi._run import Progress, _outside, check_progress, raise_with
 from fvi._scenario import source
 from fvi._terms import Event, Function, Terms
 from fvi._types import FloatArray
@@ -197,10 +197,11 @@ def solve_fde(
         )
     except InputError as error:
         raise _named(error) from None
-    ((_, t, x, _, _, _, _, ended, record),) = motions
+    ((_, t, x, _, _, _, _, ended, summary),) = motions
+    record = summary.json()
     solution = _solution(t + begin, x, json.loads(ended), record, len(described), begin)
     if raised is not None:
-        _raise(_named(raised) if isinstance(raised, InputError) else raised, solution)
+        raise_with(_named(raised) if isinstance(raised, InputError) else raised, solution)
     for warning in solution.warnings:
         warnings.warn(warning, stacklevel=_outside())
     return solution

@@ -9,16 +9,16 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, Unpack
 
 import numpy as np
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
-from fvi._result import Picture, _module
+from fvi._result import Picture, labelled, new_axes
 from fvi._run import Progress, check_progress
 from fvi._scenario import Scenario, by_path, put, source
-from fvi._types import FloatArray
+from fvi._types import FloatArray, ScenarioKeys
 
 
 @dataclass(frozen=True)
@@ -165,20 +165,29 @@ class Fit:
         end = f"<p>{model}χ² = {self.chi2:.6g}, AIC = {self.aic:.6g}, BIC = {self.bic:.6g}</p>"
         return f"<table><tr>{head}</tr>{''.join(rows)}</table>{end}<ul>{said}</ul>"
 
-    def plot(self) -> Picture:
-        """Plots data and model, and below them the residuals over their deviations, a column for each table of data.
+    def plot(self, axes: Any = None, *, units: Mapping[str, str] | None = None) -> Picture:
+        """Draws data and model, and below them the residuals over their deviations, a column for each table of data.
 
-        Needs matplotlib. Returns the axes, those of the data first; the returned object also has `figure` and `savefig`.
+        Parameters
+        ----------
+        axes : sequence of matplotlib axes, optional
+            Axes to draw in, those of the data first; default: a new figure.
+        units : mapping of str to str, optional
+            Units for the labels, by the names of the columns: "t", "omega", "q0", …
+
+        Returns
+        -------
+        sequence of matplotlib axes
+            Those of the data first, with their `figure`, and its `savefig`.
         """
-        plots = _module("matplotlib.pyplot", "plot")
-        count = len(self.tables)
-        _, axes = plots.subplots(2, count, sharex="col", squeeze=False, figsize=(max(6.0, 4.5 * count), 5.5))
+        units, count = {} if units is None else units, len(self.tables)
+        axes = new_axes(axes, 2, count, (max(6.0, 4.5 * count), 5.5), sharex="col")
         for column, table in enumerate(self.tables):
-            above, below = axes[0][column], axes[1][column]
+            above, below = axes[column], axes[count + column]
             for index, name in enumerate(table.data):
-                colour = f"C{index}"
-                above.plot(table.places, table.data[name], ".", color=colour, label=f"{name}, data")
-                above.plot(table.places, table.model[name], "-", color=colour, label=f"{name}, model")
+                colour, shown = f"C{index}", labelled(name, units.get(name, ""))
+                above.plot(table.places, table.data[name], ".", color=colour, label=f"{shown}, data")
+                above.plot(table.places, table.model[name], "-", color=colour, label=f"{shown}, model")
                 left = (table.data[name] - table.model[name]) / table.deviation[name]
                 below.plot(table.places, left, ".", color=colour)
             if table.over == "omega":
@@ -187,9 +196,9 @@ class Fit:
                     above.set_yscale("log")
             above.legend()
             below.axhline(0, color="0.5", linewidth=0.8)
-            below.set_xlabel("ω" if table.over == "omega" else "t")
-        axes[1][0].set_ylabel("(datum − model)/deviation")
-        return Picture([*axes[0], *axes[1]])
+            below.set_xlabel(labelled("ω" if table.over == "omega" else "t", units.get(table.over, "")))
+        axes[count].set_ylabel("(datum − model)/deviation")
+        return Picture(axes)
 
 
 Free = Mapping[str, Any] | Sequence[Any]
@@ -204,12 +213,12 @@ def fit(
     models: Mapping[str, Mapping[str, Any]] | None = None,
     starts: int = 1,
     seed: int = 1,
-    deviations: str | None = None,
+    deviations: Literal["known", "relative"] | None = None,
     profile: bool | Sequence[str] = False,
     most_iterations: int | None = None,
     progress: Progress | None = None,
     overrides: Mapping[str, Any] | None = None,
-    **keys: Any,
+    **keys: Unpack[ScenarioKeys],
 ) -> Fit:
     """Estimates numbers of a scenario from measured data, as the program `fvi fit` does.
 

@@ -9,6 +9,7 @@ from typing_extensions import disjoint_base
 _Array = NDArray[np.float64]
 
 __all__ = [
+    "Batch",
     "DATA_KEYS",
     "Convolver",
     "FractionalPid",
@@ -18,6 +19,7 @@ __all__ = [
     "Memory",
     "Operator",
     "Prepared",
+    "Record",
     "Standing",
     "Sweep",
     "__version__",
@@ -49,6 +51,20 @@ class Prepared:
     def __new__(cls) -> Self: ...
 
 @final
+class Record:
+    def json(self) -> str: ...
+
+_Arrays = tuple[_Array, _Array, _Array, _Array, dict[str, _Array], _Array]
+
+@final
+class Batch:
+    def __new__(
+        cls, source: Any, paths: list[str], precision: str, prepared: Prepared, terms: Any, events: Any
+    ) -> Self: ...
+    def run_one(self, numbers: list[float]) -> tuple[_Arrays, str, Record, BaseException | None]: ...
+    def run(self, numbers: _Array, jobs: int | None, progress: Any) -> tuple[dict[str, Any], BaseException | None]: ...
+
+@final
 class Standing:
     @property
     def steps(self) -> int: ...
@@ -70,7 +86,7 @@ def run(
     go_on: Standing | None = None,
     keep: bool | None = None,
 ) -> tuple[
-    list[tuple[str, _Array, _Array, _Array, _Array, dict[str, _Array], _Array, str, str]], BaseException | None, Standing | None
+    list[tuple[str, _Array, _Array, _Array, _Array, dict[str, _Array], _Array, str, Record]], BaseException | None, Standing | None
 ]: ...
 def run_in(
     source: Any,

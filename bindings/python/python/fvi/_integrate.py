@@ -6,7 +6,7 @@ import inspect
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +33,7 @@ from fvi._terms import (
     terms_of,
     with_loads,
 )
+from fvi._types import OutputKeys, Precision
 
 
 def integrate(
@@ -56,7 +57,7 @@ def integrate(
     elements: Element | Iterable[Element] = (),
     events: Event | Mapping[str, Any] | Iterable[Event | Mapping[str, Any]] = (),
     parameters: Mapping[str, float] | None = None,
-    precision: str = "f64",
+    precision: Precision = "f64",
     check: bool = True,
     progress: Progress | None = None,
     keep_memory: bool | None = None,
@@ -64,7 +65,7 @@ def integrate(
     kinetic: str | None = None,
     constraints: Sequence[str] = (),
     project: bool | None = None,
-    **keys: Any,
+    **keys: Unpack[OutputKeys],
 ) -> Result:
     """Integrates M q̈ + G q̇ + K q + ∇U(q) + Σ ∇U_e(q) = F(t, q) + Σ f a(t) − Σ ρ D^β q.
 
@@ -193,7 +194,7 @@ def integrate(
         others = {name: value for name, value in others.items() if not (value is None or value == ())}
         if precision != "f64":
             others["precision"] = precision
-        return _continued(continue_from, steps, end, others | keys, check, progress, keep_memory)
+        return _continued(continue_from, steps, end, {**others, **keys}, check, progress, keep_memory)
     return _integrated(
         dict(
         mass=mass,
@@ -226,6 +227,9 @@ def integrate(
         keep_memory=keep_memory,
     )
 
+
+ARGUMENTS = tuple(inspect.signature(integrate).parameters)[:-1]
+"""The arguments of `integrate` apart from keys of a scenario."""
 
 MORE = ("every", "times", "coordinates")
 """Keys that may stand beside `continue_from`."""
@@ -299,11 +303,11 @@ def _integrated(
         spent = time.perf_counter() - begin
         return compute(
             given, precision=precision, check=check, progress=progress, functions=functions, prepared=prepared, spent=spent,
-            mass=_as_it_is(arguments["mass"]), keep_memory=keep_memory,
+            mass=as_it_is(arguments["mass"]), keep_memory=keep_memory,
         )
 
 
-def _as_it_is(mass: Any) -> Any:
+def as_it_is(mass: Any) -> Any:
     """The mass for computing velocities, unless the summary of the run contains it."""
     if _arrays.is_sparse(mass):
         return mass.copy()
@@ -315,7 +319,7 @@ def _as_it_is(mass: Any) -> Any:
 def integrate_cases(
     cases: Mapping[str, Load | Iterable[Load]],
     *,
-    precision: str = "f64",
+    precision: Precision = "f64",
     check: bool = True,
     progress: Progress | None = None,
     **arguments: Any,
@@ -459,7 +463,7 @@ def _scenario(
         initial["momentum"] = _arrays.vector("momentum", 0.0 if momentum is None else momentum, size)
         if velocity is not None:
             raise InputError("velocity: cannot stand beside momentum: give one of them", "velocity")
-    changes = by_path(overrides, keys)
+    changes = by_path(overrides, keys, ARGUMENTS)
     if isinstance(chosen := changes.get("output.coordinates"), slice):
         changes["output.coordinates"] = list(range(size))[chosen]
     scenario["initial"] = initial
@@ -568,10 +572,10 @@ def _arguments() -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise _named_after_argument(error) from error.__cause__
+        raise named_after_argument(error) from error.__cause__
 
 
-def _named_after_argument(error: InputError) -> InputError:
+def named_after_argument(error: InputError) -> InputError:
     """An error about a key of a scenario, as one about the argument that it came from."""
     arguments = {path: name for name, path in SHORT_NAMES.items()} | {
         f"system.{name}": name for name in ("mass", "stiffness", "gyroscopic", "potential", "force", "damping")

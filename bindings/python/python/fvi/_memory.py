@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
-from fvi._types import FloatArray
+from fvi._types import Derivative, Engine, FloatArray, Precision
 from fvi._errors import InputError
 from fvi._kernel import exponent_or_kernel
 
@@ -87,14 +87,14 @@ class Memory(_fvi.Memory):
         kernel: Any = None,
         step: float,
         order: int = 1,
-        family: str = "bdf",
+        family: Literal["bdf", "radau-iia", "lobatto-iiic", "trapezoidal"] = "bdf",
         stages: int | None = None,
         channels: int = 1,
         length: int = 65536,
-        engine: str | None = None,
-        samples: str = "values",
+        engine: Engine | None = None,
+        samples: Literal["values", "differences"] = "values",
         tolerance: float | None = None,
-        states: str | None = None,
+        states: Precision | None = None,
         threads: int | None = None,
     ) -> Self:
         exponent, kernel = exponent_or_kernel(exponent, kernel)
@@ -223,10 +223,10 @@ class Operator(_fvi.Operator):
         exponent: float,
         step: float,
         order: int = 1,
-        start: str = "riemann-liouville",
+        start: Derivative = "riemann-liouville",
         slope: float | None = None,
         length: int = 65536,
-        engine: str | None = None,
+        engine: Engine | None = None,
     ) -> Self:
         exponent, step = _arrays.real("exponent", exponent), _arrays.positive("step", step)
         if start not in ("caputo", "riemann-liouville"):

@@ -3,16 +3,37 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+import re
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
-from fvi._errors import InputError
-from fvi._integrate import _integrated, integrate
-from fvi._result import Result
-from fvi._scenario import ready
+from fvi._errors import InputError, StepError
+from fvi._integrate import _arguments, _integrated, _scenario, as_it_is, integrate, named_after_argument
+from fvi._result import Result, ending
+from fvi._run import Progress, check_progress, finish, raise_with, result_of
+from fvi._runs import Runs, runs_of
+from fvi._scenario import SHORT_NAMES, Ready, ready
 from fvi._terms import Damping
+from fvi._types import FloatArray
+
+DEFAULTS: dict[str, Any] = {
+    name: parameter.default
+    for name, parameter in inspect.signature(integrate).parameters.items()
+    if parameter.kind is inspect.Parameter.KEYWORD_ONLY
+}
+"""The arguments of `integrate` without its keys, with their defaults."""
+
+MOST_COMPILED = 16
+"""Sets of names for which a model stays compiled."""
+
+VECTORS = ("initial.position", "initial.momentum", "initial.velocity")
 
 RIVALS = {"velocity": "momentum", "momentum": "velocity", "steps": "end", "end": "steps"}
 """Arguments that say the same in another way: the one given takes the place of the other."""
@@ -20,8 +41,19 @@ RIVALS = {"velocity": "momentum", "momentum": "velocity", "steps": "end", "end":
 OPTIONS = ("precision", "check", "progress", "keep_memory")
 
 
+class _Known(NamedTuple):
+    """A compiled model whose numbers of some names differ from run to run."""
+
+    batch: _fvi.Batch
+    counts: list[int | None]
+    names: dict[str, str]
+    coordinates: tuple[int, ...]
+    mass: Any
+
+
 class Model:
-    """A system that is integrated several times, with other loads, initial states or damping coefficients.
+    """A system that is integrated several times: with other loads, initial states or damping coefficients by `integrate`, with
+    other numbers, once by `run` or many times by `batch`.
 
     Work common to the runs is done once: reading and checking matrices, symbolic factorisation, and the numerical factorisation
     where the matrix of the step is the same, as for other loads and initial states. A damping coefficient that is a multiple of
@@ -54,6 +86,7 @@ class Model:
     def __init__(self, *, mass: Any, **arguments: Any) -> None:
         self._arguments: dict[str, Any] = {}
         self._prepared = _fvi.Prepared()
+        self._compiled: dict[tuple[str, ...], _Known] = {}
         mass = ready("mass", mass, None)
         self._size: int | None = None if mass.shape == (1,) else mass.shape[0]
         self._arguments = self._taken({"mass": mass, **arguments})
@@ -83,6 +116,178 @@ class Model:
         options = {name: arguments.pop(name) for name in OPTIONS}
         return _integrated(arguments, prepared=self._prepared, **options)
 
+    def run(self, parameters: Mapping[str, Any] | None = None, *, check: bool = True) -> Result:
+        """Integrates it with other numbers, without reading and compiling it again.
+
+        Parameters
+        ----------
+        parameters : mapping, optional
+            Numbers by their names or paths, as in `batch`, one each; for a vector such as ``"position"`` as many as there are
+            coordinates.
+        check : bool
+            Whether a step that fails raises `StepError`.
+
+        Returns
+        -------
+        Result
+            With the bits of `integrate` for the same numbers.
+
+        Raises
+        ------
+        InputError, StepError, Exception
+            As `integrate`.
+
+        Examples
+        --------
+        >>> import fvi
+        >>> model = fvi.Model(mass=[1.0], potential="0.5*k*q0^2", parameters={"k": 1.0}, position=[1.0], step=0.01, steps=100)
+        >>> [model.run({"k": k, "q0": 0.5}).q.shape for k in (1.0, 2.0)]
+        [(101, 1), (101, 1)]
+        """
+        given = {} if parameters is None else parameters
+        known = self._known(given)
+        numbers: list[float] = []
+        for name, count in zip(given, known.counts):
+            value = given[name]
+            if count is None:
+                numbers.append(_arrays.real(name, value) if not isinstance(value, (float, int)) else float(value))
+            else:
+                numbers.extend(_arrays.vector(name, value, count).tolist())
+        with _renamed(known.names):
+            (t, q, p, energy, columns, derivatives), end, record, raised = known.batch.run_one(numbers)
+        return finish(result_of(t, q, p, energy, columns, end, record, known.mass, derivatives), raised, check)
+
+    def batch(
+        self,
+        parameters: Mapping[str, ArrayLike],
+        *,
+        jobs: int | None = None,
+        check: bool = True,
+        progress: Progress | None = None,
+    ) -> Runs:
+        """Integrates it many times, with other numbers in each run, on all cores.
+
+        Each run has the bits of `integrate` for its numbers. What is common is done once: reading and compiling, and the tables of
+        memories with equal kernels, steps and lengths.
+
+        Parameters
+        ----------
+        parameters : mapping of str to array_like
+            The numbers that differ, R for R runs, or one for all: by the name of a parameter of the expressions, as ``"k"``; by
+            that of a coordinate, momentum or velocity at the start, ``"q0"``, ``"p0"``, ``"v0"``; or by a path,
+            ``"damping[0].order"``, ``"damping[0].coefficient[0]"``, ``"parameters.k"``, ``"position[0]"``, ``"mass[0]"``,
+            ``"time.step"``, or any other number of the scenario. For ``"position"``, ``"momentum"`` and ``"velocity"`` R rows of N
+            numbers.
+        jobs : int, optional
+            Threads; default: one for each core. Functions of Python run on one.
+        check : bool
+            Whether a run that is refused or fails raises an error, which names its index and has the runs in its `result`. If
+            not, `status` and `errors` of the runs tell.
+        progress : callable, optional
+            Called about ten times a second with the number of runs made and the number of all.
+
+        Returns
+        -------
+        Runs
+            Arrays of shape (R, rows, N), with NaN behind the end of runs that end early.
+
+        Raises
+        ------
+        InputError
+            If there is no such number, or a run is refused: the message begins with its index.
+        StepError
+            If a step of a run failed, likewise.
+
+        Notes
+        -----
+        Initial values, parameters of expressions, orders of damping and entries of its diagonal are put into the compiled model;
+        for other numbers each run reads the scenario again. The runs and the arrays made of them take twice the bytes of the
+        result at the most.
+
+        Examples
+        --------
+        >>> import numpy as np, fvi
+        >>> model = fvi.Model(mass=[1.0], potential="0.5*k*q0^2", parameters={"k": 1.0}, position=[1.0], step=0.01, steps=100,
+        ...                   damping=fvi.Damping(0.5, 0.1))
+        >>> runs = model.batch({"k": np.linspace(1.0, 4.0, 50), "q0": 0.5})
+        >>> runs.q.shape
+        (50, 101, 1)
+        >>> bool((runs[7].q == model.integrate(parameters={"k": np.linspace(1.0, 4.0, 50)[7]}, position=[0.5]).q).all())
+        True
+        """
+        if not isinstance(parameters, Mapping) or not parameters:
+            raise InputError("parameters: arrays by the names of the numbers are needed", "parameters", repr(parameters))
+        if jobs is not None:
+            jobs = _arrays.whole("jobs", jobs, 1)
+        progress = check_progress(progress)
+        known = self._known(parameters)
+        arrays = {name: _arrays.numbers(name, values) for name, values in parameters.items()}
+        columns, given = _columns(arrays, known.counts)
+        with _renamed(known.names):
+            table, raised = known.batch.run(columns, jobs, progress)
+        for index, end in enumerate(table["ends"]):
+            if isinstance(end, InputError):
+                error = _after_argument(end, known.names)
+                table["ends"][index] = InputError(f"run {index}: {error}", error.key, error.value)
+        runs = runs_of(table, given, known.coordinates, known.mass)
+        for place, end in runs._ends.items():
+            if end["status"] == "failed":
+                runs.errors[place] = StepError(f"run {place}: {ending({**end, 'steps': 0})[1]}", runs)
+        warned = {text: place for place, texts in reversed(table["warnings"].items()) for text in texts}
+        for text, place in warned.items():
+            warnings.warn(f"run {place}: {text}", stacklevel=2)
+        if raised is not None:
+            raise_with(raised, runs)
+        if check and runs.errors:
+            first = runs.errors[min(runs.errors)]
+            setattr(first, "result", runs)
+            raise first
+        return runs
+
+    def _known(self, given: Mapping[str, Any]) -> _Known:
+        """The compiled model whose numbers of these names differ."""
+        # Vectors of different lengths are different paths, which `_compiled` checks.
+        names = tuple(given)
+        known = self._compiled.get(names)
+        if known is None:
+            if len(self._compiled) >= MOST_COMPILED:
+                self._compiled.pop(next(iter(self._compiled)))
+            known = self._compiled[names] = self._compile(names)
+        return known
+
+    def _compile(self, names: tuple[str, ...]) -> _Known:
+        arguments = self._merged({})
+        if arguments.pop("continue_from") is not None:
+            raise InputError("continue_from: belongs to `integrate`, not to a model", "continue_from")
+        precision = arguments["precision"]
+        for name in OPTIONS:
+            arguments.pop(name)
+        moving = [_path(name, arguments) for name in names]
+        if any(path.startswith("initial.velocity") for path in moving) and arguments["velocity"] is None:
+            if arguments["momentum"] is not None:
+                raise InputError("velocity: cannot stand beside momentum: give one of them", "velocity")
+            arguments["velocity"] = 0.0
+        source, functions = _scenario(**arguments)
+        size = len(np.atleast_1d(_vector_of(source, "position")))
+        paths: list[str] = []
+        counts: list[int | None] = []
+        for path in moving:
+            if path in VECTORS:
+                counts.append(size)
+                paths += [f"{path}[{index}]" for index in range(size)]
+            else:
+                counts.append(None)
+                paths.append(path)
+        by_path = {path: name for name, path in zip(names, moving)}
+        with _arguments(), _renamed(by_path):
+            batch = _fvi.Batch(source, paths, precision, self._prepared, functions.terms, functions.events)
+        chosen = source[2].get("output", {}).get("coordinates")
+        mass = as_it_is(arguments["mass"])
+        if mass is None and arguments["mass"] is not None and not isinstance(arguments["mass"], Ready):
+            mass = np.atleast_1d(np.asarray(arguments["mass"], dtype=np.float64))
+            mass = np.full(size, mass[0]) if mass.shape == (1,) else mass
+        return _Known(batch, counts, by_path, tuple(range(size) if chosen is None else chosen), mass)
+
     def _taken(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Arguments with large matrices converted once."""
         taken = dict(given)
@@ -103,12 +308,14 @@ class Model:
     def _merged(self, changes: Mapping[str, Any]) -> dict[str, Any]:
         """The arguments of a call, merged with those of the model."""
         own = {name: value for name, value in self._arguments.items() if RIVALS.get(name) not in changes}
-        try:
-            bound = inspect.signature(integrate).bind(**{**own, **changes})
-        except TypeError as error:
-            raise InputError(f"{error}; the model has {', '.join(self._arguments)}", "position") from None
-        bound.apply_defaults()
-        return dict(bound.arguments)
+        merged, keys = dict(DEFAULTS), {}
+        for name, value in {**own, **changes}.items():
+            if name in merged:
+                merged[name] = value
+            else:
+                keys[name] = value
+        merged["keys"] = keys
+        return merged
 
     def __repr__(self) -> str:
         size = "any number of" if self._size is None else str(self._size)
@@ -117,3 +324,84 @@ class Model:
 
 def _is_large(given: Any) -> bool:
     return _arrays.is_sparse(given) or getattr(given, "ndim", 0) == 2
+
+
+def _path(name: str, arguments: Mapping[str, Any]) -> str:
+    """The path in a scenario of a number that a call names."""
+    if not isinstance(name, str):
+        raise InputError(f"parameters: {name!r}, where the name of a number is needed", "parameters", repr(name))
+    if name in (arguments["parameters"] or {}):
+        return f"system.parameters.{name}"
+    if match := re.fullmatch(r"([qpv])(\d+)", name):
+        letters = {"q": "position", "p": "momentum", "v": "velocity"}
+        return f"initial.{letters[match[1]]}[{match[2]}]"
+    head = re.split(r"[.\[]", name, maxsplit=1)[0]
+    rest = name[len(head) :]
+    if head in ("position", "momentum", "velocity", "past"):
+        return f"initial.{name}"
+    if head in ("parameters", "damping", "mass", "stiffness", "gyroscopic", "load", "element"):
+        return f"system.{name}"
+    if head in ("loads", "elements"):
+        return f"system.{head[:-1]}{rest}"
+    if not rest and head in SHORT_NAMES:
+        return SHORT_NAMES[head]
+    if not rest or head not in ("system", "initial", "scheme", "convolution", "time", "history", "output", "event", "input"):
+        import difflib
+
+        known = [*(arguments["parameters"] or {}), "position", "momentum", "velocity", "parameters", "damping", *SHORT_NAMES]
+        near = difflib.get_close_matches(head, known, 1)
+        advice = f"; did you mean {near[0]}?" if near else ""
+        message = f"{name}: no number of the model has this name or path{advice}"
+        raise InputError(message, name, name)
+    return name
+
+
+def _vector_of(source: Any, key: str) -> Any:
+    """A vector at the start as the scenario has it: numbers, or a file of them."""
+    import io
+
+    value = source[2]["initial"][key]
+    return np.load(io.BytesIO(source[3][value])) if isinstance(value, str) else value
+
+
+def _columns(arrays: Mapping[str, FloatArray], counts: list[int | None]) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """The numbers of the runs, a row for each, and by the given names."""
+    lengths: dict[str, int] = {}
+    for (name, array), count in zip(arrays.items(), counts):
+        inner = 0 if count is None else 1
+        if array.ndim not in (inner, inner + 1) or (count is not None and array.shape[-1] != count):
+            wanted = "one number for each run" if count is None else f"a row of {count} numbers for each run"
+            raise InputError(f"{name}: shape {array.shape}, where {wanted} is needed, or one for all", name, str(array.shape))
+        if array.ndim > inner:
+            lengths[name] = len(array)
+    runs = max(lengths.values(), default=1)
+    for name, length in lengths.items():
+        if length != runs:
+            longest = max(lengths, key=lambda other: lengths[other])
+            raise InputError(f"{name}: {length} numbers, but {longest} has {runs}", name, str(length))
+    if runs == 0:
+        raise InputError("parameters: no runs: an array is empty", "parameters", "0")
+    given: dict[str, FloatArray] = {}
+    parts = []
+    for (name, array), count in zip(arrays.items(), counts):
+        shape = (runs,) if count is None else (runs, count)
+        given[name] = np.broadcast_to(array, shape).copy()
+        parts.append(given[name].reshape(runs, -1))
+    return np.ascontiguousarray(np.concatenate(parts, axis=1)), given
+
+
+@contextmanager
+def _renamed(names: Mapping[str, str]) -> Iterator[None]:
+    """Context in which errors about paths become errors about the names that were given for them."""
+    try:
+        yield
+    except InputError as error:
+        raise _after_argument(error, names) from error.__cause__
+
+
+def _after_argument(error: InputError, names: Mapping[str, str]) -> InputError:
+    for path, name in names.items():
+        if error.key == path or error.key.startswith((f"{path}[", f"{path}.")):
+            key = name + error.key[len(path) :]
+            return InputError(str(error).replace(error.key, key, 1), key, error.value)
+    return named_after_argument(error)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import html
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi import _arrays, _fvi
+from fvi._errors import InputError
+from fvi._result import Picture, html_table, labelled, new_axes
 from fvi._scenario import Scenario, by_path, source
 from fvi._types import FloatArray
 
@@ -38,6 +41,41 @@ class KernelCurves:
     t: FloatArray
     creep: FloatArray | None
     relaxation: FloatArray | None
+
+    def plot(self, axes: Any = None, *, unit: str = "", time_unit: str = "") -> Picture:
+        """Draws moduli, loss factor, and creep and relaxation.
+
+        Parameters
+        ----------
+        axes : sequence of three matplotlib axes, optional
+            Axes to draw in; default: a new figure.
+        unit, time_unit : str
+            Units of the modulus and of the time, for the labels.
+
+        Returns
+        -------
+        sequence of three matplotlib axes
+            With their `figure`, and its `savefig`. The third is empty for kernels that are not passive.
+        """
+        axes = new_axes(axes, 1, 3, (11.0, 3.4))
+        omega = 1.0 / self.t[::-1]
+        moduli, loss, course = axes
+        moduli.loglog(omega, self.moduli.real, label="storage")
+        moduli.loglog(omega, self.moduli.imag, label="loss")
+        moduli.set_ylabel(labelled("modulus", unit))
+        loss.semilogx(omega, self.moduli.imag / self.moduli.real)
+        loss.set_ylabel("loss factor")
+        for other in (moduli, loss):
+            other.set_xlabel(labelled("ω", f"1/{time_unit}" if time_unit else ""))
+        for values, name, of in ((self.creep, "creep", f"1/{unit}" if unit else ""), (self.relaxation, "relaxation", unit)):
+            if values is not None:
+                course.loglog(self.t, values, label=labelled(name, of))
+        course.set_xlabel(labelled("t", time_unit))
+        for other in (moduli, course):
+            if other.get_legend_handles_labels()[0]:
+                other.legend(fontsize="small")
+        loss.set_title(self.name)
+        return Picture(axes)
 
 
 @dataclass(frozen=True)
@@ -76,6 +114,69 @@ class Response:
     def damping(self) -> FloatArray:
         """The damping ratios −Re s/|s| of the poles."""
         return np.zeros(0) if self.poles is None else -self.poles.real / np.abs(self.poles)
+
+    def plot(
+        self,
+        kind: Literal["bode", "nyquist"] = "bode",
+        axes: Any = None,
+        *,
+        unit: str = "",
+        frequency_unit: str = "rad/s",
+        label: str | None = None,
+    ) -> Picture:
+        """Draws the response as Bode's diagram, magnitude and phase over the frequency, or as Nyquist's curve.
+
+        Parameters
+        ----------
+        kind : {"bode", "nyquist"}
+            Two axes, or one.
+        axes : matplotlib axes, or a sequence of two
+            Axes to draw in; default: a new figure.
+        unit, frequency_unit : str
+            Units for the labels; with "Hz" the frequencies are divided by 2π.
+        label : str, optional
+            Name of the curve in the legend.
+
+        Returns
+        -------
+        sequence of matplotlib axes
+            With their `figure`, and its `savefig`. The dashed curve is that of the discrete scheme.
+        """
+        if kind not in ("bode", "nyquist"):
+            raise InputError(f'kind = {kind!r}: not allowed; allowed: "bode", "nyquist"', "kind", repr(kind))
+        curves: list[tuple[ComplexArray, str, str | None]] = [(self.response, "-", label)]
+        if self.discrete is not None:
+            curves.append((self.discrete, "--", "discrete" if label is None else f"{label}, discrete"))
+        if kind == "nyquist":
+            (plane,) = axes = new_axes(axes, 1, 1, (5.0, 5.0))
+            for values, line, name in curves:
+                plane.plot(values.real, values.imag, line, label=name, linewidth=1)
+            plane.set_aspect("equal", adjustable="datalim")
+            plane.set_xlabel(labelled("Re H", unit))
+            plane.set_ylabel(labelled("Im H", unit))
+            return Picture(axes)
+        above, below = axes = new_axes(axes, 2, 1, (6.0, 5.0), sharex=True)
+        scale = 2.0 * np.pi if frequency_unit == "Hz" else 1.0
+        for values, line, name in curves:
+            omega = self.omega[: len(values)] / scale
+            above.loglog(omega, np.abs(values), line, label=name, linewidth=1)
+            below.semilogx(omega, np.degrees(np.unwrap(np.angle(values))), line, linewidth=1)
+        above.set_ylabel(labelled("|H|", unit))
+        below.set_ylabel("phase (°)")
+        below.set_xlabel(labelled("frequency" if frequency_unit == "Hz" else "ω", frequency_unit))
+        if above.get_legend_handles_labels()[0]:
+            above.legend(fontsize="small")
+        return Picture(axes)
+
+    def _repr_html_(self) -> str:
+        """Frequencies and damping ratios of the poles, for notebooks."""
+        omega = f"{len(self.omega)} frequencies, ω = {self.omega[0]:.6g} … {self.omega[-1]:.6g}" if len(self.omega) else "no frequencies"
+        rows = [
+            [f"{pole.real:.6g} {'+' if pole.imag >= 0 else '−'} {abs(pole.imag):.6g} i", f"{frequency:.6g}", f"{ratio:.6g}"]
+            for pole, frequency, ratio in zip(np.zeros(0) if self.poles is None else self.poles, self.frequency, self.damping)
+        ]
+        said = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in self.left_out)
+        return f"<p>{omega}</p>{html_table(('pole s', '|s|', 'damping ratio'), rows)}<ul>{said}</ul>"
 
 
 def response(

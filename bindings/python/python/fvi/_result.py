@@ -7,13 +7,14 @@ import io
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
+from fvi import _fvi
 from fvi._errors import InputError
 from fvi._types import FloatArray
 
@@ -30,6 +31,11 @@ def _module(name: str, what: str) -> Any:
         raise
 
 
+def _text(record: str | _fvi.Record) -> str:
+    """The record of a run as JSON."""
+    return record if isinstance(record, str) else record.json()
+
+
 class Picture(tuple[Any, ...]):
     """The axes of a picture, from top to bottom, with their figure as an attribute."""
 
@@ -43,6 +49,30 @@ class Picture(tuple[Any, ...]):
     def savefig(self, *arguments: Any, **keys: Any) -> None:
         """Writes the figure, as `matplotlib.figure.Figure.savefig` does."""
         self.figure.savefig(*arguments, **keys)
+
+
+def new_axes(axes: Any, rows: int, columns: int, size: tuple[float, float], **keys: Any) -> tuple[Any, ...]:
+    """The axes given, or those of a new figure, from top to bottom and left to right."""
+    if axes is None:
+        pyplot = _module("matplotlib.pyplot", "plot()")
+        _, axes = pyplot.subplots(rows, columns, squeeze=False, figsize=size, layout="constrained", **keys)
+    found = tuple(np.ravel(axes))
+    if len(found) != rows * columns:
+        message = f"axes: {len(found)} of them, where {rows * columns} are needed"
+        raise InputError(message, "axes", str(len(found)))
+    return found
+
+
+def labelled(name: str, unit: str) -> str:
+    """The label of an axis."""
+    return f"{name} ({unit})" if unit else name
+
+
+def html_table(names: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table for notebooks."""
+    head = "".join(f"<th>{html.escape(name)}</th>" for name in names)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table><tr>{head}</tr>{body}</table>"
 
 
 @dataclass(frozen=True)
@@ -98,7 +128,7 @@ class Result:
     success: bool
     status: int
     message: str
-    _record: str = "{}"
+    _record: str | _fvi.Record = "{}"
     _warnings: tuple[str, ...] = field(default=(), compare=False)
     _mass: Any = field(default=None, compare=False)
     columns: dict[str, FloatArray] = field(default_factory=dict)
@@ -107,7 +137,7 @@ class Result:
 
     def __getstate__(self) -> dict[str, Any]:
         # Functions and memories are not pickled.
-        return {**self.__dict__, "_continuation": None}
+        return {**self.__dict__, "_continuation": None, "_record": _text(self._record)}
 
     @property
     def _why_not(self) -> str:
@@ -177,7 +207,7 @@ class Result:
     def summary(self) -> dict[str, Any]:
         """The record of the run, as `fvi run` writes it to ``summary.json``: inputs as used, version, engine, steps, largest
         values, errors against the reference, warnings."""
-        return dict(json.loads(self._record))
+        return dict(json.loads(_text(self._record)))
 
     def _repr_html_(self) -> str:
         """The end of the run and its last rows, for notebooks."""
@@ -311,34 +341,55 @@ class Result:
         """The title of the scenario; empty if it has none."""
         return str(self.summary.get("scenario", {}).get("title") or "")
 
-    def plot(self, axes: Any = None) -> Any:
+    def plot(
+        self,
+        axes: Any = None,
+        *,
+        coordinates: Sequence[int] | None = None,
+        labels: Sequence[str] | None = None,
+        unit: str = "",
+        time_unit: str = "",
+        energy_unit: str = "",
+    ) -> Picture:
         """Draws coordinates and energy over time.
 
         Parameters
         ----------
         axes : sequence of two matplotlib axes, optional
             Axes to draw in; default: a new figure.
+        coordinates : sequence of int, optional
+            The coordinates to draw, as the system numbers them; default: the first ten of the result.
+        labels : sequence of str, optional
+            Their names in the legend; default: q0, q1, …
+        unit, time_unit, energy_unit : str
+            Units for the labels.
 
         Returns
         -------
         sequence of two matplotlib axes
             With their `figure`, and its `savefig`.
         """
-        if axes is None:
-            pyplot = _module("matplotlib.pyplot", "plot()")
-            _, axes = pyplot.subplots(2, 1, sharex=True, layout="constrained")
-        above, below = axes
-        shown = min(self.q.shape[1], 10)
-        for column, coordinate in enumerate(self.coordinates[:shown]):
-            above.plot(self.t, self.q[:, column], label=f"q{coordinate}", linewidth=1)
-        above.set_ylabel("position")
-        above.set_title(self.title if shown == self.q.shape[1] else f"{self.title} (first {shown} coordinates)")
-        if shown > 1:
+        known = self.coordinates
+        chosen = known[:10] if coordinates is None else [int(coordinate) for coordinate in np.ravel(coordinates)]
+        for coordinate in chosen:
+            if coordinate not in known:
+                allowed = f"coordinates of the result: {', '.join(map(str, known[:64]))}"
+                raise InputError(f"coordinates: {coordinate}: not allowed; allowed: {allowed}", "coordinates", str(coordinate))
+        names = [f"q{coordinate}" for coordinate in chosen] if labels is None else list(labels)
+        if len(names) != len(chosen):
+            raise InputError(f"labels: {len(names)} names for {len(chosen)} coordinates", "labels", str(len(names)))
+        above, below = axes = new_axes(axes, 2, 1, (6.4, 4.8), sharex=True)
+        for coordinate, name in zip(chosen, names):
+            above.plot(self.t, self.q[:, known.index(coordinate)], label=name, linewidth=1)
+        above.set_ylabel(labelled("position", unit))
+        first = coordinates is None and len(chosen) < len(known)
+        above.set_title(f"{self.title} (first {len(chosen)} coordinates)" if first else self.title)
+        if len(chosen) > 1 or labels is not None:
             above.legend(loc="upper right", fontsize="small")
         below.plot(self.t, self.energy, color="black", linewidth=1)
-        below.set_ylabel("energy")
-        below.set_xlabel("time t")
-        return Picture((above, below))
+        below.set_ylabel(labelled("energy", energy_unit))
+        below.set_xlabel(labelled("time t", time_unit))
+        return Picture(axes)
 
     def to_pandas(self) -> Any:
         """The rows as a pandas DataFrame with the columns of ``trajectory.csv``, over an index t."""
@@ -554,6 +605,84 @@ class Table(Mapping[str, Any]):
         lines = zip(*([cell.rjust(widths[name]) for cell in cells] for name, cells in texts.items()))
         return "\n".join("  ".join(line) for line in lines)
 
+    def _repr_html_(self) -> str:
+        """The columns as a table, for notebooks."""
+        texts = [[f"{value:.4g}" if isinstance(value, float) else str(value) for value in column.tolist()] for column in self._columns.values()]
+        return html_table(self._columns, zip(*texts))
+
+    def plot(self, x: str, *columns: str, axes: Any = None, logarithmic: bool = False) -> Picture:
+        """Draws columns over another one.
+
+        Parameters
+        ----------
+        x : str
+            The column along the picture.
+        *columns : str
+            The columns drawn over it.
+        axes : matplotlib axes, optional
+            Axes to draw in; default: a new figure.
+        logarithmic : bool
+            Whether both scales are logarithmic.
+
+        Returns
+        -------
+        sequence of one matplotlib axes
+            With its `figure`, and its `savefig`.
+        """
+        for name in (x, *columns):
+            if name not in self._columns:
+                allowed = f"a column: {', '.join(self._columns)}"
+                raise InputError(f"{name}: not allowed; allowed: {allowed}", name, name)
+        (place,) = axes = new_axes(axes, 1, 1, (6.4, 4.0))
+        for name in columns:
+            place.plot(self._columns[x], self._columns[name], ".-", label=name, linewidth=1)
+        if logarithmic:
+            place.set_xscale("log")
+            place.set_yscale("log")
+        place.set_xlabel(x)
+        if len(columns) == 1:
+            place.set_ylabel(columns[0])
+        elif columns:
+            place.legend(fontsize="small")
+        return Picture(axes)
+
     def to_pandas(self) -> Any:
         """The table as a pandas DataFrame."""
         return _module("pandas", "to_pandas()").DataFrame(self._columns)
+
+
+class Convergence(Table):
+    """Errors and orders over step sizes, with their picture."""
+
+    def plot_errors(
+        self, quantities: Sequence[Literal["position", "momentum", "energy"]] = ("position", "momentum", "energy"), axes: Any = None
+    ) -> Picture:
+        """Draws errors over the step size, both logarithmic, with the last measured order in the legend.
+
+        Parameters
+        ----------
+        quantities : sequence of {"position", "momentum", "energy"}
+            The errors to draw; those without a reference are left out.
+        axes : matplotlib axes, optional
+            Axes to draw in; default: a new figure.
+
+        Returns
+        -------
+        sequence of one matplotlib axes
+            With its `figure`, and its `savefig`.
+        """
+        (place,) = axes = new_axes(axes, 1, 1, (5.6, 4.2))
+        for quantity in quantities:
+            if f"{quantity}_error" not in self:
+                allowed = '"position", "momentum", "energy"'
+                raise InputError(f"quantities: {quantity!r}: not allowed; allowed: {allowed}", "quantities", repr(quantity))
+            errors, orders = self[f"{quantity}_error"], self[f"{quantity}_order"]
+            if np.isfinite(errors).any():
+                known = orders[np.isfinite(orders)]
+                name = f"{quantity}, order {known[-1]:.2f}" if known.size else quantity
+                place.loglog(self["step"], errors, ".-", label=name, linewidth=1)
+        place.set_xlabel("step h")
+        place.set_ylabel("largest error")
+        if place.get_legend_handles_labels()[0]:
+            place.legend(fontsize="small")
+        return Picture(axes)

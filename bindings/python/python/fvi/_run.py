@@ -9,12 +9,12 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NoReturn, cast
+from typing import Any, NoReturn, Unpack, cast
 
 import numpy as np
 
 from fvi import _fvi
-from fvi._types import FloatArray
+from fvi._types import FloatArray, Precision, ScenarioKeys
 from fvi._errors import InputError, StepError
 from fvi._result import Continuation, Result, ending, of_arrays
 from fvi._scenario import Files, Scenario, by_path, source
@@ -27,7 +27,7 @@ Progress = Callable[[int, int | None], object]
 def run(
     scenario: Scenario,
     *,
-    precision: str = "f64",
+    precision: Precision = "f64",
     check: bool = True,
     progress: Progress | None = None,
     overrides: Mapping[str, Any] | None = None,
@@ -35,7 +35,7 @@ def run(
     checkpoint_every: int | str | None = None,
     resume: bool = False,
     accept_other_machine: bool = False,
-    **keys: Any,
+    **keys: Unpack[ScenarioKeys],
 ) -> Result:
     """Runs a scenario, as the program `fvi run` does, and returns the trajectory.
 
@@ -139,17 +139,17 @@ def run(
     )
     with np.load(Path(out) / "trajectory.npz") as arrays:
         t, q, p, energy, columns = of_arrays(arrays)
-    return _finish(_result(t, q, p, energy, columns, record, record), raised, check)
+    return finish(result_of(t, q, p, energy, columns, record, record), raised, check)
 
 
 def run_cases(
     scenario: Scenario,
     *,
-    precision: str = "f64",
+    precision: Precision = "f64",
     check: bool = True,
     progress: Progress | None = None,
     overrides: Mapping[str, Any] | None = None,
-    **keys: Any,
+    **keys: Unpack[ScenarioKeys],
 ) -> dict[str, Result]:
     """Runs the load cases of a scenario together, with one factorisation of the matrices, and returns their trajectories.
 
@@ -219,13 +219,13 @@ def compute(
         events=functions.events, go_on=standing, keep=keep_memory,
     )
     ((_, t, q, p, energy, columns, derivatives, end, record),) = motions
-    result = _result(t, q, p, energy, columns, end, record, mass, derivatives)
+    result = result_of(t, q, p, energy, columns, end, record, mass, derivatives)
     if junction is not None:
         result = _behind(junction, result)
     if reached is not None and isinstance(scenario, tuple):
         known = Continuation(scenario, engine, precision, functions, prepared, reached)
         object.__setattr__(result, "_continuation", known)
-    return _finish(result, raised, check)
+    return finish(result, raised, check)
 
 
 def _behind(before: Result, result: Result) -> Result:
@@ -256,10 +256,10 @@ def compute_cases(
     progress = check_progress(progress)
     motions, raised, _ = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, cases=True)
     results = {
-        name: _result(t, q, p, energy, columns, end, record) for name, t, q, p, energy, columns, _, end, record in motions
+        name: result_of(t, q, p, energy, columns, end, record) for name, t, q, p, energy, columns, _, end, record in motions
     }
     if raised is not None:
-        _raise(raised, results)
+        raise_with(raised, results)
     # The steps are common to all cases, and so are the warnings about them.
     _judge(next(iter(results.values())), check, results)
     return results
@@ -280,22 +280,22 @@ def check_progress(progress: Any) -> Progress | None:
     return advance
 
 
-def _finish(result: Result, raised: BaseException | None, check: bool) -> Result:
+def finish(result: Result, raised: BaseException | None, check: bool) -> Result:
     """Returns the result, or raises the error with which the run ended."""
     if raised is not None:
-        _raise(raised, result)
+        raise_with(raised, result)
     _judge(result, check, result)
     return result
 
 
-def _result(
+def result_of(
     t: FloatArray,
     q: FloatArray,
     p: FloatArray,
     energy: FloatArray,
     columns: dict[str, FloatArray],
     end: str,
-    record: str,
+    record: str | _fvi.Record,
     mass: Any = None,
     derivatives: FloatArray | None = None,
 ) -> Result:
@@ -308,7 +308,7 @@ def _result(
     )
 
 
-def _raise(raised: BaseException, computed: object) -> NoReturn:
+def raise_with(raised: BaseException, computed: object) -> NoReturn:
     """Raises the exception that stopped a run, with what was computed until then."""
     try:
         setattr(raised, "result", computed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -269,8 +269,9 @@ def is_adaptive(grid: Any) -> bool:
     return isinstance(grid, str) and grid == "adaptive"
 
 
-def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any]) -> dict[str, Any]:
-    """Changes given by short names or paths, as a dictionary by paths."""
+def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any], others: Sequence[str] = ()) -> dict[str, Any]:
+    """Changes given by short names or paths, as a dictionary by paths. `others` are further arguments of the call, which a
+    misspelt name may have meant."""
     changes = {}
     for name, value in short.items():
         if name not in SHORT_NAMES:
@@ -278,7 +279,7 @@ def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any]) -> di
                 raise InputError(f"{name}: no such argument here; use {INSTEAD[name]}", name, repr(value))
             import difflib
 
-            near = difflib.get_close_matches(name, SHORT_NAMES, 1)
+            near = difflib.get_close_matches(name, [*SHORT_NAMES, *others], 1)
             advice = f"did you mean {near[0]}? " if near else ""
             message = f"{name}: no such key; {advice}Names here: {', '.join(SHORT_NAMES)}; others go into overrides by path"
             raise InputError(message, name, repr(value))

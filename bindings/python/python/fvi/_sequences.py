@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import operator
 import re
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
-from fvi._types import FloatArray
+from fvi._types import Derivative, Engine, FloatArray
 from fvi._errors import InputError
 from fvi._kernel import Kernel, exponent_or_kernel, keys_of
 
@@ -22,11 +22,11 @@ def derivative(
     step: float,
     *,
     axis: int = -1,
-    quadrature: str = "bdf1",
-    start: str = "caputo",
+    quadrature: Literal["bdf1", "bdf2", "bdf3", "bdf4", "bdf5", "bdf6"] = "bdf1",
+    start: Derivative = "caputo",
     slope: ArrayLike | None = None,
     starting: ArrayLike = (),
-    engine: str | None = None,
+    engine: Engine | None = None,
 ) -> FloatArray:
     """Fractional derivative D^order of samples at equal distances, along an axis; integral where the order is negative.
 
@@ -157,7 +157,7 @@ def weights(
     step: float,
     count: int,
     order: int = 1,
-    family: str = "bdf",
+    family: Literal["bdf", "radau-iia", "lobatto-iiic", "trapezoidal"] = "bdf",
     stages: int | None = None,
 ) -> FloatArray:
     """Weights w₀, …, w_{count−1} of the convolution quadrature of s^exponent, or of another kernel.

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
-from fvi._result import Extremal, Table
+from fvi._result import Convergence, Extremal, Table
 from fvi._run import Progress
 from fvi._scenario import Scenario, by_path, source
+from fvi._types import Engine
 
 
 def converge(
@@ -19,11 +22,11 @@ def converge(
     *,
     intervals: int = 1,
     from_time: float = 0.0,
-    engine: str | None = None,
+    engine: Engine | None = None,
     progress: Progress | None = None,
     overrides: Mapping[str, Any] | None = None,
     **keys: Any,
-) -> Table:
+) -> Convergence:
     """Errors and orders of a scenario over step sizes, as the program `fvi converge` measures them.
 
     Parameters
@@ -41,8 +44,8 @@ def converge(
 
     Returns
     -------
-    Table
-        Columns level, steps, step, then error and order of position, momentum and energy (NaN where there is no reference),
+    Convergence
+        A `Table`, with `plot_errors()`: columns level, steps, step, then error and order of position, momentum and energy (NaN where there is no reference),
         seconds, failure.
 
     Examples
@@ -68,7 +71,7 @@ def converge(
     rows, warning = _fvi.converge(given, first, last, _arrays.whole("intervals", intervals, 1), _arrays.real("from_time", from_time), engine, progress)
     if warning:
         warnings.warn(warning, stacklevel=2)
-    return Table(rows)
+    return Convergence(rows)
 
 
 def compare_engines(
@@ -102,8 +105,8 @@ def compare_engines(
     >>> "exponential-sum" in table["engine"]
     True
     """
-    orders = [order] if isinstance(order, int) else list(order)
-    exponents = [exponent] if isinstance(exponent, (int, float)) else list(exponent)
+    orders = [order] if np.ndim(order) == 0 else list(cast(Sequence[int], order))
+    exponents = [exponent] if np.ndim(exponent) == 0 else list(cast(Sequence[float], exponent))
     return Table(
         _fvi.compare_engines(
             [_arrays.whole("lengths", length, 1) for length in lengths],

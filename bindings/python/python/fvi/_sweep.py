@@ -15,6 +15,7 @@ from fvi._result import Table
 from fvi._run import Progress, check_progress
 from fvi._scenario import Scenario, source
 from fvi._terms import out_of
+from fvi._types import Precision
 
 
 def sweep(
@@ -25,7 +26,7 @@ def sweep(
     jobs: int | None = None,
     shard: str | None = None,
     gather: bool = False,
-    precision: str = "f64",
+    precision: Precision = "f64",
     progress: Progress | None = None,
 ) -> Any:
     """Makes the runs of a sweep, as the program `fvi sweep` does: on the cores of this machine, or on a Dask cluster.

@@ -15,6 +15,7 @@ from fvi._errors import InputError
 from fvi._kernel import keys_of
 from fvi._scenario import SEVERAL, Files, symmetric
 from fvi._sparsity import sparse_hessian
+from fvi._types import Action, Derivative, Direction
 
 Function = Callable[..., Any]
 
@@ -96,7 +97,7 @@ class Damping:
 
     order: float | None = None
     coefficient: Any = None
-    derivative: str = "caputo"
+    derivative: Derivative = "caputo"
     attached: Any = None
     strength: ArrayLike | None = None
     kernel: Any = None
@@ -152,8 +153,8 @@ class Event:
     """
 
     when: str | Function
-    direction: str = "both"
-    action: str = "record"
+    direction: Direction = "both"
+    action: Action = "record"
 
 
 class Terms(NamedTuple):

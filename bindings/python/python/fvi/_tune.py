@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi import _fvi
+from fvi._result import Picture, html_table, labelled, new_axes
 from fvi._scenario import Scenario, by_path, source
 from fvi._types import FloatArray
 
@@ -59,6 +60,58 @@ class Tuning:
     step: FloatArray
     control: FloatArray
     load: FloatArray
+
+    def plot(self, axes: Any = None, *, unit: str = "", time_unit: str = "") -> Picture:
+        """Draws the loop's magnitude and phase over the frequency, its Nyquist curve, and the responses to steps.
+
+        Parameters
+        ----------
+        axes : sequence of four matplotlib axes, optional
+            Axes to draw in; default: a new figure.
+        unit, time_unit : str
+            Units of the measured value and of the time, for the labels.
+
+        Returns
+        -------
+        sequence of four matplotlib axes
+            With their `figure`, and its `savefig`. The dashed curves are those of the sampled loop.
+        """
+        magnitude, plane, phase, course = axes = new_axes(axes, 2, 2, (9.0, 6.0))
+        for loop, line, name in ((self.loop, "-", "continuous"), (self.sampled_loop, "--", "sampled")):
+            known = np.isfinite(loop)
+            omega, values = self.omega[known], loop[known]
+            magnitude.loglog(omega, np.abs(values), line, label=name, linewidth=1)
+            phase.semilogx(omega, np.degrees(np.unwrap(np.angle(values))), line, linewidth=1)
+            near = np.abs(values) < 4.0
+            plane.plot(values.real[near], values.imag[near], line, linewidth=1)
+        magnitude.axhline(1.0, color="0.5", linewidth=0.8)
+        phase.axhline(-180.0, color="0.5", linewidth=0.8)
+        plane.plot([-1.0], [0.0], "+", color="black")
+        plane.set_aspect("equal", adjustable="datalim")
+        magnitude.set_ylabel("|L|")
+        magnitude.legend(fontsize="small")
+        phase.set_ylabel("phase of L (°)")
+        phase.set_xlabel(labelled("ω", f"1/{time_unit}" if time_unit else ""))
+        plane.set_xlabel("Re L")
+        plane.set_ylabel("Im L")
+        for course_of, name in ((self.step, "setpoint"), (self.load, "load")):
+            course.plot(self.t, course_of, label=f"after a step of the {name}", linewidth=1)
+        course.set_xlabel(labelled("t", time_unit))
+        course.set_ylabel(labelled("measured value", unit))
+        course.legend(fontsize="small")
+        return Picture(axes)
+
+    def _repr_html_(self) -> str:
+        """Gains, orders and margins, for notebooks."""
+        gains = [[f"{number:.6g}" for number in (self.kp, self.ki, self.lam, self.kd, self.mu)]]
+        names = [name for name, value in self.margins.items() if isinstance(value, (int, float))]
+
+        def cell(margins: dict[str, Any], name: str) -> str:
+            value = margins.get(name)
+            return f"{value:.6g}" if isinstance(value, (int, float)) else "–"
+
+        rows = [[name, cell(self.margins, name), cell(self.sampled_margins, name)] for name in names]
+        return html_table(("kp", "ki", "λ", "kd", "μ"), gains) + html_table(("margin", "continuous", "sampled"), rows)
 
 
 def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None, **keys: Any) -> Tuning:

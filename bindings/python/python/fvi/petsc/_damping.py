@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from fvi._errors import InputError
 from fvi._kernel import Kernel
 from fvi._memory import Memory
-from fvi._types import FloatArray
+from fvi._types import FloatArray, Precision
 from fvi.petsc._arguments import Layout, Term, check_symmetric
 
 SIDE_BY_SIDE = 96
@@ -26,7 +26,7 @@ class Kernels(NamedTuple):
     order: int
     length: int
     tolerance: float | None
-    states: str | None
+    states: Precision | None
     threads: int
 
 

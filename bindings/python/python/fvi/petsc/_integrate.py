@@ -15,6 +15,7 @@ from petsc4py import PETSc
 from fvi import _arrays, _fvi
 from fvi._errors import InputError, StepError
 from fvi._integrate import MOST_COLUMNS
+from fvi._types import Precision
 from fvi._terms import Damping, Load
 from fvi._result import Result
 from fvi._run import Progress
@@ -48,7 +49,7 @@ def integrate(
     parameters: Mapping[str, float] | None = None,
     order: int = 2,
     tolerance: float | None = None,
-    states: str | None = None,
+    states: Precision | None = None,
     horizon: int | None = None,
     threads: int = 1,
     solver_tolerance: float = 1e-10,
