@@ -28,7 +28,7 @@ const HOST: [(&str, &[&[&str]]); 6] = [
             &["output_sink"],
             &["checkpoint"],
             &["run"],
-            &["converge", "response", "sweep"],
+            &["batch", "converge", "response", "sweep"],
             &["fit", "tune"],
             &["lib"],
         ],

@@ -11,6 +11,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `integrate`             a system given by arrays, expressions and functions
 `Model`                 a system that is integrated several times: `Model.run`, and `Model.batch` for
                         many runs on all cores
+`System`                a system made once, for `integrate`, `Model`, `run`, `response`, `fit` and `converge`
 `run_cases`,            several load cases of a linear system together
 `integrate_cases`
 `solve_fde`             fractional differential equations D^α x = f(t, x)
@@ -51,6 +52,7 @@ from fvi._runs import Runs
 from fvi._sequences import derivative, weights
 from fvi._studies import compare_engines, converge, extremal
 from fvi._sweep import sweep
+from fvi._system import System
 from fvi._terms import Damping, Element, Event, Force, Load, Potential
 from fvi._tune import Tuning, tune
 
@@ -79,6 +81,7 @@ __all__ = [
     "Runs",
     "Solution",
     "StepError",
+    "System",
     "Table",
     "Tuning",
     "__version__",

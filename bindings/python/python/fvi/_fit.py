@@ -18,6 +18,7 @@ from fvi._errors import InputError
 from fvi._result import Picture, labelled, new_axes
 from fvi._run import Progress, check_progress
 from fvi._scenario import Scenario, by_path, put, source
+from fvi._system import scenario_of
 from fvi._types import FloatArray, ScenarioKeys
 
 
@@ -227,7 +228,7 @@ def fit(
 
     Parameters
     ----------
-    scenario : path or dict
+    scenario : path, dict or System
         As in `run`.
     free : dict or list
         Paths of the free parameters, such as ``"system.damping[0].order"``; as a dictionary with a value for each: None, a start
@@ -284,7 +285,8 @@ def fit(
     >>> fvi.run(found.scenario).success
     True
     """
-    given = source(scenario, by_path(overrides, keys))
+    scenario, changed = scenario_of(scenario, keys)
+    given = source(scenario, by_path(overrides, changed))
     files: dict[str, bytes] = {}
     if isinstance(data, Mapping):
         data = [data]
@@ -314,7 +316,7 @@ def fit(
     fitted = [json.loads(entry) for entry in scenarios]
     if isinstance(scenario, Mapping) and isinstance(given, tuple) and given[3]:
         # There arrays are replaced by names of files: the original dictionary receives the estimates.
-        fitted = [_with_estimates(scenario, by_path(overrides, keys), plan, record, index) for index in range(len(fitted))]
+        fitted = [_with_estimates(scenario, by_path(overrides, changed), plan, record, index) for index in range(len(fitted))]
     return Fit(
         parameters={path: _estimate(entry) for path, entry in record["parameters"].items()},
         correlation=np.array(record["correlation"], dtype=np.float64),

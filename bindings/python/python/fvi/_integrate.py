@@ -16,6 +16,7 @@ from fvi._errors import InputError
 from fvi._result import Result
 from fvi._run import Progress, compute, compute_cases
 from fvi._scenario import SEVERAL, SHORT_NAMES, Files, Ready, by_path, source, symmetric
+from fvi._system import System
 from fvi._terms import (
     Damping,
     Element,
@@ -37,6 +38,7 @@ from fvi._types import OutputKeys, Precision
 
 
 def integrate(
+    system: System | None = None,
     *,
     mass: Any = None,
     position: ArrayLike | None = None,
@@ -71,6 +73,8 @@ def integrate(
 
     Parameters
     ----------
+    system : System, optional
+        The system, in place of the arguments that describe it.
     mass : array_like or sparse matrix
         M: the diagonal, or a symmetric positive definite matrix. It determines the number of coordinates N. Zeros in the
         diagonal, or rows of zeros in a matrix, are coordinates without mass, on which stiffness or damping must act. Their
@@ -189,14 +193,14 @@ def integrate(
             mass=mass, position=position, step=step, momentum=momentum, velocity=velocity, start=start, past=past,
             stiffness=stiffness, gyroscopic=gyroscopic, potential=potential, force=force, damping=damping, loads=loads,
             elements=elements, events=events, parameters=parameters, overrides=overrides, kinetic=kinetic,
-            constraints=tuple(constraints), project=project,
+            constraints=tuple(constraints), project=project, system=system,
         )
         others = {name: value for name, value in others.items() if not (value is None or value == ())}
         if precision != "f64":
             others["precision"] = precision
         return _continued(continue_from, steps, end, {**others, **keys}, check, progress, keep_memory)
     return _integrated(
-        dict(
+        described_by(system, dict(
         mass=mass,
         position=position,
         step=step,
@@ -220,12 +224,21 @@ def integrate(
         kinetic=kinetic,
         constraints=constraints,
         project=project,
-        ),
+        )),
         precision=precision,
         check=check,
         progress=progress,
         keep_memory=keep_memory,
     )
+
+
+def described_by(system: System | None, arguments: dict[str, Any]) -> dict[str, Any]:
+    """Arguments of `integrate` with those of a system."""
+    if system is None:
+        return arguments
+    if not isinstance(system, System):
+        raise InputError(f"system = {system!r}: a fvi.System is needed; matrices are given by their names", "system", repr(system))
+    return system.merged(arguments)
 
 
 ARGUMENTS = tuple(inspect.signature(integrate).parameters)[:-1]
@@ -363,6 +376,7 @@ def integrate_cases(
         raise InputError("cases: none are given", "cases", repr(cases))
     bound = inspect.signature(integrate).bind(**arguments)
     bound.apply_defaults()
+    bound.arguments.update(described_by(bound.arguments.pop("system"), {**bound.arguments}))
     aside = ("precision", "check", "progress", "keep_memory", "continue_from")
     if bound.arguments["continue_from"] is not None:
         raise InputError("continue_from: cannot stand beside cases, whose results have no memory", "continue_from")

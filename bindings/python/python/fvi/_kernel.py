@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi import _arrays
 from fvi._errors import InputError
+
+if TYPE_CHECKING:
+    from fvi._response import KernelCurves
 
 
 @final
@@ -131,6 +134,62 @@ class Kernel:
         if step is not None:
             keys["step"] = _arrays.positive("step", step)
         return Kernel(**keys)
+
+    def curves(self, omega: ArrayLike | None = None) -> KernelCurves:
+        """Moduli K(iω), and creep and relaxation at the times 1/ω.
+
+        Parameters
+        ----------
+        omega : array_like, optional
+            Angular frequencies, ascending; default: 200 from 10⁻³ to 10³.
+
+        Returns
+        -------
+        KernelCurves
+
+        Raises
+        ------
+        InputError
+            If K(s) is not known, as of a kernel given by weights.
+
+        Examples
+        --------
+        >>> import fvi
+        >>> bool(abs(fvi.Kernel.power(0.5).curves([4.0]).moduli[0] - 2j**0.5 * 2**0.5) < 1e-12)
+        True
+        """
+        from fvi._response import response
+
+        if "weights" in self._keys:
+            raise InputError("weights: K(s) is not known from them", "weights", repr(self))
+        frequencies = np.geomspace(1e-3, 1e3, 200) if omega is None else np.atleast_1d(_arrays.numbers("omega", omega))
+        term = {"kernel": self.keys, "coefficient": [1.0], "allow_active": True}
+        time = {"step": float(np.pi / frequencies.max()), "steps": 1, "allow_unstable": True}
+        scenario = {"system": {"mass": [1.0], "stiffness": [1.0], "damping": [term]}, "time": time}
+        return response(scenario, frequencies).kernels[0]
+
+    def plot(self, omega: ArrayLike | None = None, axes: Any = None, *, unit: str = "", time_unit: str = "") -> Any:
+        """Draws moduli, loss factor, creep and relaxation, as `KernelCurves.plot`.
+
+        Parameters
+        ----------
+        omega : array_like, optional
+            As in `curves`.
+        axes, unit, time_unit
+            As in `KernelCurves.plot`.
+
+        Returns
+        -------
+        sequence of three matplotlib axes
+            With their `figure`, and its `savefig`.
+        """
+        return self.curves(omega).plot(axes, unit=unit, time_unit=time_unit)
+
+    def _repr_html_(self) -> str:
+        """The kernel and its parameters, for notebooks."""
+        from fvi._result import html_table
+
+        return html_table(self._keys, [[str(value)[:200] for value in self._keys.values()]])
 
     def __repr__(self) -> str:
         return f"Kernel({', '.join(f'{name}={value!r}' for name, value in self._keys.items())})"

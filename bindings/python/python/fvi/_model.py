@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError, StepError
-from fvi._integrate import _arguments, _integrated, _scenario, as_it_is, integrate, named_after_argument
+from fvi._integrate import _arguments, _integrated, _scenario, as_it_is, described_by, integrate, named_after_argument
 from fvi._result import Result, ending
 from fvi._run import Progress, check_progress, finish, raise_with, result_of
 from fvi._runs import Runs, runs_of
 from fvi._scenario import SHORT_NAMES, Ready, ready
+from fvi._system import System
 from fvi._terms import Damping
 from fvi._types import FloatArray
 
@@ -61,6 +62,8 @@ class Model:
 
     Parameters
     ----------
+    system : System, optional
+        The system, in place of the arguments that describe it.
     mass : array_like or sparse matrix
         As in `integrate`.
     **arguments
@@ -83,10 +86,14 @@ class Model:
     True
     """
 
-    def __init__(self, *, mass: Any, **arguments: Any) -> None:
+    def __init__(self, system: System | None = None, *, mass: Any = None, **arguments: Any) -> None:
         self._arguments: dict[str, Any] = {}
         self._prepared = _fvi.Prepared()
         self._compiled: dict[tuple[str, ...], _Known] = {}
+        arguments = described_by(system, arguments)
+        mass = arguments.pop("mass", mass) if system is not None else mass
+        if mass is None:
+            raise InputError("mass: needed by a model", "mass", "None")
         mass = ready("mass", mass, None)
         self._size: int | None = None if mass.shape == (1,) else mass.shape[0]
         self._arguments = self._taken({"mass": mass, **arguments})

@@ -15,6 +15,7 @@ from fvi import _arrays, _fvi
 from fvi._errors import InputError
 from fvi._result import Picture, html_table, labelled, new_axes
 from fvi._scenario import Scenario, by_path, source
+from fvi._system import System, scenario_of
 from fvi._types import FloatArray
 
 ComplexArray = NDArray[np.complex128]
@@ -196,8 +197,8 @@ def response(
 
     Parameters
     ----------
-    scenario : path or dict
-        As in `run`.
+    scenario : path, dict or System
+        As in `run`; a system alone needs `omega`.
     omega : array, optional
         Angular frequencies, ascending.
     from_omega, to_omega, points
@@ -225,6 +226,12 @@ def response(
     >>> len(found.poles)
     1
     """
+    if isinstance(scenario, System) and not {"step", "grid"} & keys.keys():
+        # Only the response of the scheme depends on the steps.
+        if omega is None:
+            raise InputError("omega: needed for a system without steps", "omega", "None")
+        keys = {**keys, "step": np.pi / max(np.max(omega), np.finfo(float).tiny), "steps": 1}
+    scenario, keys = scenario_of(scenario, keys)
     given = source(scenario, by_path(overrides, keys))
 
     def numbers(name: str, values: Any) -> list[float] | None:

@@ -18,6 +18,7 @@ from fvi._types import FloatArray, Precision, ScenarioKeys
 from fvi._errors import InputError, StepError
 from fvi._result import Continuation, Result, ending, of_arrays
 from fvi._scenario import Files, Scenario, by_path, source
+from fvi._system import scenario_of
 from fvi._terms import Functions, out_of
 
 Progress = Callable[[int, int | None], object]
@@ -41,8 +42,8 @@ def run(
 
     Parameters
     ----------
-    scenario : path or dict
-        A scenario file (TOML), or a dictionary with the same keys; lists may be NumPy arrays, and the objects that `integrate`
+    scenario : path, dict or System
+        A scenario file (TOML), a `System`, or a dictionary with the same keys; lists may be NumPy arrays, and the objects that `integrate`
         takes are allowed as well: a `Potential`, functions as force and amplitudes, `Damping`, `Load`, `Element`, `Event`.
     precision : {"f64", "f32"}
         Precision of the computation. The arrays are in double precision in either case.
@@ -110,7 +111,8 @@ def run(
     ...
     fvi._errors.InputError: time.step = -1: not allowed; allowed: a number > 0
     """
-    changes = by_path(overrides, keys)
+    scenario, given_keys = scenario_of(scenario, keys)
+    changes = by_path(overrides, given_keys)
     engine = changes.pop("history.engine", None) if not _history_settings(changes) else None
     functions = Functions()
     files: Files = {}

@@ -7,15 +7,21 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
 
-Scenario = str | os.PathLike[str] | Mapping[str, Any]
-"""A scenario file, or a dictionary with the same keys."""
+class Described:
+    """A system that stands for a scenario without initial values and time: `fvi.System`."""
+
+    __slots__ = ()
+
+
+Scenario = str | os.PathLike[str] | Mapping[str, Any] | Described
+"""A scenario file, a dictionary with the same keys, or a system."""
 
 SHORT_NAMES = {
     "title": "title",
@@ -200,6 +206,8 @@ def _by_its_entries(name: str, given: Any) -> Any:
 def ready(name: str, given: Any, size: int | None) -> Any:
     """A matrix in the form passed to the compiled part; a large one as the content of a file, for any number of runs."""
     matrix = symmetric(name, _arrays.matrix(name, given, size))
+    if isinstance(matrix, Ready):
+        return matrix
     if _arrays.is_sparse(matrix):
         if matrix.shape[0] > SEVERAL:
             return Ready(matrix.shape, ".npz", _arrays.npz(name, matrix))
@@ -246,7 +254,7 @@ def source(scenario: Scenario, changes: Mapping[str, Any], name: str = "scenario
         keys, directory = plain(scenario, "", files), Path()
     else:
         try:
-            path = Path(scenario)
+            path = Path(cast(str, scenario))
         except TypeError:
             kind = type(scenario).__name__
             message = f"scenario: a path or a dictionary is needed, not a value of type {kind}"

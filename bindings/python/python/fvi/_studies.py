@@ -13,6 +13,7 @@ from fvi._errors import InputError
 from fvi._result import Convergence, Extremal, Table
 from fvi._run import Progress
 from fvi._scenario import Scenario, by_path, source
+from fvi._system import scenario_of
 from fvi._types import Engine
 
 
@@ -31,7 +32,7 @@ def converge(
 
     Parameters
     ----------
-    scenario : path or dict
+    scenario : path, dict or System
         As in `run`.
     levels : (int, int)
         First and last level i: the time of the scenario is cut into `intervals`·2^i steps.
@@ -67,6 +68,7 @@ def converge(
     first, last = (_arrays.whole("levels", level) for level in ends)
     if first > last or last > 40:
         raise InputError(f"levels = {levels}: not allowed; allowed: 0 ≤ first ≤ last ≤ 40", "levels", str(levels))
+    scenario, keys = scenario_of(scenario, keys)
     given = source(scenario, by_path(overrides, keys))
     rows, warning = _fvi.converge(given, first, last, _arrays.whole("intervals", intervals, 1), _arrays.real("from_time", from_time), engine, progress)
     if warning:

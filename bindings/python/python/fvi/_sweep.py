@@ -7,13 +7,14 @@ import tempfile
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
 from fvi._result import Table
 from fvi._run import Progress, check_progress
 from fvi._scenario import Scenario, source
+from fvi._system import System
 from fvi._terms import out_of
 from fvi._types import Precision
 
@@ -142,12 +143,16 @@ def _plan(given: Scenario, precision: str, local: bool) -> _fvi.Sweep:
     """The sweep, read and checked; only a `local` one may contain functions."""
     if not isinstance(given, Mapping):
         try:
-            return _fvi.Sweep(Path(given), None, precision)
+            return _fvi.Sweep(Path(cast(str, given)), None, precision)
         except TypeError:
             kind = type(given).__name__
             message = f"sweep: a path or a dictionary is needed, not a value of type {kind}"
             raise InputError(message, "sweep", repr(given)) from None
     scenario = given.get("scenario")
+    if isinstance(scenario, System):
+        raise InputError(
+            'scenario: a system needs initial values and steps: {**system.scenario(), "initial": {...}, "time": {...}}', "scenario", repr(scenario)
+        )
     if not isinstance(scenario, Mapping):
         return _fvi.Sweep(source(given, {}, "sweep"), None, precision)
     keys = source({**given, "scenario": "a dictionary"}, {}, "sweep")
