@@ -1,7 +1,7 @@
 //! Batches: many runs of one scenario with other numbers, on threads, without files.
 
-use crate::run::{Run, RunEnd, RunSummary};
 use crate::results::rows::Rows;
+use crate::run::{Run, RunEnd, RunSummary};
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::InputError;
 use fvi_scenario::scenario::{Feature, Members, Scenario};

@@ -174,3 +174,16 @@ def test_progress_may_be_a_bar():
     assert bar.total == 200_000 and 0 <= bar.n <= 200_000
     with pytest.raises(fvi.InputError, match="tqdm"):
         fvi.integrate(**COMMON, progress=3)
+
+
+def test_every_key_that_is_an_argument_has_a_type():
+    from fvi._scenario import SHORT_NAMES
+    from fvi._types import ScenarioKeys
+
+    assert set(ScenarioKeys.__annotations__) == set(SHORT_NAMES)
+
+
+def test_misspelt_arguments_are_told_the_right_one():
+    for wrong, right in (("dampings", "damping"), ("stifness", "stiffness"), ("toleranc", "tolerance")):
+        with pytest.raises(fvi.InputError, match=f"did you mean {right}"):
+            fvi.integrate(**COMMON, **{wrong: [1.0, 1.0]})
