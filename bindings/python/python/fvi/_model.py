@@ -208,8 +208,8 @@ class Model:
         Notes
         -----
         Initial values, parameters of expressions, orders of damping and entries of its diagonal are put into the compiled model;
-        for other numbers each run reads the scenario again. The runs and the arrays made of them take twice the bytes of the
-        result at the most.
+        for other numbers each run reads the scenario again. While it runs, the process grows by about
+        three times the bytes of the result.
 
         Examples
         --------

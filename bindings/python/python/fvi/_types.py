@@ -44,6 +44,9 @@ class OutputKeys(TypedDict, total=False):
     snapshots: Any
     times: ArrayLike | None
     memory_energy: bool | None
+    labels: Sequence[str] | None
+    units: Mapping[str, str] | None
+    picture: Mapping[str, float] | None
     grid: Literal["uniform", "graded", "geometric", "adaptive"] | ArrayLike | None
     must_hit: ArrayLike | None
     allow_unstable: bool | None
