@@ -1003,8 +1003,8 @@ enum FviStatus fvi_stepper_restore_6(struct FviStepper *stepper, const uint8_t *
 
 /*
  The name of the first member of the settings that fvi_pid_init and fvi_pid_set would refuse, such as
- "lambda"; NULL if they are all right, and "settings" if the pointer is NULL or misaligned. Memories are not
- looked at.
+ "lambda"; NULL if they are all right, and "settings" if the pointer is NULL or misaligned. Memories are
+ not looked at.
 
  # Safety
  `settings` must be readable, or NULL.
@@ -1015,13 +1015,12 @@ const char *fvi_pid_refused(const struct FviPidSettings *settings);
  Sets up a controller on empty memories.
 
  The kernel of the integral's memory is D^-lambda for lambda < 1, else D^(1 - lambda). For lambda = 1 that
- is the identity, a ring with the single weight 1, or NULL: a P or PD controller is one with lambda = 1, ki =
- 0 and no memory of an integral. That of the derivative's memory is D^mu, or D^(mu - 1) for a rate;
- NULL without a derivative. That of the filter's memory is D^filter_order; NULL where the order is 1 or
- there is no filter. The memories are compared with these kernels. fvi_pid_refused names the member of the
- settings that is wrong. Returns FVI_STATUS_NULL,
- FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE, FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if
- something is wrong with a pointer, a number or a size.
+ is the identity, a ring with the single weight 1, or NULL: a P or PD controller is one with lambda = 1, ki
+ = 0 and no memory of an integral. That of the derivative's memory is D^mu, or D^(mu - 1) for a rate; NULL
+ without a derivative. That of the filter's memory is D^filter_order; NULL where the order is 1 or there is
+ no filter. The memories are compared with these kernels. fvi_pid_refused names the member of the settings
+ that is wrong. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_FINITE,
+ FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if something is wrong with a pointer, a number or a size.
 
  # Safety
  `controller` must be writable, `settings` readable, the memories as their type describes or NULL.
@@ -1089,8 +1088,8 @@ enum FviStatus fvi_pid_set_gains(struct FviPid *controller, float kp, float ki, 
 
 /*
  Changes the settings, from the next tick on: gains, setpoint weights, limits, rate limit, anti-windup with
- its tracking time, filter time, and `bumpless`, which selects how the output may change where gains do. Form,
- orders, sample time and kind of derivative are those of the set-up.
+ its tracking time, filter time, and `bumpless`, which selects how the output may change where gains do.
+ Form, orders, sample time and kind of derivative are those of the set-up.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED, FVI_STATUS_NOT_FINITE, or
  FVI_STATUS_OUT_OF_RANGE if a member is not allowed (fvi_pid_refused names it), needs other memories, or
