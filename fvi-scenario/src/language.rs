@@ -14,4 +14,4 @@ pub mod visible;
 
 pub use document::Document;
 pub use error::{Cause, InputError, Problem};
-pub use paths::put;
+pub use paths::{put, value_at};

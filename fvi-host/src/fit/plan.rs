@@ -2,7 +2,7 @@
 
 use super::data::{Deviations, Extent, Record};
 use fvi_scenario::language::document::{Document, Table, Value};
-use fvi_scenario::language::{InputError, Problem, put};
+use fvi_scenario::language::{InputError, Problem, put, value_at};
 #[cfg(feature = "pictures")]
 use fvi_scenario::scenario::Appearance;
 use fvi_scenario::scenario::{Feature, Scenario};
@@ -141,24 +141,6 @@ fn mirrored(path: &str) -> Option<(String, f64)> {
     let matrices = [("mass", 1.0), ("stiffness", 1.0), ("coefficient", 1.0), ("gyroscopic", -1.0)];
     let (_, sign) = matrices.into_iter().find(|(matrix, _)| front.ends_with(matrix))?;
     (row != column).then(|| (format!("{front}[{column}][{row}]"), sign))
-}
-
-/// The value at a path of a table.
-fn at<'t>(values: &'t toml::Table, path: &str) -> Option<&'t toml::Value> {
-    let mut here: Option<&toml::Value> = None;
-    for part in path.split('.') {
-        let (key, indices) = part.split_once('[').unwrap_or((part, ""));
-        let table = match here {
-            None => values,
-            Some(value) => value.as_table()?,
-        };
-        let mut value = table.get(key)?;
-        for index in indices.split(['[', ']']).filter(|digits| !digits.is_empty()) {
-            value = value.as_array()?.get(index.parse::<usize>().ok()?)?;
-        }
-        here = Some(value);
-    }
-    here
 }
 
 impl Fit {
@@ -475,7 +457,7 @@ impl Model {
     ) -> Result<Self, InputError> {
         let mut free = Vec::new();
         for Wanted { place, path, record, start, bounds, scale } in common.iter().chain(more) {
-            let found = at(&values, path)
+            let found = value_at(&values, path)
                 .and_then(|value| value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64)));
             let is_of_the_system = SOUGHT.iter().any(|part| path.starts_with(part));
             let Some(own) = found.filter(|_| is_of_the_system) else {
@@ -485,7 +467,7 @@ impl Model {
                 let path_value = place.table()?.required("path")?;
                 return Err(refused(&path_value, base, &reason));
             };
-            if mirrored(path).is_some_and(|(mirrored, _)| at(&values, &mirrored).is_none()) {
+            if mirrored(path).is_some_and(|(mirrored, _)| value_at(&values, &mirrored).is_none()) {
                 return Err(refused(place, base, "the mirror image of this entry is missing"));
             }
             let start = start.unwrap_or(own);
@@ -556,10 +538,10 @@ mod tests {
     #[test]
     fn values_are_found_by_their_paths() {
         let table: toml::Table = "a = { list = [1.0, [2, 3.0]] }\nb = [{ c = 1.5 }]".parse().unwrap();
-        assert_eq!(at(&table, "a.list[1][0]").and_then(toml::Value::as_integer), Some(2));
-        assert_eq!(at(&table, "b[0].c").and_then(toml::Value::as_float), Some(1.5));
+        assert_eq!(value_at(&table, "a.list[1][0]").and_then(toml::Value::as_integer), Some(2));
+        assert_eq!(value_at(&table, "b[0].c").and_then(toml::Value::as_float), Some(1.5));
         for path in ["a.list[2]", "b[0].d", "c", "a.list.x", "b[x].c"] {
-            assert!(at(&table, path).is_none(), "{path}");
+            assert!(value_at(&table, path).is_none(), "{path}");
         }
     }
 }

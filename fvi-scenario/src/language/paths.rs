@@ -53,6 +53,24 @@ fn indices_of(text: &str) -> Option<Vec<usize>> {
     Some(indices)
 }
 
+/// The value at a path of a table.
+pub fn value_at<'t>(values: &'t toml::Table, path: &str) -> Option<&'t toml::Value> {
+    let mut here: Option<&toml::Value> = None;
+    for part in path.split('.') {
+        let (key, indices) = part.split_once('[').unwrap_or((part, ""));
+        let table = match here {
+            None => values,
+            Some(value) => value.as_table()?,
+        };
+        let mut value = table.get(key)?;
+        for index in indices.split(['[', ']']).filter(|digits| !digits.is_empty()) {
+            value = value.as_array()?.get(index.parse::<usize>().ok()?)?;
+        }
+        here = Some(value);
+    }
+    here
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,7 +4,7 @@ use super::matrix::SymmetricMatrix;
 use super::parameters::{symbols_of, symbols_of_force, symbols_of_potential};
 use super::{Amplitude, Damping, Event, Scenario, System};
 use crate::language::expression::{Expression, Symbols};
-use crate::language::{InputError, Problem, put};
+use crate::language::{InputError, Problem, put, value_at};
 use fvi_fft::transfer::TransferFunction;
 
 /// A scenario whose numbers at some paths differ from member to member.
@@ -288,24 +288,6 @@ impl System {
         }
         Some(())
     }
-}
-
-/// The value at a path of a table.
-fn value_at<'t>(values: &'t toml::Table, path: &str) -> Option<&'t toml::Value> {
-    let mut here: Option<&toml::Value> = None;
-    for part in path.split('.') {
-        let (key, indices) = part.split_once('[').unwrap_or((part, ""));
-        let table = match here {
-            None => values,
-            Some(value) => value.as_table()?,
-        };
-        let mut value = table.get(key)?;
-        for index in indices.split(['[', ']']).filter(|digits| !digits.is_empty()) {
-            value = value.as_array()?.get(index.parse::<usize>().ok()?)?;
-        }
-        here = Some(value);
-    }
-    here
 }
 
 #[cfg(test)]

@@ -227,24 +227,12 @@ impl Chart {
     ) -> DrawingResult<B::ErrorType> {
         area.fill(&WHITE)?;
         let pieces: Vec<Vec<Piece>> = self.series.iter().map(|series| self.pieces(series)).collect();
-        let all = || pieces.iter().flatten().flatten();
         let rectangles = self.map.as_ref().map_or_else(Vec::new, |map| map.rectangles(&self.x, &self.y));
-        let corners = || rectangles.iter().flatten().filter(|corner| corner.0.is_finite());
-        // On a screen 10 ticks across and 8 up.
-        let (across, up) = ((self.size().0 / 90).max(3) as usize, (self.size().1 / 70).max(3) as usize);
-        let (x, y) = match &self.map {
-            // The axes of a map end with its data.
-            Some(map) if map.cells => (
-                self.x.ticks_over(corners().map(|at| at.0), across),
-                self.y.ticks_over(corners().map(|at| at.1), up),
-            ),
-            _ => (
-                self.x.ticks(all().chain(corners()).map(|point| point.0), across),
-                self.y.ticks(all().chain(corners()).map(|point| point.1), up),
-            ),
-        };
+        let counts = self.tick_counts();
+        let (x, y) = self.ticks(&pieces, &rectangles, counts);
         let scale = self.map.as_ref().map(|map| {
-            map.quantity.ticks_over(map.values.iter().filter_map(|(_, value)| map.quantity.place(*value)), up)
+            map.quantity
+                .ticks_over(map.values.iter().filter_map(|(_, value)| map.quantity.place(*value)), counts.1)
         });
         let bar = scale.as_ref().map_or(0, |scale| 66 + 8 * scale.label_width() as i32);
         let top = self.draw_head(area)?;
@@ -326,6 +314,34 @@ impl Chart {
             }
         }
         Ok(())
+    }
+
+    /// About how many ticks the two axes have: on a screen 10 across and 8 up.
+    fn tick_counts(&self) -> (usize, usize) {
+        let (width, height) = self.size();
+        ((width / 90).max(3) as usize, (height / 70).max(3) as usize)
+    }
+
+    /// The ticks of both axes over what is drawn: lines, points, and the rectangles of a map.
+    fn ticks(
+        &self,
+        pieces: &[Vec<Piece>],
+        rectangles: &[[(f64, f64); 2]],
+        (across, up): (usize, usize),
+    ) -> (Ticks, Ticks) {
+        let all = || pieces.iter().flatten().flatten();
+        let corners = || rectangles.iter().flatten().filter(|corner| corner.0.is_finite());
+        match &self.map {
+            // The axes of a map end with its data.
+            Some(map) if map.cells => (
+                self.x.ticks_over(corners().map(|at| at.0), across),
+                self.y.ticks_over(corners().map(|at| at.1), up),
+            ),
+            _ => (
+                self.x.ticks(all().chain(corners()).map(|point| point.0), across),
+                self.y.ticks(all().chain(corners()).map(|point| point.1), up),
+            ),
+        }
     }
 
     /// Draws the points of a series.
