@@ -12,7 +12,7 @@ use fvi_core::{BdfOrder, ConvolutionWeights, Damping, Fixed, Memory};
 use fvi_fft::WeightTable;
 use fvi_fft::baseline::OfflineFft;
 use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
-use fvi_strategies::{Made, Task, engines};
+use fvi_strategies::{BuiltStrategy, Task, engines};
 use gungraun::{library_benchmark, library_benchmark_group, main};
 use nalgebra::SVector;
 
@@ -30,7 +30,7 @@ fn engine(name: &str) -> (Box<dyn Memory<f64>>, Vec<f64>) {
     let task = Task::of_a_run(BdfOrder::GRUNWALD_LETNIKOV, 0.5, STEPS).expect("in range");
     let strategy =
         engines::strategies().into_iter().find(|strategy| strategy.name() == name).expect("a name");
-    let memory = strategy.make(&task).ok().and_then(Made::into_memory).expect("a short run");
+    let memory = strategy.make(&task).ok().and_then(BuiltStrategy::into_memory).expect("a short run");
     (memory, noise(STEPS))
 }
 

@@ -8,7 +8,7 @@ use fvi_benches::noise;
 use fvi_core::BdfOrder;
 use fvi_fft::WeightTable;
 use fvi_fft::baseline::{OfflineFft, memory_term};
-use fvi_strategies::{Made, Task, engines};
+use fvi_strategies::{BuiltStrategy, Task, engines};
 
 fn runs(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("memory");
@@ -28,7 +28,9 @@ fn runs(criterion: &mut Criterion) {
         });
         for strategy in engines::strategies() {
             // Those with plain sums sit out long runs; the offline transform is measured above.
-            let Some(mut memory) = strategy.make(&task).ok().and_then(Made::into_memory) else { continue };
+            let Some(mut memory) = strategy.make(&task).ok().and_then(BuiltStrategy::into_memory) else {
+                continue;
+            };
             let mut run = || {
                 memory.clear();
                 let mut term = [0.0];

@@ -202,12 +202,18 @@ trait ByHand: Clone {
     fn prepare(&mut self, _slope: f64) {}
     /// Solves the equations of the midpoint rule for the increment e, from the guess in it; leaves ∇U at the
     /// midpoint in the room. Where damping acts at the node, its force is there: known + slope · e.
-    fn solve<const AT_NODES: bool>(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room);
+    fn solve<const AT_NODES: bool>(
+        &mut self,
+        q: &[f64],
+        p: &[f64],
+        increment: &mut [f64],
+        room: &mut Buffers,
+    );
 }
 
-/// Room for the vectors of a step.
+/// Buffers for the vectors of a step.
 #[derive(Clone)]
-struct Room {
+struct Buffers {
     middle: Vec<f64>,
     gradient: Vec<f64>,
     residual: Vec<f64>,
@@ -215,7 +221,7 @@ struct Room {
     slope: f64,
 }
 
-impl Room {
+impl Buffers {
     /// The force of damping at the node.
     #[inline(always)]
     fn damping<const AT_NODES: bool>(&self, i: usize, increment: f64) -> f64 {
@@ -242,7 +248,13 @@ impl ByHand for Pendulum {
     }
 
     #[inline(always)]
-    fn solve<const AT_NODES: bool>(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room) {
+    fn solve<const AT_NODES: bool>(
+        &mut self,
+        q: &[f64],
+        p: &[f64],
+        increment: &mut [f64],
+        room: &mut Buffers,
+    ) {
         loop {
             let (sine, cosine) = libm::sincos(q[0] + 0.5 * increment[0]);
             let mut residual = p[0] - increment[0] / STEP - 0.5 * STEP * GRAVITY * sine;
@@ -300,7 +312,13 @@ impl ByHand for LinearChain {
     }
 
     #[inline(always)]
-    fn solve<const AT_NODES: bool>(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room) {
+    fn solve<const AT_NODES: bool>(
+        &mut self,
+        q: &[f64],
+        p: &[f64],
+        increment: &mut [f64],
+        room: &mut Buffers,
+    ) {
         // (1 + h²K/4 + h²/2 slope) e = h p − h²/2 (K q + known).
         self.gradient(q, &mut room.gradient);
         if AT_NODES {
@@ -355,7 +373,13 @@ impl ByHand for NonlinearChain {
     }
 
     #[inline(always)]
-    fn solve<const AT_NODES: bool>(&mut self, q: &[f64], p: &[f64], increment: &mut [f64], room: &mut Room) {
+    fn solve<const AT_NODES: bool>(
+        &mut self,
+        q: &[f64],
+        p: &[f64],
+        increment: &mut [f64],
+        room: &mut Buffers,
+    ) {
         let n = q.len();
         loop {
             for i in 0..n {
@@ -419,7 +443,7 @@ struct Motion<S, const AT_NODES: bool, const COMPENSATED: bool> {
     behind: Vec<f64>,
     sample: Vec<f64>,
     term: Vec<f64>,
-    room: Room,
+    room: Buffers,
 }
 
 impl<S: ByHand, const AT_NODES: bool, const COMPENSATED: bool> Motion<S, AT_NODES, COMPENSATED> {
@@ -456,7 +480,7 @@ impl<S: ByHand, const AT_NODES: bool, const COMPENSATED: bool> Motion<S, AT_NODE
             behind: zeros(),
             sample: zeros(),
             term: zeros(),
-            room: Room { middle: zeros(), gradient: zeros(), residual: zeros(), known: zeros(), slope },
+            room: Buffers { middle: zeros(), gradient: zeros(), residual: zeros(), known: zeros(), slope },
         }
     }
 

@@ -374,7 +374,7 @@ impl<T: Real, X: Space<T>, D: Damping<T, X>> Damping<T, X> for [D] {
 }
 
 /// Implements `Damping` for a holder of a damping, by forwarding every call.
-macro_rules! handing_on {
+macro_rules! forward_damping {
     ($({$($generics:tt)*})? $holder:ty, $inner:ty, $self:ident => $shared:expr, $unique:expr) => {
         impl<T: Real, X: Space<T>, D: Damping<T, X> $(, $($generics)*)?> Damping<T, X> for $holder {
             fn check(&$self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
@@ -427,8 +427,8 @@ macro_rules! handing_on {
     };
 }
 
-handing_on!({const K: usize} [D; K], [D], self => self.as_slice(), self.as_mut_slice());
-handing_on!(&mut [D], [D], self => &**self, &mut **self);
+forward_damping!({const K: usize} [D; K], [D], self => self.as_slice(), self.as_mut_slice());
+forward_damping!(&mut [D], [D], self => &**self, &mut **self);
 
 #[cfg(test)]
 mod tests {

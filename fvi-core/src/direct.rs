@@ -208,7 +208,7 @@ where
         from.count_up_to("samples", if refuses { self.capacity() } else { usize::MAX })
     }
 
-    fn check_room(&self) -> Result<(), MemoryError> {
+    fn check_capacity(&self) -> Result<(), MemoryError> {
         let capacity = self.capacity();
         match self.overflow {
             Overflow::Refuse if self.len >= capacity => Err(MemoryError::Full { capacity }),
@@ -247,7 +247,7 @@ where
     #[inline]
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         check_channels(self.channels(), term.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         let weights = self.weights.as_ref();
         if self.stages == 1 {
             for (term, ring) in term.iter_mut().zip(self.rings.as_ref()) {
@@ -275,7 +275,7 @@ where
     #[inline]
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
         check_channels(self.channels(), sample.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         for (ring, &number) in self.rings.as_mut().iter_mut().zip(sample) {
             ring.store(number);
         }

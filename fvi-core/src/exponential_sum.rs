@@ -384,7 +384,7 @@ where
     }
 
     #[inline(always)]
-    fn check_room(&self) -> Result<(), MemoryError> {
+    fn check_capacity(&self) -> Result<(), MemoryError> {
         if self.len < self.table.horizon || self.forgets { Ok(()) } else { Err(full(self.table.horizon)) }
     }
 
@@ -973,7 +973,7 @@ where
     #[inline]
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         check_channels(self.layout.channels(), term.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         let ready = part_from(self.state.as_ref(), self.layout.term_start());
         match (term, ready) {
             // One channel needs no set-up of a loop.
@@ -986,7 +986,7 @@ where
     #[inline(always)]
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
         check_channels(self.layout.channels(), sample.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         let stored = match (self.layout.stages, sample) {
             (_, &[x]) if self.jumps => self.push_difference(x),
             _ if self.table.far_blocks > 0 => self.push_numbers_with_third_parts(sample),

@@ -111,14 +111,14 @@ impl<T: Real> OneNode<T> {
             stiffness: &mut *work.stiffness,
         };
         let iterations = if drifts {
-            equation.look(increments, false);
+            equation.evaluate(increments, false);
             0
         } else if linear {
             let stays = damping.is_none_or(|damping| damping.leading_is_constant());
             if work.kept.length == step.size {
-                equation.look_first(increments, from_rest, false);
+                equation.evaluate_first(increments, from_rest, false);
             } else {
-                equation.look_first(increments, from_rest, true);
+                equation.evaluate_first(increments, from_rest, true);
                 equation.write_matrix(increments, &mut *work.matrix);
                 let inertia = (self.kinetic / step.size, equation.mechanics.mass());
                 work.matrix.keep(&mut work.kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
@@ -129,7 +129,7 @@ impl<T: Real> OneNode<T> {
             take_off(increments, residual);
             // The rounding error of the solver is the same at every step, so that it would accumulate to
             // growth or decay. A second correction, with the force that is needed anyway, removes it.
-            equation.look(increments, false);
+            equation.evaluate(increments, false);
             if !work.matrix.is_solved_at_once(&work.kept.solver) {
                 equation.balance(increments, residual);
                 if work.matrix.is_unsettled(&work.kept.solver, increments, position, residual) {
@@ -144,7 +144,7 @@ impl<T: Real> OneNode<T> {
             1
         } else {
             let balance = |increments: &[T], residual: &mut [T], matrix: Option<&mut E>| {
-                equation.look(increments, matrix.is_some());
+                equation.evaluate(increments, matrix.is_some());
                 equation.balance(increments, residual);
                 if let Some(matrix) = matrix {
                     equation.write_matrix(increments, matrix);
@@ -159,7 +159,7 @@ impl<T: Real> OneNode<T> {
             if changes && converged.residual.is_some_and(|left| left <= rounding) {
                 equation.carry_on(increments, residual);
             } else {
-                equation.look(increments, false);
+                equation.evaluate(increments, false);
             }
             converged.iterations
         };
@@ -223,7 +223,7 @@ where
 {
     /// Places the node and computes G, with its derivative if `linearise`.
     #[inline(always)]
-    fn look(&mut self, increments: &[T], linearise: bool) {
+    fn evaluate(&mut self, increments: &[T], linearise: bool) {
         let shape = self.numbers.shape;
         let places = (&mut *self.stage, X::slice_mut(self.point));
         fill_pair(places, (increments, self.position), |e, q| (e * shape, q + e * shape));
@@ -233,11 +233,11 @@ where
         }
     }
 
-    /// As [`look`](Self::look), without the contribution of the increments if they are zero.
+    /// As [`evaluate`](Self::evaluate), without the contribution of the increments if they are zero.
     #[inline(always)]
-    fn look_first(&mut self, increments: &[T], are_zero: bool, linearise: bool) {
+    fn evaluate_first(&mut self, increments: &[T], are_zero: bool, linearise: bool) {
         if !are_zero {
-            return self.look(increments, linearise);
+            return self.evaluate(increments, linearise);
         }
         combine(X::slice_mut(self.point), self.position, |_, q| q);
         self.find_force(increments, linearise);

@@ -112,19 +112,19 @@ struct PidState<T> {
     /// The output set in manual mode.
     manual: T,
     /// The derivative after the filter of order 1, as a compensated sum.
-    filtered: Beside<T>,
+    filtered: CompensatedSum<T>,
     /// The gains of the last tick.
     gains: PidGains<T>,
     /// The integral term of the last tick.
     integral: T,
     /// Sum or offset beside the integral operator.
-    beside: Beside<T>,
+    beside: CompensatedSum<T>,
 }
 
 impl<T: Real> PidState<T> {
     fn new(gains: PidGains<T>) -> Self {
         let zero = T::zero();
-        let beside = Beside { sum: zero, rest: zero };
+        let beside = CompensatedSum { sum: zero, rest: zero };
         let filtered = beside;
         Self { mode: Mode::Automatic, output: zero, manual: zero, filtered, gains, integral: zero, beside }
     }
@@ -132,12 +132,12 @@ impl<T: Real> PidState<T> {
 
 /// A compensated sum: its value and its rounding error.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Beside<T> {
+struct CompensatedSum<T> {
     sum: T,
     rest: T,
 }
 
-impl<T: Real> Beside<T> {
+impl<T: Real> CompensatedSum<T> {
     #[inline(always)]
     fn plus(self, more: T) -> Self {
         let (sum, rest) = sum_and_rest(self.sum, more + self.rest);
@@ -424,9 +424,9 @@ where
                             let (behind, pending) =
                                 relaxed(filter, interval, law.filter_time, pending.value())?;
                             pending_filter = Some(pending);
-                            Beside { sum: behind, ..filtered }
+                            CompensatedSum { sum: behind, ..filtered }
                         }
-                        _ => Beside { sum: pending.value(), ..filtered },
+                        _ => CompensatedSum { sum: pending.value(), ..filtered },
                     };
                     pending_derivative = Some(pending);
                 }
@@ -524,9 +524,9 @@ where
                     let alone = value - leading * now.sample;
                     let (falling, rising) = if alone < start { (alone, start) } else { (start, alone) };
                     let held = if raw > most {
-                        smaller(value, larger(most - beside, falling))
+                        smaller(value, max_or_nan(most - beside, falling))
                     } else if raw < least {
-                        larger(value, smaller(least - beside, rising))
+                        max_or_nan(value, smaller(least - beside, rising))
                     } else {
                         value
                     };
@@ -677,9 +677,9 @@ where
             found => return Err(StateError::TooLarge { what: "mode", limit: 2, found }),
         };
         let (output, manual) = (from.number()?, from.number()?);
-        let filtered = Beside { sum: from.number()?, rest: from.number()? };
+        let filtered = CompensatedSum { sum: from.number()?, rest: from.number()? };
         let integral = from.number()?;
-        let beside = Beside { sum: from.number()?, rest: from.number()? };
+        let beside = CompensatedSum { sum: from.number()?, rest: from.number()? };
         let numbers = [from.number()?, from.number()?, from.number()?, from.number()?];
         let gains = with_numbers(&self.law.borrow().settings().gains, numbers);
         Ok(PidState { mode, output, manual, filtered, gains, integral, beside })
@@ -806,7 +806,7 @@ fn finite<T: Real>(what: &'static str, number: T) -> Result<(), PidError> {
 }
 
 #[inline(always)]
-fn larger<T: Real>(a: T, b: T) -> T {
+fn max_or_nan<T: Real>(a: T, b: T) -> T {
     if a > b { a } else { b }
 }
 

@@ -52,12 +52,12 @@ impl Memory<f64> for RecordingMemory {
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
         check_channels(self.terms.len(), term.len())?;
         term.copy_from_slice(&self.terms);
-        self.check_room()
+        self.check_capacity()
     }
 
     fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
         check_channels(self.channels(), sample.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         self.samples.push(sample.to_vec());
         Ok(())
     }
@@ -74,7 +74,7 @@ impl Memory<f64> for RecordingMemory {
 impl Stateful for RecordingMemory {}
 
 impl RecordingMemory {
-    fn check_room(&self) -> Result<(), MemoryError> {
+    fn check_capacity(&self) -> Result<(), MemoryError> {
         let full = MemoryError::Full { capacity: self.capacity };
         if self.samples.len() < self.capacity { Ok(()) } else { Err(full) }
     }

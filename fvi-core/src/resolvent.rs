@@ -23,7 +23,7 @@ pub struct Resolvent<T, const R: usize> {
 }
 
 /// (I + xA)⁻¹ 1, e_Rᵀ (I + xA)⁻¹ and 1 − R(−x) for each x of a block, R the stability function.
-pub(crate) struct At<T, const R: usize> {
+pub(crate) struct ResolventValues<T, const R: usize> {
     pub(crate) column: [Lanes<T>; R],
     pub(crate) row: [Lanes<T>; R],
     pub(crate) decrement: Lanes<T>,
@@ -144,7 +144,7 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
     /// In powers of x up to 1 and of 1/x beyond, so that nothing overflows. All x of the block take the same
     /// operations, which the compiler vectorises.
     #[inline(always)]
-    pub(crate) fn at(&self, x: Lanes<T>) -> At<T, R> {
+    pub(crate) fn at(&self, x: Lanes<T>) -> ResolventValues<T, R> {
         let (zero, one) = (T::zero(), T::one());
         // Polynomials are evaluated as homogeneous forms of two variables.
         let high = x.map(|x| if x <= one { x } else { one });
@@ -180,7 +180,7 @@ impl<T: Real, const R: usize> Resolvent<T, R> {
         for ((decrement, &x), &last) in decrement.iter_mut().zip(&x).zip(&last) {
             *decrement = if x <= one { x * *decrement } else { one - last };
         }
-        At { column, row, decrement }
+        ResolventValues { column, row, decrement }
     }
 }
 
@@ -203,7 +203,7 @@ mod tests {
     fn assert_resolvent<const R: usize>(method: &RungeKutta<R>) {
         let resolvent = Resolvent::<f64, R>::new(method);
         for x in [0.0, 1e-9, 0.3, 1.0, 1.1, 40.0, 1e12] {
-            let At { column, row, decrement } = resolvent.at([x; LANES]);
+            let ResolventValues { column, row, decrement } = resolvent.at([x; LANES]);
             let (column, row, decrement) = (column.map(|x| x[0]), row.map(|x| x[3]), decrement[1]);
             // (I + xA) g = 1 and (I + xA)ᵀ u = e_R.
             for i in 0..R {

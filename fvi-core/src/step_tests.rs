@@ -226,19 +226,19 @@ struct Any<const S: usize> {
 }
 
 /// Storage of [`Any`]: factors, offsets from the last nodes, the last restoring force.
-struct Room<const S: usize> {
+struct Buffers<const S: usize> {
     kept: CachedFactor<Factors<f64, 2, S>, f64>,
     behind: Vec<f64>,
     restoring: Vec<f64>,
 }
 
 impl<const S: usize> Scheme<f64, Fixed<2>> for Any<S> {
-    type Storage = Room<S>;
+    type Storage = Buffers<S>;
 
-    fn storage<G: Mechanics<f64, Fixed<2>>>(&self, _: &Fixed<2>, _: &G) -> Room<S> {
+    fn storage<G: Mechanics<f64, Fixed<2>>>(&self, _: &Fixed<2>, _: &G) -> Buffers<S> {
         let behind = if self.at_nodes { 2 * self.numbers.nodes.len() } else { 0 };
         let restoring = if self.guess { 2 } else { 0 };
-        Room {
+        Buffers {
             kept: CachedFactor::nothing(Factors::zero()),
             behind: std::vec![0.0; behind],
             restoring: std::vec![0.0; restoring],
@@ -251,7 +251,7 @@ impl<const S: usize> Scheme<f64, Fixed<2>> for Any<S> {
 
     fn step<G: Mechanics<f64, Fixed<2>>, D: Damping<f64, Fixed<2>>>(
         &self,
-        storage: &mut Room<S>,
+        storage: &mut Buffers<S>,
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, f64>,

@@ -177,7 +177,7 @@ impl<'w, T: Real, const C: usize, const B: usize> Tiled<'w, T, C, B> {
         from.count_up_to("samples", if self.overflow == Overflow::Refuse { TILE * B } else { usize::MAX })
     }
 
-    fn check_room(&self) -> Result<(), MemoryError> {
+    fn check_capacity(&self) -> Result<(), MemoryError> {
         let capacity = TILE * B;
         match self.overflow {
             Overflow::Refuse if self.len >= capacity => Err(MemoryError::Full { capacity }),
@@ -206,7 +206,7 @@ impl<T: Real, const C: usize, const B: usize> Memory<T> for Tiled<'_, T, C, B> {
     #[inline]
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         check_channels(C, term.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         let (tile, place) = (self.len / TILE, self.len % TILE);
         let (present, before) = self
             .weights
@@ -228,7 +228,7 @@ impl<T: Real, const C: usize, const B: usize> Memory<T> for Tiled<'_, T, C, B> {
     #[inline]
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
         check_channels(C, sample.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         let (tile, place) = (self.len / TILE, self.len % TILE);
         let oldest = (tile + 2).saturating_sub(B);
         let far = tile - oldest;

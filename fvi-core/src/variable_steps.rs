@@ -4,7 +4,7 @@ use crate::error::ParameterError;
 use crate::linear::all_finite;
 use crate::memory::{Memory, MemoryError, check_channels};
 use crate::real::Real;
-use crate::resolvent::{At, LANES, Lanes, Resolvent};
+use crate::resolvent::{LANES, Lanes, Resolvent, ResolventValues};
 use crate::runge_kutta::RungeKutta;
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
 use crate::space::{part, part_from, parts_mut};
@@ -368,7 +368,8 @@ where
         let rates = table.rates.as_chunks::<LANES>().0;
         let coefficients = table.coefficients.as_chunks::<LANES>().0;
         for ((block, rates), coefficients) in blocks.zip(rates).zip(coefficients) {
-            let At { mut column, row, decrement } = resolvent.at(rates.map(|rate| length * rate));
+            let ResolventValues { mut column, row, decrement } =
+                resolvent.at(rates.map(|rate| length * rate));
             for numbers in &mut column {
                 numbers.iter_mut().zip(coefficients).for_each(|(number, &c)| *number *= c);
             }

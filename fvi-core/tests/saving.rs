@@ -38,7 +38,7 @@ fn restore<S: Stateful + ?Sized>(object: &mut S, bytes: &[u8]) -> Result<(), Sta
 }
 
 /// Terms of the next `steps` samples, which are pushed.
-fn go_on<T: Real>(memory: &mut dyn Memory<T>, steps: usize) -> Vec<u64> {
+fn resume<T: Real>(memory: &mut dyn Memory<T>, steps: usize) -> Vec<u64> {
     let mut term = vec![T::zero(); memory.channels()];
     let mut terms = Vec::new();
     for _ in 0..steps {
@@ -56,7 +56,7 @@ fn goes_on<'m, T: Real>(build: &dyn Fn() -> Box<dyn Memory<T> + 'm>) {
     for k in (0..STEPS).step_by(7) {
         let bytes = saved(&*memory);
         let (mut fresh, mut used) = (build(), build());
-        go_on(&mut *used, 11);
+        resume(&mut *used, 11);
         let before = saved(&*used);
         for length in 0..bytes.len() {
             assert!(restore(&mut *used, &bytes[..length]).is_err(), "{length} bytes of {}", bytes.len());
@@ -66,8 +66,8 @@ fn goes_on<'m, T: Real>(build: &dyn Fn() -> Box<dyn Memory<T> + 'm>) {
         restore(&mut *used, &bytes).unwrap();
         assert_eq!((fresh.len(), used.len()), (k, k));
         assert!(saved(&*fresh) == bytes);
-        let expected = go_on(&mut *memory, 7);
-        assert!(go_on(&mut *fresh, 7) == expected && go_on(&mut *used, 7) == expected, "{k} samples");
+        let expected = resume(&mut *memory, 7);
+        assert!(resume(&mut *fresh, 7) == expected && resume(&mut *used, 7) == expected, "{k} samples");
     }
     // Bits flipped in what says shape and counts: refused, or taken as another count, but never a panic.
     let bytes = saved(&*memory);

@@ -5,7 +5,7 @@ use crate::run::{Run, RunEnd, RunSummary};
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::InputError;
 use fvi_scenario::scenario::{Feature, Members, Scenario};
-use fvi_simulation::simulation::events::Happened;
+use fvi_simulation::simulation::events::EventRecord;
 use fvi_simulation::simulation::step_batch::StepBatch;
 use fvi_simulation::simulation::{GridState, Precision};
 use std::convert::Infallible;
@@ -58,7 +58,7 @@ pub struct MemberRun {
     /// Steps made.
     pub steps: usize,
     /// The events that have occurred, in order of time.
-    pub events: Vec<Happened>,
+    pub events: Vec<EventRecord>,
     /// Warnings.
     pub warnings: Vec<String>,
 }

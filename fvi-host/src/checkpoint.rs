@@ -23,7 +23,7 @@ use fvi_core::StateError;
 use fvi_scenario::scenario::TimeGrid;
 use fvi_simulation::simulation::adaptive::Progress as Chosen;
 use fvi_simulation::simulation::energy_guard::Gathered;
-use fvi_simulation::simulation::events::Seen;
+use fvi_simulation::simulation::events::WatchState;
 pub(crate) use identity::{Identity, contents_of_kernels};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
@@ -118,7 +118,7 @@ pub(crate) struct Progress {
     pub(crate) errors: ([ErrorMeasure; 3], usize),
     pub(crate) guard: Gathered,
     /// State of the event watch.
-    pub(crate) events: Seen,
+    pub(crate) events: WatchState,
     /// State of the step-size control, for adaptive steps.
     pub(crate) chosen: Option<Chosen>,
     /// Machines and program versions that made earlier steps, where their rounding may differ from this

@@ -64,7 +64,7 @@ impl Quantity {
 /// Reference for the errors of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Against {
+pub enum ErrorReference {
     /// The reference of the scenario.
     Reference,
     /// A run of the same scheme with this number of steps.
@@ -93,7 +93,7 @@ pub struct Level {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Convergence {
     /// Reference of each quantity, in the order of [`Quantity::ALL`].
-    pub against: [Against; 3],
+    pub against: [ErrorReference; 3],
     /// The runs, coarsest first.
     pub levels: Vec<Level>,
 }
@@ -241,8 +241,8 @@ pub fn converge(
         levels.push(Level { level, steps, step: on_grid.time.mean_step(), errors, seconds, failure });
     }
     let against = known.map(|known| match finer {
-        Some(steps) if !known => Against::FinerRun(steps),
-        _ => Against::Reference,
+        Some(steps) if !known => ErrorReference::FinerRun(steps),
+        _ => ErrorReference::Reference,
     });
     Ok(Convergence { against, levels })
 }
@@ -376,7 +376,7 @@ impl Convergence {
         }
         text.push('\n');
         for (quantity, against) in Quantity::ALL.into_iter().zip(self.against) {
-            if let Against::FinerRun(steps) = against {
+            if let ErrorReference::FinerRun(steps) = against {
                 text += &format!("{} against a run of {steps} steps\n", quantity.name());
             }
         }

@@ -14,7 +14,7 @@ use fvi_fft::sums::max_or_nan;
 use fvi_scenario::language::InputError;
 use fvi_scenario::scenario::{Feature, Scenario};
 use fvi_simulation::simulation::adaptive::Counts;
-use fvi_simulation::simulation::events::{Happened, Seen, Watch};
+use fvi_simulation::simulation::events::{EventRecord, Watch, WatchState};
 use fvi_simulation::simulation::motion::{Failure, Motion};
 use fvi_simulation::simulation::step_batch::StepBatch;
 use fvi_simulation::simulation::{GridState, Precision, Solver};
@@ -135,7 +135,7 @@ pub struct RunSummary {
     pub last: GridState,
     /// The events that have occurred, in order of time.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub events: Vec<Happened>,
+    pub events: Vec<EventRecord>,
     /// Largest absolute values.
     pub largest: Largest,
     /// The load cases: each has a directory of this name with files and a summary of its own.
@@ -284,13 +284,13 @@ pub enum RunError {
 /// It contains the state of a checkpoint, without files. The caller must make sure that the scenario is the
 /// same, since the caller's code may be part of it.
 #[derive(Clone, Debug)]
-pub struct Standing {
+pub struct RunSnapshot {
     progress: Progress,
     state: Vec<u8>,
     planned: usize,
 }
 
-impl Standing {
+impl RunSnapshot {
     /// Steps made.
     pub fn steps(&self) -> usize {
         self.progress.steps
@@ -350,7 +350,8 @@ pub fn run(
     if let Some(checkpoint) = &mut found {
         let format = options.format.unwrap_or(checkpoint.progress.format());
         checkpoint.check(&identity, format, &scenario.time, options.accept_other_machine)?;
-        run.go_on(checkpoint).map_err(|error| checkpoint.misfit(error))?;
+        run.resume(checkpoint.progress.clone(), &checkpoint.state)
+            .map_err(|error| checkpoint.misfit(error))?;
     }
     let directory = match claimed {
         Some(directory) => directory,
@@ -457,13 +458,13 @@ pub fn run(
 }
 
 /// An event with the output coordinates only.
-fn of_written(scenario: &Scenario, happened: &Happened) -> Happened {
+fn of_written(scenario: &Scenario, happened: &EventRecord) -> EventRecord {
     let GridState { position, momentum, .. } = StateView::from(&happened.state()).shown(scenario);
-    Happened { position, momentum, ..happened.clone() }
+    EventRecord { position, momentum, ..happened.clone() }
 }
 
 /// Warning about events beyond the number that the record holds.
-fn events_not_told(seen: &Seen) -> Vec<String> {
+fn events_not_told(seen: &WatchState) -> Vec<String> {
     let undefined =
         seen.undefined.iter().enumerate().filter_map(|(index, since)| since.map(|time| (index, time)));
     let undefined = undefined.map(|(index, time)| {
@@ -662,7 +663,7 @@ impl<'s> Run<'s> {
     }
 
     /// As [`rows_of_cases_to_the_end`](Self::rows_of_cases_to_the_end), but keeps the run, so that its
-    /// [`standing`](Self::standing) can be taken before the [`summaries`](Self::summaries).
+    /// [`snapshot`](Self::snapshot) can be taken before the [`summaries`](Self::summaries).
     ///
     /// # Errors
     /// Errors of `row`.
@@ -791,7 +792,7 @@ impl<'s> Run<'s> {
             if let Err(Failure { step, time, reason }) = result {
                 return Ok(RunEnd::Failed { step, time, reason });
             }
-            if let (true, Some(&Happened { event, time, .. })) =
+            if let (true, Some(&EventRecord { event, time, .. })) =
                 (self.is_ended(), self.watch.seen().happened.last())
             {
                 return Ok(RunEnd::Event { event, time });
@@ -877,16 +878,16 @@ impl<'s> Run<'s> {
     ///
     /// # Errors
     /// [`StateError`] if a memory cannot be saved.
-    pub fn standing(&self) -> Result<Option<Standing>, StateError> {
+    pub fn snapshot(&self) -> Result<Option<RunSnapshot>, StateError> {
         if self.is_ended() || self.scenario.sensitivity.is_some() || self.scenario.time.grid.is_some() {
             return Ok(None);
         }
         let planned = self.scenario.history.planned.unwrap_or_else(|| self.scenario.samples());
         let (progress, state) = (self.progress(Vec::new()), self.motion.save()?);
-        Ok(Some(Standing { progress, state, planned }))
+        Ok(Some(RunSnapshot { progress, state, planned }))
     }
 
-    /// Approximate size in bytes of the state in [`standing`](Self::standing).
+    /// Approximate size in bytes of the state in [`snapshot`](Self::snapshot).
     pub fn memory_bytes(&self) -> usize {
         self.motion.simulation().memory_bytes()
     }
@@ -895,8 +896,8 @@ impl<'s> Run<'s> {
     ///
     /// # Errors
     /// [`StateError`] if the simulation differs; the run must then not be used any more.
-    pub fn go_on_from(&mut self, standing: &Standing) -> Result<(), StateError> {
-        self.resume(standing.progress.clone(), &standing.state)
+    pub fn resume_from(&mut self, snapshot: &RunSnapshot) -> Result<(), StateError> {
+        self.resume(snapshot.progress.clone(), &snapshot.state)
     }
 
     /// Progress of the run, for a checkpoint.
@@ -920,13 +921,9 @@ impl<'s> Run<'s> {
         }
     }
 
-    /// Continues from a checkpoint.
-    fn go_on(&mut self, checkpoint: &Checkpoint) -> Result<(), StateError> {
-        self.resume(checkpoint.progress.clone(), &checkpoint.state)
-    }
-
+    /// Continues where `progress` and `state` were taken.
     fn resume(&mut self, progress: Progress, state: &[u8]) -> Result<(), StateError> {
-        self.motion.go_on(progress.steps, state, progress.guard, progress.chosen)?;
+        self.motion.resume(progress.steps, state, progress.guard, progress.chosen)?;
         self.seen = true;
         self.preparation_seconds += progress.preparation_seconds;
         self.seconds = progress.seconds;
@@ -938,7 +935,7 @@ impl<'s> Run<'s> {
         self.errors = ReferenceErrors::of_parts(progress.errors);
         self.elsewhere = progress.elsewhere;
         let now = self.motion.state().time;
-        self.watch.go_on(self.motion.state(), progress.events);
+        self.watch.resume(self.motion.state(), progress.events);
         self.passed = self.scenario.output.times.partition_point(|&time| time <= now);
         Ok(())
     }
@@ -955,11 +952,11 @@ impl<'s> Run<'s> {
     }
 
     /// Steps made, events and warnings so far.
-    pub fn told(&self) -> (usize, Vec<Happened>, Vec<String>) {
+    pub fn told(&self) -> (usize, Vec<EventRecord>, Vec<String>) {
         (self.steps(), self.events(), self.warnings())
     }
 
-    fn events(&self) -> Vec<Happened> {
+    fn events(&self) -> Vec<EventRecord> {
         self.watch.seen().happened.iter().map(|happened| of_written(self.scenario, happened)).collect()
     }
 

@@ -7,7 +7,6 @@
 //! often these were interrupted.
 
 mod axis;
-mod elsewhere;
 mod keep;
 mod measured;
 #[cfg(feature = "pictures")]
@@ -15,11 +14,12 @@ mod pictures;
 mod plan;
 mod points;
 mod records;
+mod remote;
 mod table;
 
-pub use elsewhere::{Ledger, MadeRun, Parts};
 pub use plan::Sweep;
 pub use records::{Shard, ShardError};
+pub use remote::{Ledger, Parts, RemoteRun};
 pub use table::Column;
 
 use crate::results::files::FileError;

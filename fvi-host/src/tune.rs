@@ -215,7 +215,7 @@ pub fn tune(problem: &TuningProblem, stop: &AtomicBool) -> Result<Tuning, TuneEr
     let mut searches = 1;
     loop {
         let Found { law, relay, about } = find_closer(problem, &grid, closer, stop)?;
-        let tuning = judged(problem, law, about, stop)?;
+        let tuning = evaluate_design(problem, law, about, stop)?;
         let bounds = bounds(problem, &grid, &law, &tuning.sampled_margins)?;
         let excess = bounds.iter().map(Bound::excess).fold(0.0, max_or_nan);
         if excess == 0.0 {
@@ -373,7 +373,7 @@ pub fn margins_of(problem: &TuningProblem, law: &Law) -> Result<Margins, TuneErr
 /// # Errors
 /// [`TuneError::Unstable`], and if it was stopped.
 pub fn judge(problem: &TuningProblem, law: Law, stop: &AtomicBool) -> Result<Tuning, TuneError> {
-    judged(problem, law, problem.plant.scale(), stop)
+    evaluate_design(problem, law, problem.plant.scale(), stop)
 }
 
 /// Turns of a dead time, in radians, up to which the sampled loop is followed; above, any phase is assumed.
@@ -431,7 +431,12 @@ fn sampled_margins(
     Ok(found)
 }
 
-fn judged(problem: &TuningProblem, law: Law, about: f64, stop: &AtomicBool) -> Result<Tuning, TuneError> {
+fn evaluate_design(
+    problem: &TuningProblem,
+    law: Law,
+    about: f64,
+    stop: &AtomicBool,
+) -> Result<Tuning, TuneError> {
     let TuningProblem { plant, controller: structure, .. } = problem;
     let unstable = |reason: String| TuneError::Unstable(format!("{} is refused: {reason}", in_words(&law)));
     law.sampled(structure.sample).map_err(|error| unstable(error.to_string()))?;

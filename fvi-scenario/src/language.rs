@@ -2,6 +2,7 @@
 
 pub mod document;
 pub mod error;
+pub mod escape;
 pub mod excerpt;
 pub mod expression;
 mod input_file;
@@ -10,7 +11,6 @@ pub mod memory_limit;
 pub mod npy;
 pub mod number_table;
 mod paths;
-pub mod visible;
 
 pub use document::Document;
 pub use error::{Cause, InputError, Problem};

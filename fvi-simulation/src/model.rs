@@ -2,6 +2,7 @@
 //! compiled expressions.
 
 mod band;
+mod callbacks;
 mod chain;
 mod channel_damping;
 mod elements;
@@ -14,9 +15,7 @@ mod massless;
 mod matrices;
 mod mechanics;
 mod mechanism;
-mod missed;
 mod moment;
-mod own;
 mod rough_forces;
 mod scenario_damping;
 mod scenario_loads;
@@ -29,6 +28,7 @@ mod sparse;
 mod switches;
 pub mod tape;
 mod unbounded_forces;
+mod unresolved;
 
 pub use band::BandFactors;
 pub use chain::ChainFactors;
@@ -41,13 +41,13 @@ pub(crate) use massless::{Direction, Equilibrium, MasslessRows};
 pub use matrices::{DenseEquations, DenseFactors, Matrix, Sparse};
 pub use mechanics::{Model, matrix, vector};
 pub use mechanism::{Mechanism, coefficient_of};
-pub(crate) use missed::first_missed;
 pub use moment::moment;
 pub(crate) use rough_forces::RoughForces;
 pub use scenario_damping::{channels_of, follow_alike, term_on_memory};
 pub(crate) use scenario_loads::takes_moments;
-pub use scheme::{AnyScheme, Room};
+pub use scheme::{AnyScheme, StepBuffers};
 pub use shared::Shared;
 pub use space::{AnyEquations, AnyFactors, AnySpace};
 pub use sparse::{Elimination, Factored, SparseEquations, StagePair};
 pub use switches::{Side, Switched};
+pub(crate) use unresolved::first_unresolved;

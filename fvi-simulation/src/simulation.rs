@@ -110,7 +110,7 @@ trait Stepper: Stateful {
     fn has_energies_of_rows_only(&self) -> bool;
     fn engines(&self) -> Vec<Engine>;
     /// Time from which rough points of forces may have been overlooked.
-    fn missed(&self) -> Option<f64>;
+    fn unresolved_since(&self) -> Option<f64>;
     /// The terms of each memory that serves several terms.
     fn shared(&self) -> Vec<Vec<usize>>;
     fn overruns(&self) -> Option<usize>;
@@ -375,8 +375,8 @@ impl Simulation {
     }
 
     /// Time from which steps had more zeros or peaks of a force of time than are searched for.
-    pub fn missed(&self) -> Option<f64> {
-        self.stepper.missed()
+    pub fn unresolved_since(&self) -> Option<f64> {
+        self.stepper.unresolved_since()
     }
 
     /// Floating-point precision.
@@ -586,12 +586,12 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
     #[inline(always)]
     fn prepare(&mut self, input: &[f64]) {
         if !input.is_empty() || self.pushed || self.pieces.is_some() {
-            self.prepare_there_is(input);
+            self.store_input(input);
         }
     }
 
     #[inline(never)]
-    fn prepare_there_is(&mut self, input: &[f64]) {
+    fn store_input(&mut self, input: &[f64]) {
         if !input.is_empty() || self.pushed {
             self.pushed = !input.is_empty();
             for (index, place) in self.input.iter_mut().enumerate() {
@@ -1080,7 +1080,7 @@ impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
             batch.push((time, self.energy), position, in_double(self.momentum()), iterations);
             batch.push_increments(in_double(AnyScheme::solution(self.integrator.storage())));
             // A force with more jumps in a step than are looked for makes long steps: signals come between.
-            if self.integrator.system().missed().is_some() {
+            if self.integrator.system().unresolved_since().is_some() {
                 break;
             }
         }
@@ -1129,8 +1129,8 @@ impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
         engines.into_iter().map(|(_, engine)| engine).collect()
     }
 
-    fn missed(&self) -> Option<f64> {
-        self.integrator.system().missed()
+    fn unresolved_since(&self) -> Option<f64> {
+        self.integrator.system().unresolved_since()
     }
 
     fn shared(&self) -> Vec<Vec<usize>> {

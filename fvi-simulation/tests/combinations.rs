@@ -587,7 +587,7 @@ fn every_feature_is_continued_to_the_bit() {
             whole.advance().unwrap();
             if whole.steps() == 20 {
                 let state = whole.save().unwrap();
-                rest.go_on(20, &state, whole.gathered(), whole.chosen()).unwrap();
+                rest.resume(20, &state, whole.gathered(), whole.chosen()).unwrap();
             }
         }
         while !rest.is_done() {

@@ -3,7 +3,7 @@
 use crate::Pattern;
 use crate::blocks::{Blocks, Subtrees};
 use crate::dissection::nested_dissection;
-use crate::separator::Care;
+use crate::separator::Effort;
 use std::sync::Arc;
 
 /// Elimination of matrices of one pattern: the order of the coordinates and the places of the factor.
@@ -110,8 +110,8 @@ fn least_fill(pattern: &Pattern) -> Elimination {
     let places = try_order((0..pattern.size() as u32).collect());
     let (mean, all) = DISSECTED;
     if places >= all || places >= mean * rows {
-        let care = if places < LONG * rows { Care::QUICK } else { Care::THOROUGH };
-        try_order(nested_dissection(pattern, &care));
+        let effort = if places < LONG * rows { Effort::QUICK } else { Effort::THOROUGH };
+        try_order(nested_dissection(pattern, &effort));
     }
     best
 }

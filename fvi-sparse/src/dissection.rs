@@ -3,7 +3,7 @@
 
 use crate::Pattern;
 use crate::graph::{Graph, NONE};
-use crate::separator::{BETWEEN, Care, separate};
+use crate::separator::{BETWEEN, Effort, separate};
 use std::collections::HashMap;
 
 /// The rows, each separator after the parts that it separates; parts that are not divided any further are
@@ -11,7 +11,7 @@ use std::collections::HashMap;
 ///
 /// Rows with the same places, or nearly, are a group and stay together, as the unknowns of one node of a mesh
 /// are. Source: \[GeorgeLiu78\].
-pub(crate) fn nested_dissection(pattern: &Pattern, care: &Care) -> Vec<u32> {
+pub(crate) fn nested_dissection(pattern: &Pattern, effort: &Effort) -> Vec<u32> {
     let (graph, members) = groups(pattern);
     let mut local = vec![NONE; graph.size()];
     let mut order = Vec::with_capacity(graph.size());
@@ -19,7 +19,7 @@ pub(crate) fn nested_dissection(pattern: &Pattern, care: &Care) -> Vec<u32> {
     let mut open = vec![(0..graph.size() as u32).collect::<Vec<_>>()];
     while let Some(vertices) = open.pop() {
         let part = graph.part(&vertices, &mut local);
-        let sides = if part.size() > care.leaf { separate(&part, care) } else { Vec::new() };
+        let sides = if part.size() > effort.leaf { separate(&part, effort) } else { Vec::new() };
         let on = |side| {
             let both = vertices.iter().zip(&sides).filter(move |&(_, &other)| other == side);
             both.map(|(&vertex, _)| vertex).collect::<Vec<_>>()
@@ -122,7 +122,7 @@ mod tests {
             near.collect()
         });
         let pattern = Pattern::from_rows(rows);
-        let order = nested_dissection(&pattern, &Care::THOROUGH);
+        let order = nested_dissection(&pattern, &Effort::THOROUGH);
         let mut sorted = order.clone();
         sorted.sort_unstable();
         assert!(sorted.iter().enumerate().all(|(index, &row)| row as usize == index));

@@ -5,7 +5,7 @@ use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
 
 /// Effort spent on finding a small separator.
-pub(crate) struct Care {
+pub(crate) struct Effort {
     /// Parts up to this many vertices are not divided.
     pub(crate) leaf: usize,
     /// Number of divisions computed on coarser graphs, of which the best is kept.
@@ -25,7 +25,7 @@ pub(crate) struct Care {
     nearly: f64,
 }
 
-impl Care {
+impl Effort {
     /// For structures whose elimination takes no longer than that.
     pub(crate) const QUICK: Self =
         Self { leaf: 300, trials: 1, coarsest: 60, seeds: 4, rounds: 4, patience: (15, 0.25), nearly: 0.25 };
@@ -48,14 +48,14 @@ pub(crate) const BETWEEN: Side = 2;
 /// The graph is coarsened repeatedly, the coarsest one divided, and the separator improved by moving its
 /// vertices while it is transferred back. Source: \[HendricksonRothberg98\] §§ 2, 3. Cross-sections of
 /// slender structures, for which that method gives oblique separators, are tried too.
-pub(crate) fn separate(graph: &Graph, care: &Care) -> Vec<Side> {
-    let divisions = (0..care.trials).map(|trial| multilevel(graph, care, trial));
+pub(crate) fn separate(graph: &Graph, effort: &Effort) -> Vec<Side> {
+    let divisions = (0..effort.trials).map(|trial| multilevel(graph, effort, trial));
     let Some((mut best, mut sides)) = divisions.min_by_key(|(score, _)| *score) else { return Vec::new() };
     for mut section in cross_sections(graph) {
         // A cross-section that is poor before improvement will not become the best.
         let (too_large, weight, _) = score(weights(graph, &section));
-        if !too_large && weight as f64 <= (1.0 + care.nearly) * best.1 as f64 {
-            let score = improve(graph, &mut section, care);
+        if !too_large && weight as f64 <= (1.0 + effort.nearly) * best.1 as f64 {
+            let score = improve(graph, &mut section, effort);
             if score < best {
                 (best, sides) = (score, section);
             }
@@ -65,11 +65,11 @@ pub(crate) fn separate(graph: &Graph, care: &Care) -> Vec<Side> {
 }
 
 /// One division, which depends on the pairs that are merged in coarser graphs.
-fn multilevel(graph: &Graph, care: &Care, trial: u32) -> (Score, Vec<Side>) {
+fn multilevel(graph: &Graph, effort: &Effort, trial: u32) -> (Score, Vec<Side>) {
     let mut coarser = Vec::new();
     loop {
         let last = coarser.last().map_or(graph, |(graph, _)| graph);
-        if last.size() <= care.coarsest {
+        if last.size() <= effort.coarsest {
             break;
         }
         let (next, of) = last.coarser(trial);
@@ -78,10 +78,10 @@ fn multilevel(graph: &Graph, care: &Care, trial: u32) -> (Score, Vec<Side>) {
         }
         coarser.push((next, of));
     }
-    let (mut score, mut sides) = grown(coarser.last().map_or(graph, |(graph, _)| graph), care);
+    let (mut score, mut sides) = grown(coarser.last().map_or(graph, |(graph, _)| graph), effort);
     while let Some((_, of)) = coarser.pop() {
         sides = of.iter().map(|&vertex| sides[vertex as usize]).collect();
-        score = improve(coarser.last().map_or(graph, |(graph, _)| graph), &mut sides, care);
+        score = improve(coarser.last().map_or(graph, |(graph, _)| graph), &mut sides, effort);
     }
     (score, sides)
 }
@@ -142,10 +142,10 @@ fn cross_section(graph: &Graph, distances: &[u32]) -> Vec<Side> {
 }
 
 /// The best of several divisions, each grown from one vertex until it has half of the whole.
-fn grown(graph: &Graph, care: &Care) -> (Score, Vec<Side>) {
+fn grown(graph: &Graph, effort: &Effort) -> (Score, Vec<Side>) {
     let size = graph.size();
     let mut best: Option<(Score, Vec<Side>)> = None;
-    for seed in (0..size).step_by(size.div_ceil(care.seeds).max(1)) {
+    for seed in (0..size).step_by(size.div_ceil(effort.seeds).max(1)) {
         let mut sides = vec![1; size];
         let total: u64 = graph.weights().iter().map(|&weight| u64::from(weight)).sum();
         let (mut queue, mut next, mut weight) = (vec![seed as u32], 0, 0);
@@ -174,7 +174,7 @@ fn grown(graph: &Graph, care: &Care) -> (Score, Vec<Side>) {
                 sides[vertex as usize] = BETWEEN;
             }
         }
-        let score = improve(graph, &mut sides, care);
+        let score = improve(graph, &mut sides, effort);
         if best.as_ref().is_none_or(|(least, _)| score < *least) {
             best = Some((score, sides));
         }
@@ -209,11 +209,11 @@ fn largest(total: u64) -> u64 {
 
 /// Moves vertices of the separator into the parts and their neighbours on the other side into the separator,
 /// while it gets lighter, passing through some worse divisions. Returns the score.
-fn improve(graph: &Graph, sides: &mut [Side], care: &Care) -> Score {
+fn improve(graph: &Graph, sides: &mut [Side], effort: &Effort) -> Score {
     let mut search = Search::new(graph, sides);
     let mut score = search.score();
-    for _ in 0..care.rounds {
-        let better = search.round(care);
+    for _ in 0..effort.rounds {
+        let better = search.round(effort);
         if better >= score {
             break;
         }
@@ -323,7 +323,7 @@ impl<'a> Search<'a> {
     }
 
     /// Moves each vertex at most once, and ends with the best division on the way.
-    fn round(&mut self, care: &Care) -> Score {
+    fn round(&mut self, effort: &Effort) -> Score {
         let graph = self.graph;
         self.round += 1;
         self.moves.clear();
@@ -333,7 +333,7 @@ impl<'a> Search<'a> {
         let sides = &*self.sides;
         self.between.retain(|&vertex| sides[vertex as usize] == BETWEEN);
         (0..self.between.len()).for_each(|index| self.consider(self.between[index]));
-        let (least, part) = care.patience;
+        let (least, part) = effort.patience;
         let patience = least + (part * self.moves.len() as f64) as usize;
         let (mut best, mut kept, mut made) = (self.score(), 0, 0);
         while let Some((gain, Reverse(vertex), side)) = self.moves.pop() {
@@ -407,8 +407,8 @@ mod tests {
     fn boxes_are_divided_by_cross_sections() {
         for (sides, least) in [([20, 4, 4], 16), ([40, 7, 7], 49), ([9, 9, 9], 81), ([40, 30, 1], 30)] {
             let graph = lattice(sides);
-            for (name, care) in [("quick", Care::QUICK), ("thorough", Care::THOROUGH)] {
-                let found = separate(&graph, &care);
+            for (name, effort) in [("quick", Effort::QUICK), ("thorough", Effort::THOROUGH)] {
+                let found = separate(&graph, &effort);
                 let count = |side| found.iter().filter(|&&other| other == side).count();
                 for vertex in 0..graph.size() as u32 {
                     let side = found[vertex as usize];

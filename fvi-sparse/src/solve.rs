@@ -53,8 +53,8 @@ impl Factor {
         let mut sorted: Vec<[f64; W]> = blocks.order.iter().map(side).collect();
         let unit = Arch::new();
         let subtrees = &blocks.subtrees;
-        let mut crowns: Vec<Crown<'_, W>> =
-            subtrees.parts.iter().map(|part| Crown::new(blocks, part, &sorted)).collect();
+        let mut crowns: Vec<SubtreeVector<'_, W>> =
+            subtrees.parts.iter().map(|part| SubtreeVector::new(blocks, part, &sorted)).collect();
         share(threads, &mut crowns, |crown| {
             let Subtree { blocks: range, columns } = crown.part;
             let work = Work { blocks, numbers, start: columns.start, threads: 1 };
@@ -97,12 +97,12 @@ impl Factor {
 }
 
 /// The vector of a subtree, for each right-hand side: its columns, followed by the rows of its last block.
-struct Crown<'a, const W: usize> {
+struct SubtreeVector<'a, const W: usize> {
     part: &'a Subtree,
     vectors: Vec<[f64; W]>,
 }
 
-impl<'a, const W: usize> Crown<'a, W> {
+impl<'a, const W: usize> SubtreeVector<'a, W> {
     fn new(blocks: &Blocks, part: &'a Subtree, sorted: &[[f64; W]]) -> Self {
         let mut vectors = sorted[part.columns.clone()].to_vec();
         vectors.resize(vectors.len() + blocks.rows(part.blocks.end - 1).len(), [0.0; W]);

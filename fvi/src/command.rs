@@ -30,7 +30,7 @@ use fvi_host::checkpoint::CheckpointError;
 use fvi_host::results::files::FileError;
 use fvi_host::results::output_directory::OutputDirectory;
 use fvi_scenario::language::InputError;
-use fvi_scenario::language::visible::{short_numbers, visible};
+use fvi_scenario::language::escape::{short_numbers, visible};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 use std::io::{ErrorKind, IsTerminal};
 use std::path::{Path, PathBuf};

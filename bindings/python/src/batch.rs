@@ -11,7 +11,7 @@ use fvi_host::results::rows::Rows;
 use fvi_scenario::language::memory_limit::check_capacity;
 use fvi_scenario::scenario::{Members, SharedTerms};
 use fvi_simulation::simulation::columns::Columns;
-use fvi_simulation::simulation::events::Happened;
+use fvi_simulation::simulation::events::EventRecord;
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
@@ -103,7 +103,7 @@ impl Batch {
         let numbers = numbers.as_array().iter().copied().collect::<Vec<f64>>();
         let run = || {
             guarded(|| {
-                self.check_room(count)?;
+                self.check_capacity(count)?;
                 let (mut watch, stop) = (Watch::new(progress), AtomicBool::new(false));
                 let jobs = if self.in_code { NonZero::new(1) } else { jobs };
                 let runs = self.batch.run(&numbers, jobs, &stop, &mut |done| {
@@ -125,7 +125,7 @@ impl Batch {
 
 impl Batch {
     /// Refuses more rows than there is memory for: those of the runs, and the arrays of all.
-    fn check_room(&self, count: usize) -> Outcome<()> {
+    fn check_capacity(&self, count: usize) -> Outcome<()> {
         let scenario = self.batch.members().base();
         let width = 2 + 2 * scenario.written_coordinates().len() + Columns::of(scenario).len();
         let rows = Rows::expected(scenario);
@@ -265,7 +265,7 @@ fn end_of<'py>(py: Python<'py>, run: &MemberRun) -> PyResult<Option<Bound<'py, P
     Ok(Some(end))
 }
 
-fn event_of<'py>(py: Python<'py>, happened: &Happened) -> PyResult<Bound<'py, PyDict>> {
+fn event_of<'py>(py: Python<'py>, happened: &EventRecord) -> PyResult<Bound<'py, PyDict>> {
     let event = PyDict::new(py);
     event.set_item("event", happened.event)?;
     event.set_item("rising", happened.rising)?;

@@ -45,7 +45,7 @@ mod _fvi {
     #[pymodule_export]
     use super::response::response;
     #[pymodule_export]
-    use super::run::{Prepared, Record, Standing, past_nodes, run, run_in};
+    use super::run::{Prepared, Record, RunSnapshot, past_nodes, run, run_in};
     #[pymodule_export]
     use super::studies::{compare_engines, converge, extremal};
     #[pymodule_export]

@@ -8,7 +8,7 @@ use fvi_fft::memory::Engine;
 use fvi_fft::memory::Tables;
 use fvi_host::checkpoint::IntervalError;
 use fvi_host::run::{
-    Run, RunEnd, RunError, RunOptions, RunSummary, Standing as HostStanding, run as run_into_files,
+    Run, RunEnd, RunError, RunOptions, RunSummary, RunSnapshot as HostSnapshot, run as run_into_files,
 };
 use fvi_host::results::rows::Rows;
 use fvi_host::results::trajectory::Format;
@@ -42,7 +42,7 @@ type Motion<'py> = (
 /// those of each load case.
 #[pyfunction]
 #[pyo3(signature = (source, *, engine = None, precision = "f64", progress = None, terms = None, cases = false,
-                    prepared = None, spent = 0.0, events = Vec::new(), go_on = None, keep = None))]
+                    prepared = None, spent = 0.0, events = Vec::new(), resume = None, keep = None))]
 #[expect(clippy::too_many_arguments, reason = "the keywords of the function")]
 pub(crate) fn run<'py>(
     py: Python<'py>,
@@ -55,9 +55,9 @@ pub(crate) fn run<'py>(
     prepared: Option<&Prepared>,
     spent: f64,
     events: Vec<Option<Py<PyAny>>>,
-    go_on: Option<&Standing>,
+    resume: Option<&RunSnapshot>,
     keep: Option<bool>,
-) -> PyResult<(Vec<Motion<'py>>, Option<PyErr>, Option<Standing>)> {
+) -> PyResult<(Vec<Motion<'py>>, Option<PyErr>, Option<RunSnapshot>)> {
     let engine = engine.map(self::engine).transpose()?;
     let precision = self::precision(precision)?;
     let begin = Instant::now();
@@ -68,14 +68,14 @@ pub(crate) fn run<'py>(
         let scenario =
             if cases { read_its_cases(&source, engine) } else { read_knowing(&source, engine, known) };
         let mut scenario = scenario?;
-        if let Some(Standing { standing }) = go_on {
-            scenario.history.planned = Some(standing.planned());
+        if let Some(RunSnapshot { snapshot }) = resume {
+            scenario.history.planned = Some(snapshot.planned());
         }
         Ok(scenario)
     };
     let in_code = terms.is_some() || events.iter().any(Option::is_some);
     let spent = || spent + begin.elapsed().as_secs_f64();
-    let (names, motions, raised, standing) = match in_code {
+    let (names, motions, raised, snapshot) = match in_code {
         // The caller's functions are called several times a step, so that the interpreter can switch threads
         // between their instructions.
         true => {
@@ -89,27 +89,27 @@ pub(crate) fn run<'py>(
                     // Of an equation they act on its unknowns.
                     let size = scenario.system.names().count();
                     let mut terms = PythonTerms::new(callables, size, slot.clone());
-                    if go_on.is_none() {
+                    if resume.is_none() {
                         let (start, position) = (scenario.time.start, &scenario.initial.position[..size]);
                         let velocity = scenario.initial_velocity();
                         terms.look_at_the_start(start, position, velocity.as_deref())?;
                     }
                     scenario = scenario.with_own_terms(SharedTerms::new(terms));
                 }
-                compute(&source, &scenario, (precision, tables, spent()), progress, &slot, (go_on, keep))
+                compute(&source, &scenario, (precision, tables, spent()), progress, &slot, (resume, keep))
             })?
         }
         false => py.detach(|| {
             guarded(|| {
                 let scenario = read()?;
                 let slot = ErrorSlot::default();
-                compute(&source, &scenario, (precision, tables, spent()), progress, &slot, (go_on, keep))
+                compute(&source, &scenario, (precision, tables, spent()), progress, &slot, (resume, keep))
             })
         })?,
     };
     let motions = names.into_iter().zip(motions);
     let motions = motions.map(|(name, (rows, summary))| into_python(py, name, rows, summary));
-    Ok((motions.collect::<PyResult<_>>()?, raised, standing.map(|standing| Standing { standing })))
+    Ok((motions.collect::<PyResult<_>>()?, raised, snapshot.map(|snapshot| RunSnapshot { snapshot })))
 }
 
 /// Runs a scenario as `fvi run` does, into a directory, with NumPy arrays and checkpoints; returns the
@@ -203,20 +203,20 @@ impl Prepared {
 
 /// State of a run from which another run can continue.
 #[pyclass(frozen, module = "fvi._fvi")]
-pub(crate) struct Standing {
-    standing: HostStanding,
+pub(crate) struct RunSnapshot {
+    snapshot: HostSnapshot,
 }
 
 #[pymethods]
-impl Standing {
+impl RunSnapshot {
     #[getter]
     fn steps(&self) -> usize {
-        self.standing.steps()
+        self.snapshot.steps()
     }
 
     #[getter]
     fn nbytes(&self) -> usize {
-        self.standing.bytes()
+        self.snapshot.bytes()
     }
 }
 
@@ -272,7 +272,7 @@ const SMALL: usize = 16_000_000;
 
 /// Names of the load cases, rows and summary of each, the exception that stopped the run, and its final
 /// state.
-type Computed = (Vec<String>, Vec<(Rows, RunSummary)>, Option<PyErr>, Option<HostStanding>);
+type Computed = (Vec<String>, Vec<(Rows, RunSummary)>, Option<PyErr>, Option<HostSnapshot>);
 
 fn compute(
     source: &Source,
@@ -280,13 +280,13 @@ fn compute(
     (precision, tables, spent): (Precision, &Tables, f64),
     progress: Option<Py<PyAny>>,
     slot: &ErrorSlot,
-    (go_on, keep): (Option<&Standing>, Option<bool>),
+    (resume, keep): (Option<&RunSnapshot>, Option<bool>),
 ) -> Outcome<Computed> {
     let mut run = Run::sharing_cases(scenario, precision, tables)
         .map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?
         .prepared_for(spent);
-    if let Some(Standing { standing }) = go_on {
-        run.go_on_from(standing).map_err(|error| Failure::Failed(format!("continue_from: {error}")))?;
+    if let Some(RunSnapshot { snapshot }) = resume {
+        run.resume_from(snapshot).map_err(|error| Failure::Failed(format!("continue_from: {error}")))?;
     }
     let mut motions = Rows::of_cases(scenario).map_err(|error| Failure::NoRoom(error.to_string()))?;
     let mut watch = Watch::new(progress);
@@ -313,18 +313,18 @@ fn compute(
         run.memory_bytes() <= rows.max(SMALL)
     };
     let wanted = scenario.cases.is_empty() && keep.unwrap_or_else(small);
-    let standing = match wanted {
-        true => run.standing().map_err(|error| Failure::Failed(error.to_string()))?,
+    let snapshot = match wanted {
+        true => run.snapshot().map_err(|error| Failure::Failed(error.to_string()))?,
         false => None,
     };
-    let standing = standing.filter(|_| !matches!(end, RunEnd::Failed { .. }));
+    let snapshot = snapshot.filter(|_| !matches!(end, RunEnd::Failed { .. }));
     let summaries = run.summaries(end);
     let names = match scenario.cases.as_slice() {
         [] => vec![String::new()],
         cases => cases.iter().map(|case| case.name.clone()).collect(),
     };
     let raised = slot.take().or(watch.into_raised());
-    Ok((names, motions.into_iter().zip(summaries).collect(), raised, standing))
+    Ok((names, motions.into_iter().zip(summaries).collect(), raised, snapshot))
 }
 
 /// The rows as arrays, with the name of their load case and the summary of the run.

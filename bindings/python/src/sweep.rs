@@ -6,7 +6,7 @@ use crate::run::precision as precision_of;
 use crate::terms::{Callables, ErrorSlot, PythonTerms};
 use crate::watch::Watch;
 use fvi_host::sweep::{
-    Column, Ledger as HostLedger, MadeRun, Parts, Shard, ShardError, Sweep as HostSweep, SweepError,
+    Column, Ledger as HostLedger, RemoteRun, Parts, Shard, ShardError, Sweep as HostSweep, SweepError,
     SweepOptions, SweepSummary, gather, rows, sweep as make_all,
 };
 use fvi_scenario::language::InputError;
@@ -156,7 +156,7 @@ impl Sweep {
                     }
                     Ok(self.sweep.make_elsewhere(run, self.precision, &scratch, &self.tables, &stop)?)
                 };
-                runs.iter().filter_map(|run| make(run).transpose()).collect::<Outcome<Vec<MadeRun>>>()
+                runs.iter().filter_map(|run| make(run).transpose()).collect::<Outcome<Vec<RemoteRun>>>()
             })
         })?;
         let bytes = |content: Vec<u8>| PyBytes::new(py, &content);
@@ -290,7 +290,7 @@ impl Ledger {
 
     /// Stores the record of a run; false if it does not belong to the sweep or was damaged in transmission.
     fn take(&self, py: Python<'_>, run: usize, record: &[u8], trajectory: Option<&[u8]>) -> PyResult<bool> {
-        let made = MadeRun { run, record: record.to_vec(), trajectory: trajectory.map(<[u8]>::to_vec) };
+        let made = RemoteRun { run, record: record.to_vec(), trajectory: trajectory.map(<[u8]>::to_vec) };
         self.with(py, |ledger| ledger.take(&self.sweep, &made))
     }
 

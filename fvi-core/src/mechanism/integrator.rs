@@ -7,7 +7,8 @@ use crate::linear::{Singular, all_finite, at};
 use crate::mechanism::gauss_lobatto::GaussLobatto;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian};
 use crate::mechanism::step::{
-    Equations, Room, Shape as StepShape, add_transposed, copy, form_saddle, from, product, solve_saddle,
+    Equations, Shape as StepShape, StepBuffers, add_transposed, copy, form_saddle, from, product,
+    solve_saddle,
 };
 use crate::memory::MemoryError;
 use crate::real::{Real, max_or_nan};
@@ -241,9 +242,9 @@ where
     }
 
     /// The carried numbers and the work arrays, with the system.
-    fn split(&mut self) -> (Carried<'_, T>, Room<'_, T>, &mut L, &mut [usize]) {
+    fn split(&mut self) -> (Carried<'_, T>, StepBuffers<'_, T>, &mut L, &mut [usize]) {
         let (carried, work) = carried(self.shape, self.numbers.as_mut());
-        (carried, Room::new(self.shape, work), &mut self.system, self.pivots.as_mut())
+        (carried, StepBuffers::new(self.shape, work), &mut self.system, self.pivots.as_mut())
     }
 
     /// Refuses constraints whose gradients depend on each other at the present position.
@@ -397,7 +398,7 @@ where
         let (time, shape) = (self.time(), self.shape);
         self.dampers.begin_step(length)?;
         let (carried, work) = carried(shape, self.numbers.as_mut());
-        let mut room = Room::new(shape, work);
+        let mut room = StepBuffers::new(shape, work);
         copy(room.unknowns, carried.guess);
         self.dampers.known(room.known);
         let mut equations = Equations {
@@ -491,7 +492,7 @@ where
     pub fn write_momentum(&mut self, momentum: &mut [T]) -> bool {
         let (instant, shape) = (self.now(), self.shape);
         let (carried, work) = carried(shape, self.numbers.as_mut());
-        let mut room = Room::new(shape, work);
+        let mut room = StepBuffers::new(shape, work);
         copy(momentum, carried.momentum);
         let excess = parts_mut(room.tensions, shape.e).0;
         self.dampers.excess(carried.start, excess);
@@ -593,7 +594,7 @@ impl<T: Real> Ended<'_, T> {
         &self,
         system: &mut L,
         carried: &Carried<'_, T>,
-        room: &mut Room<'_, T>,
+        room: &mut StepBuffers<'_, T>,
         pivots: &mut [usize],
     ) -> Result<(), StepError> {
         let StepShape { s, n, m, .. } = self.shape;
@@ -634,7 +635,7 @@ impl<T: Real> Ended<'_, T> {
     }
 
     /// Takes over the end of the step; returns the dampers' work up to there.
-    fn advance(&self, carried: Carried<'_, T>, room: &Room<'_, T>, [work, rest]: [T; 2]) -> [T; 2] {
+    fn advance(&self, carried: Carried<'_, T>, room: &StepBuffers<'_, T>, [work, rest]: [T; 2]) -> [T; 2] {
         let StepShape { s, n, m, e } = self.shape;
         let next = [
             carried.position,

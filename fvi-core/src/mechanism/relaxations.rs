@@ -383,7 +383,7 @@ struct Resolvents<'a, T> {
 }
 
 /// Values at one x.
-struct At {
+struct RelaxationValues {
     /// (I + xA)⁻¹ and (I + xA)⁻¹ A, rows of [`MOST_STAGES`].
     inverse: [f64; MOST_STAGES * MOST_STAGES],
     moved: [f64; MOST_STAGES * MOST_STAGES],
@@ -400,7 +400,7 @@ impl<'a, T: Real> Resolvents<'a, T> {
     }
 
     /// Solved for (I low + A high), whose entries are of order 1 at every x, and scaled by `low`.
-    fn at(&self, x: f64) -> At {
+    fn at(&self, x: f64) -> RelaxationValues {
         let s = self.rule.stages();
         let (low, high) = if x <= 1.0 { (1.0, x) } else { (1.0 / x, 1.0) };
         let mut matrix = [0.0; MOST_STAGES * MOST_STAGES];
@@ -413,7 +413,7 @@ impl<'a, T: Real> Resolvents<'a, T> {
         let pivots = part_mut(&mut pivots, s);
         // The matrix of a Gauss method has no eigenvalue on the negative axis.
         let _ = factor(used, pivots);
-        let mut found = At {
+        let mut found = RelaxationValues {
             inverse: [0.0; MOST_STAGES * MOST_STAGES],
             moved: [0.0; MOST_STAGES * MOST_STAGES],
             column: [0.0; MOST_STAGES],

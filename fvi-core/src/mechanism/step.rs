@@ -38,7 +38,7 @@ impl Shape {
 }
 
 /// Work arrays of a step.
-pub(super) struct Room<'a, T> {
+pub(super) struct StepBuffers<'a, T> {
     /// V and Λ, the unknowns.
     pub(super) unknowns: &'a mut [T],
     /// Q, L_v and L_q + F − Gᵀf at the nodes.
@@ -72,7 +72,7 @@ pub(super) struct Room<'a, T> {
     pub(super) matrix: &'a mut [T],
 }
 
-impl<'a, T: Real> Room<'a, T> {
+impl<'a, T: Real> StepBuffers<'a, T> {
     /// The arrays in a buffer of [`Shape::work`] numbers.
     pub(super) fn new(shape: Shape, mut buffer: &'a mut [T]) -> Self {
         let Shape { s, n, m, e } = shape;
@@ -170,7 +170,11 @@ pub(super) struct Equations<'a, T, L, D> {
 impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
     /// Solves for V and Λ, which hold a first guess, by Newton's method; the arrays of the room are then
     /// those of the solution. Returns the number of corrections.
-    pub(super) fn solve(&mut self, room: &mut Room<'_, T>, pivots: &mut [usize]) -> Result<u32, StepError> {
+    pub(super) fn solve(
+        &mut self,
+        room: &mut StepBuffers<'_, T>,
+        pivots: &mut [usize],
+    ) -> Result<u32, StepError> {
         let velocities = self.shape.s * self.shape.n;
         let [close, near] = [T::of(450.0) * T::EPSILON, T::of(5e5) * T::EPSILON];
         let mut last = T::max_value().unwrap_or(T::one());
@@ -202,7 +206,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
     }
 
     /// Subtracts the solution; multipliers are solved for in units of 1/h.
-    fn correct(&self, room: &mut Room<'_, T>) {
+    fn correct(&self, room: &mut StepBuffers<'_, T>) {
         let velocities = self.shape.s * self.shape.n;
         for (index, (unknown, &change)) in room.unknowns.iter_mut().zip(&*room.residual).enumerate() {
             *unknown -= if index < velocities { change } else { change / self.length };
@@ -215,7 +219,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
     }
 
     /// Writes positions, momenta, forces and the residual for the unknowns.
-    fn evaluate(&mut self, room: &mut Room<'_, T>) {
+    fn evaluate(&mut self, room: &mut StepBuffers<'_, T>) {
         let Shape { s, n, e, .. } = self.shape;
         let h = self.length;
         for i in 0..s {
@@ -255,7 +259,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
     }
 
     /// The dampers' forces f = known + Z₀ W, node by node.
-    fn pull(&self, room: &mut Room<'_, T>) {
+    fn pull(&self, room: &mut StepBuffers<'_, T>) {
         let Shape { s, e, .. } = self.shape;
         for row in 0..e {
             for i in 0..s {
@@ -271,7 +275,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
     }
 
     /// Adds the constraints' impulses to the residual, and writes c at the knots, over h, behind it.
-    fn constrain(&mut self, room: &mut Room<'_, T>) {
+    fn constrain(&mut self, room: &mut StepBuffers<'_, T>) {
         let Shape { s, n, m, .. } = self.shape;
         for j in 0..if m == 0 { 0 } else { s + 1 } {
             self.write_knot(j, room);
@@ -292,7 +296,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
     }
 
     /// Writes Q̃_j.
-    fn write_knot(&self, j: usize, room: &mut Room<'_, T>) {
+    fn write_knot(&self, j: usize, room: &mut StepBuffers<'_, T>) {
         let Shape { s, n, .. } = self.shape;
         room.point.iter_mut().zip(self.position).for_each(|(place, &q)| *place = q);
         for k in 0..s {
@@ -303,7 +307,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
     }
 
     /// Writes the matrix of the equations at the point that was evaluated last.
-    fn linearise(&mut self, room: &mut Room<'_, T>) {
+    fn linearise(&mut self, room: &mut StepBuffers<'_, T>) {
         let Shape { s, n, .. } = self.shape;
         let (u, square) = (self.shape.unknowns(), n * n);
         self.differentiate(room);
@@ -326,7 +330,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
     }
 
     /// Writes dY_j/dV_l, with the second derivatives at the nodes.
-    fn differentiate(&mut self, room: &mut Room<'_, T>) {
+    fn differentiate(&mut self, room: &mut StepBuffers<'_, T>) {
         let Shape { s, n, e, .. } = self.shape;
         let square = n * n;
         for i in 0..s {
@@ -378,7 +382,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
     }
 
     /// Adds the constraints' part of the matrix. Multipliers are unknown in units of 1/h.
-    fn linearise_constraints(&mut self, room: &mut Room<'_, T>) {
+    fn linearise_constraints(&mut self, room: &mut StepBuffers<'_, T>) {
         let Shape { s, n, m, .. } = self.shape;
         let u = self.shape.unknowns();
         for j in 0..if m == 0 { 0 } else { s + 1 } {
@@ -421,7 +425,7 @@ pub(super) fn form_saddle<T: Real, L: Lagrangian<T>>(
     system: &mut L,
     shape: Shape,
     (instant, position, velocity): (Instant<T>, &[T], &[T]),
-    room: &mut Room<'_, T>,
+    room: &mut StepBuffers<'_, T>,
 ) {
     let Shape { n, m, .. } = shape;
     let (square, width) = (n * n, n + m);
@@ -447,7 +451,7 @@ pub(super) fn form_saddle<T: Real, L: Lagrangian<T>>(
 /// Solves with the matrix that [`form_saddle`] wrote, for the first N + M numbers of the residual.
 pub(super) fn solve_saddle<T: Real>(
     shape: Shape,
-    room: &mut Room<'_, T>,
+    room: &mut StepBuffers<'_, T>,
     pivots: &mut [usize],
 ) -> Result<(), Singular> {
     let width = shape.n + shape.m;

@@ -60,7 +60,7 @@ impl Hls {
         })
     }
 
-    fn check_room(&self) -> Result<(), MemoryError> {
+    fn check_capacity(&self) -> Result<(), MemoryError> {
         if self.len() < self.capacity { Ok(()) } else { Err(MemoryError::Full { capacity: self.capacity }) }
     }
 
@@ -120,7 +120,7 @@ impl Memory<f64> for Hls {
 
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
         check_channels(self.channels(), term.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         let k = self.len();
         for (number, row) in term.iter_mut().zip(&self.terms) {
             *number = row[k];
@@ -130,7 +130,7 @@ impl Memory<f64> for Hls {
 
     fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
         check_channels(self.channels(), sample.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         for (row, &number) in self.signal.iter_mut().zip(sample) {
             row.push(number);
         }

@@ -37,7 +37,7 @@ impl Naive {
         })
     }
 
-    fn check_room(&self) -> Result<(), MemoryError> {
+    fn check_capacity(&self) -> Result<(), MemoryError> {
         if self.len() < self.capacity { Ok(()) } else { Err(MemoryError::Full { capacity: self.capacity }) }
     }
 }
@@ -61,7 +61,7 @@ impl Memory<f64> for Naive {
 
     fn next_term(&mut self, term: &mut [f64]) -> Result<(), MemoryError> {
         check_channels(self.channels(), term.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         for (channel, number) in term.iter_mut().enumerate() {
             let (stage, group) = (channel % self.stages, channel - channel % self.stages);
             *number = 0.0;
@@ -77,7 +77,7 @@ impl Memory<f64> for Naive {
 
     fn push(&mut self, sample: &[f64]) -> Result<(), MemoryError> {
         check_channels(self.channels(), sample.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         for (row, &number) in self.signal.iter_mut().zip(sample) {
             row.push(number);
         }

@@ -194,7 +194,7 @@ impl<T: Scalar> BlockFft<T> {
         self.near.begin(self.cover.near(k), &self.signal, |channel| owed(levels, channel, k));
     }
 
-    fn check_room(&self) -> Result<(), MemoryError> {
+    fn check_capacity(&self) -> Result<(), MemoryError> {
         match self.capacity {
             Some(capacity) if self.len >= capacity => Err(MemoryError::Full { capacity }),
             _ => Ok(()),
@@ -225,20 +225,20 @@ impl<T: Scalar> Memory<T> for BlockFft<T> {
 
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         check_channels(self.channels, term.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         self.near.term(self.len, term);
         Ok(())
     }
 
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
         check_channels(self.channels, sample.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         for (row, &number) in self.signal.iter_mut().zip(sample) {
             row.push(number);
         }
         self.near.push(self.len, sample);
         self.len += 1;
-        if self.len.is_multiple_of(CHUNK) && self.check_room().is_ok() {
+        if self.len.is_multiple_of(CHUNK) && self.check_capacity().is_ok() {
             self.begin_chunk(self.len);
         }
         Ok(())

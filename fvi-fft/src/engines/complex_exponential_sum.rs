@@ -163,7 +163,7 @@ impl<T: Scalar> ComplexExponentialSum<T> {
         self.channels.len() * (self.head.len() + 2 + 2 * LANES * self.blocks.len())
     }
 
-    fn check_room(&self, channels: usize) -> Result<(), MemoryError> {
+    fn check_capacity(&self, channels: usize) -> Result<(), MemoryError> {
         check_channels(self.channels.len(), channels)?;
         let capacity = self.horizon;
         if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
@@ -224,7 +224,7 @@ impl<T: Scalar> Memory<T> for ComplexExponentialSum<T> {
 
     #[inline]
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
-        self.check_room(term.len())?;
+        self.check_capacity(term.len())?;
         for (term, channel) in term.iter_mut().zip(&self.channels) {
             *term = T::of(channel.term);
         }
@@ -233,7 +233,7 @@ impl<T: Scalar> Memory<T> for ComplexExponentialSum<T> {
 
     #[inline(always)]
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
-        self.check_room(sample.len())?;
+        self.check_capacity(sample.len())?;
         let length = self.head.len() + 1;
         let place = self.len % length;
         for (channel, sample) in self.channels.iter_mut().zip(sample) {

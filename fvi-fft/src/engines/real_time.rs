@@ -203,7 +203,7 @@ impl<T: Scalar> RealTime<T> {
         }
     }
 
-    fn check_room(&self) -> Result<(), MemoryError> {
+    fn check_capacity(&self) -> Result<(), MemoryError> {
         if self.len < self.capacity { Ok(()) } else { Err(MemoryError::Full { capacity: self.capacity }) }
     }
 }
@@ -231,14 +231,14 @@ impl<T: Scalar> Memory<T> for RealTime<T> {
 
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         check_channels(self.channels, term.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         self.near.term(self.len, term);
         Ok(())
     }
 
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
         check_channels(self.channels, sample.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         for (row, &number) in self.signal.iter_mut().zip(sample) {
             row.push(number);
         }

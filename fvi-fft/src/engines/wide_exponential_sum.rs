@@ -663,7 +663,7 @@ impl<T: Scalar, P: Scalar> WideExponentialSum<T, P> {
     }
 
     #[inline]
-    fn check_room(&self) -> Result<(), MemoryError> {
+    fn check_capacity(&self) -> Result<(), MemoryError> {
         let capacity = self.horizon;
         if self.len >= capacity { Err(MemoryError::Full { capacity }) } else { Ok(()) }
     }
@@ -707,7 +707,7 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
         let kernels = self.plan.kernels.len();
         check_channels(kernels * self.channels, term.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         let (plan, unit, place) = (&self.plan, self.unit, self.len % self.plan.chunk);
         let (threads, part) = self.shares(plan.cost_of_terms(place), are_awake);
         let mut rest = OfKernels::default();
@@ -727,7 +727,7 @@ impl<T: Scalar, P: Scalar> Memory<T> for WideExponentialSum<T, P> {
 
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
         check_channels(self.channels, sample.len())?;
-        self.check_room()?;
+        self.check_capacity()?;
         let place = self.len % self.plan.chunk;
         let (threads, part) = self.shares(self.plan.cost_of_sample(place), are_awake);
         let (plan, unit, samples) = (&self.plan, self.unit, sample.chunks(part * LANES));

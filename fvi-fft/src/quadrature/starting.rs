@@ -457,7 +457,7 @@ mod tests {
     }
 
     /// Pushes the samples from step `from` on; returns the leading weights and terms of all steps as bits.
-    fn go_on<M: Memory<f64>>(memory: &mut M, from: usize) -> Vec<[u64; 2]> {
+    fn resume<M: Memory<f64>>(memory: &mut M, from: usize) -> Vec<[u64; 2]> {
         let step = |k: usize| {
             let mut term = [0.0];
             memory.next_term(&mut term).unwrap();
@@ -484,7 +484,7 @@ mod tests {
         {
             let mut memory: StartingCorrection<f64, FixedDirect<'_, f64, 1, STEPS>> =
                 new(acts_on, &exponents);
-            let whole = go_on(&mut memory, 0);
+            let whole = resume(&mut memory, 0);
             memory.clear();
             for k in 0..saved_after {
                 memory.next_term(&mut [0.0]).unwrap();
@@ -496,7 +496,7 @@ mod tests {
             assert_eq!(writer.written(), bytes.len());
 
             let mut restored = new(acts_on, &exponents);
-            go_on(&mut restored, 0);
+            resume(&mut restored, 0);
             for length in 0..bytes.len() {
                 assert!(restored.restore(&mut StateReader::new(&bytes[..length])).is_err());
                 assert_eq!((restored.len(), restored.first.len()), (STEPS, 3));
@@ -505,7 +505,7 @@ mod tests {
             restored.restore(&mut reader).unwrap();
             assert_eq!(reader.finish(), Ok(()));
             assert_eq!(restored.len(), saved_after);
-            assert_eq!(go_on(&mut restored, saved_after), whole[saved_after..], "saved after {saved_after}");
+            assert_eq!(resume(&mut restored, saved_after), whole[saved_after..], "saved after {saved_after}");
 
             let mut other = new(acts_on, &[0.0, 0.6, 1.3]);
             let refusal = other.restore(&mut StateReader::new(&bytes));

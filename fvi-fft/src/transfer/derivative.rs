@@ -21,13 +21,13 @@ use std::sync::Arc;
 /// | formula | a constant in it | ∂K/∂θ(s) − ∂K/∂θ(0), by the rules of differentiation |
 #[derive(Clone, Debug)]
 pub struct TransferDerivative {
-    of: Of,
+    of: Derivand,
     growth: f64,
     spring: f64,
 }
 
 #[derive(Clone, Debug)]
-enum Of {
+enum Derivand {
     Parameter(Parameter),
     /// ∂K/∂θ itself.
     Formula(Arc<dyn Formula>),
@@ -67,7 +67,7 @@ impl TransferDerivative {
     /// `index`; `None` if there is no such parameter, and for formulas.
     pub fn new(transfer: &TransferFunction, name: &str, index: usize) -> Option<Self> {
         let parameter = Parameter::of(&transfer.form, name, index)?;
-        Some(Self { of: Of::Parameter(parameter), growth: transfer.growth() + LOGARITHM, spring: 0.0 })
+        Some(Self { of: Derivand::Parameter(parameter), growth: transfer.growth() + LOGARITHM, spring: 0.0 })
     }
 
     /// The derivative of a formula, itself given as a formula, whose value at s = 0 is split off.
@@ -86,13 +86,13 @@ impl TransferDerivative {
             }
         }
         let spring = value_at_zero(&*derivative);
-        Ok(Self { of: Of::Formula(derivative), growth: transfer.growth() + LOGARITHM, spring })
+        Ok(Self { of: Derivand::Formula(derivative), growth: transfer.growth() + LOGARITHM, spring })
     }
 
     /// β, if this is the derivative of s^β by β.
     pub fn of_power(&self) -> Option<f64> {
         match self.of {
-            Of::Parameter(Parameter::PowerOrder { order }) => Some(order),
+            Derivand::Parameter(Parameter::PowerOrder { order }) => Some(order),
             _ => None,
         }
     }
@@ -121,16 +121,16 @@ impl TransferDerivative {
     /// ∂K/∂θ at a place off the negative real axis.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
         match &self.of {
-            Of::Parameter(parameter) => parameter.at(&s),
-            Of::Formula(formula) => formula.value(s) - self.spring,
+            Derivand::Parameter(parameter) => parameter.at(&s),
+            Derivand::Formula(formula) => formula.value(s) - self.spring,
         }
     }
 
     /// ∂K/∂θ of a power series with a positive first coefficient.
     pub fn series(&self, s: &Series) -> Series {
         match &self.of {
-            Of::Parameter(parameter) => parameter.at(s),
-            Of::Formula(formula) => formula.series(s).add(&s.constant(-self.spring)),
+            Derivand::Parameter(parameter) => parameter.at(s),
+            Derivand::Formula(formula) => formula.series(s).add(&s.constant(-self.spring)),
         }
     }
 }

@@ -23,16 +23,16 @@ pub(super) struct Stencil {
     pub(super) lower: Vec<f64>,
 }
 
-/// Which quantity is interpolated.
+/// What a stencil gives: the value or the derivative with respect to time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Of {
+pub(super) enum Sought {
     Value,
     Slope,
 }
 
 impl Stencil {
     /// The polynomial through the nearest grid points, at a time from 0 to the last one.
-    pub(super) fn new(grid: &TimeGrid, time: f64, of: Of) -> Self {
+    pub(super) fn new(grid: &TimeGrid, time: f64, of: Sought) -> Self {
         let count = grid.steps + 1;
         let after = partition(count, |index| grid.time(index) < time);
         let near = [after.saturating_sub(1), after.min(grid.steps)];
@@ -40,7 +40,7 @@ impl Stencil {
         let nearest = if distance(near[0]) <= distance(near[1]) { near[0] } else { near[1] };
         let step = (grid.time(near[1]) - grid.time(near[0])).abs();
         let is_there = distance(nearest) <= SAME * step || distance(nearest) == 0.0;
-        if of == Of::Value && (is_there || count == 1) {
+        if of == Sought::Value && (is_there || count == 1) {
             return Self { first: nearest, shares: vec![1.0], lower: Vec::new() };
         }
         let points = POINTS.min(count);
@@ -79,14 +79,14 @@ fn nearest_points(after: usize, points: usize, count: usize) -> usize {
 }
 
 /// Weights of grid points in the value or slope of the polynomial through them (Lagrange).
-fn polynomial(grid: &TimeGrid, first: usize, points: usize, time: f64, of: Of) -> Vec<f64> {
+fn polynomial(grid: &TimeGrid, first: usize, points: usize, time: f64, of: Sought) -> Vec<f64> {
     let times: Vec<f64> = (first..first + points).map(|index| grid.time(index)).collect();
     let share = |i: usize| {
         let others = || (0..points).filter(move |&j| j != i);
         let factor = |j: usize| (time - times[j]) / (times[i] - times[j]);
         match of {
-            Of::Value => others().map(factor).product::<f64>(),
-            Of::Slope => others()
+            Sought::Value => others().map(factor).product::<f64>(),
+            Sought::Slope => others()
                 .map(|k| {
                     let rest: f64 = others().filter(|&j| j != k).map(factor).product();
                     rest / (times[i] - times[k])
@@ -127,9 +127,9 @@ mod tests {
         let slope = |t: f64| 5.0 * t.powi(4) - 6.0 * t.powi(2);
         for grid in &grids {
             for time in [0.0, 0.013, 0.1, 0.55, 1.23456, 1.999, grid.end()] {
-                let value = Stencil::new(grid, time, Of::Value);
+                let value = Stencil::new(grid, time, Sought::Value);
                 assert!((told(&value, &value.shares, grid, f) - f(time)).abs() < 1e-11, "{time}");
-                let change = Stencil::new(grid, time, Of::Slope);
+                let change = Stencil::new(grid, time, Sought::Slope);
                 let found = told(&change, &change.shares, grid, f);
                 assert!((found - slope(time)).abs() < 1e-9, "{time}: {found}");
                 assert!(change.last() <= grid.steps && value.last() <= grid.steps);
@@ -140,14 +140,14 @@ mod tests {
     #[test]
     fn a_grid_time_stands_for_itself() {
         let grid = grid(serde_json::json!({ "step": 0.1, "steps": 20 }));
-        let found = Stencil::new(&grid, 0.3, Of::Value);
+        let found = Stencil::new(&grid, 0.3, Sought::Value);
         assert_eq!(found, Stencil { first: 3, shares: vec![1.0], lower: Vec::new() });
     }
 
     #[test]
     fn short_runs_take_what_points_they_have() {
         let grid = grid(serde_json::json!({ "step": 0.1, "steps": 2 }));
-        let found = Stencil::new(&grid, 0.15, Of::Value);
+        let found = Stencil::new(&grid, 0.15, Sought::Value);
         let value = told(&found, &found.shares, &grid, |t| t * t);
         assert!((value - 0.0225).abs() < 1e-15, "{value}");
     }

@@ -1,7 +1,7 @@
 //! Predictions of a model for the data, and their derivatives with respect to its parameters.
 
 use super::data::{Answer, Domain, Observed, Record};
-use super::interpolation::{Of, Stencil};
+use super::interpolation::{Sought, Stencil};
 use super::plan::{Free, Model, put_number, said};
 use fvi_core::{Instant, Mechanics};
 use fvi_fft::memory::Tables;
@@ -167,8 +167,8 @@ impl<'f> Predictions<'f> {
                     for (row, &time) in record.places.iter().enumerate() {
                         for (column, data) in record.columns.iter().enumerate() {
                             let of = match data.what {
-                                Observed::Acceleration(_) => Of::Slope,
-                                _ => Of::Value,
+                                Observed::Acceleration(_) => Sought::Slope,
+                                _ => Sought::Value,
                             };
                             let stencil = Stencil::new(&grid, time.clamp(grid.time(0), grid.end()), of);
                             group.last = group.last.max(stencil.last());
@@ -542,7 +542,7 @@ fn static_stiffness(scenario: &Scenario, position: &[f64]) -> Result<DMatrix<f64
 }
 
 /// A system with a changed value of one parameter, and the change.
-type Beside = (System<f64>, f64);
+type OtherRun = (System<f64>, f64);
 
 /// Quantities derived from a state (velocity, energy), and their derivatives with respect to the parameters.
 struct Derived {
@@ -552,7 +552,7 @@ struct Derived {
     mass_changes: Vec<Vec<(usize, usize)>>,
     /// For each parameter, if energies are needed: the systems with a slightly larger and a slightly smaller
     /// value of it, with the changes.
-    beside: Vec<[Beside; 2]>,
+    beside: Vec<[OtherRun; 2]>,
     tells_velocity: bool,
     tells_energy: bool,
     position: Vec<f64>,
@@ -596,7 +596,7 @@ impl Derived {
             // Where the system is invalid on one side, as beyond the largest order, the one at the point is
             // used, with a change of 0.
             let change = 1e-5 * self::size(&predictions.model.free[parameter], point[parameter]);
-            let other = |change: f64| -> Result<Beside, NoPrediction> {
+            let other = |change: f64| -> Result<OtherRun, NoPrediction> {
                 let mut beside = point.to_vec();
                 beside[parameter] += change;
                 match predictions

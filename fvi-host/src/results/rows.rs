@@ -32,7 +32,7 @@ const FIRST: usize = 4096;
 /// There is no room for the rows of a run.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{rows} rows of {numbers} numbers: {reason}; write fewer of them with `every`")]
-pub struct NoRoom {
+pub struct OutOfMemory {
     rows: usize,
     numbers: usize,
     reason: String,
@@ -42,8 +42,8 @@ impl Rows {
     /// Empty rows for each load case of a scenario, or for its one motion, with room for all.
     ///
     /// # Errors
-    /// [`NoRoom`].
-    pub fn of_cases(scenario: &Scenario) -> Result<Vec<Self>, NoRoom> {
+    /// [`OutOfMemory`].
+    pub fn of_cases(scenario: &Scenario) -> Result<Vec<Self>, OutOfMemory> {
         let coordinates = scenario.written_coordinates().len();
         let rows = Self::expected(scenario);
         let columns = Columns::of(scenario);
@@ -51,7 +51,7 @@ impl Rows {
         let derivatives = coordinates.saturating_mul(2).saturating_mul(parameters);
         let more = derivatives.saturating_add(columns.len());
         let numbers = coordinates.saturating_mul(2).saturating_add(2).saturating_add(more);
-        let no_room = |reason: String| NoRoom { rows, numbers, reason };
+        let no_room = |reason: String| OutOfMemory { rows, numbers, reason };
         let copies = scenario.copies();
         check_capacity(rows.saturating_mul(numbers).saturating_mul(copies).saturating_mul(size_of::<f64>()))
             .map_err(|error| no_room(error.to_string()))?;

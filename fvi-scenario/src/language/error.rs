@@ -1,7 +1,7 @@
 //! Errors in scenario files, with their location and the allowed values.
 
+use crate::language::escape::{short_numbers, visible};
 use crate::language::expression::{ExpressionError, ParameterNameError};
-use crate::language::visible::{short_numbers, visible};
 use core::ops::Range;
 use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
 use std::error::Error;

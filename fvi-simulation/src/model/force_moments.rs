@@ -44,7 +44,7 @@ pub struct ForceMoments {
     /// Dyadic parts of the run that contain the step, and whether they are smooth.
     cells: Vec<(f64, f64, bool)>,
     /// Time from which rough points may have been overlooked.
-    missed: Option<f64>,
+    unresolved_since: Option<f64>,
 }
 
 /// Lengths of the steps to come. They determine how moments are computed, such that a run continued from a
@@ -73,7 +73,7 @@ const CELLS: usize = 64;
 
 /// Weight functions against which a piece of a step is integrated.
 #[derive(Clone, Debug)]
-pub(super) enum Against {
+pub(super) enum TestFunction {
     /// The polynomials ℓ_0 … ℓ_S on 0 and these points.
     Shapes(Vec<f64>),
     /// The Lagrange polynomials of these nodes divided by the weights there: the integrals are forces at the
@@ -146,7 +146,7 @@ impl ForceMoments {
             breaks: Vec::new(),
             total: Vec::new(),
             cells: Vec::new(),
-            missed: None,
+            unresolved_since: None,
             rough,
             terms: None,
             unbounded,
@@ -154,26 +154,26 @@ impl ForceMoments {
     }
 
     /// Time from which rough points may have been overlooked.
-    pub fn missed(&self) -> Option<f64> {
-        self.missed
+    pub fn unresolved_since(&self) -> Option<f64> {
+        self.unresolved_since
     }
 
     /// Exact moments minus those of the nodes, ν = 0…S, N numbers each; `None` if the nodes are accurate
     /// enough. For a rule without shapes, that of collocation: corrections of the forces at the nodes.
     pub fn moment_correction<T: Real>(&mut self, rule: &NodalRule<'_, T>) -> Option<&[f64]> {
         let (start, length) = (rule.start.to_f64(), rule.length.to_f64());
-        let against = Against::of(rule);
+        let against = TestFunction::of(rule);
         if let Some(singularities) = self.unbounded.take() {
             self.find_breaks((start, length), sides_of_step(rule));
             let finite = self.integrate_whole(&against, &singularities, start, length);
             self.unbounded = Some(singularities);
             if !finite {
-                self.missed.get_or_insert(start);
+                self.unresolved_since.get_or_insert(start);
                 return None;
             }
             return Some(self.total.as_slice());
         }
-        let collocation = matches!(against, Against::AtNodes(..));
+        let collocation = matches!(against, TestFunction::AtNodes(..));
         if self.step_size != length {
             self.step_size = length;
             if self.lengths == StepLengths::Equal && !collocation {
@@ -328,7 +328,7 @@ impl ForceMoments {
                 },
             );
             if let Err(time) = changes {
-                self.missed.get_or_insert(time);
+                self.unresolved_since.get_or_insert(time);
             }
         }
         (found, touches)
@@ -353,7 +353,7 @@ impl ForceMoments {
                 continue;
             }
             if self.breaks.len() >= before + MOST_PIECES {
-                self.missed.get_or_insert(at(from));
+                self.unresolved_since.get_or_insert(at(from));
                 break;
             }
             let middle = 0.5 * (from + to);
@@ -367,7 +367,7 @@ impl ForceMoments {
     /// Finds the distance from the zeros of linear arguments under roots up to which the nodes are not
     /// accurate enough: the moment correction decreases like a power of the distance.
     fn find_reaches<T: Real>(&mut self, rule: &NodalRule<'_, T>) {
-        let against = Against::of(rule);
+        let against = TestFunction::of(rule);
         for index in 0..self.rough.arguments().len() {
             let argument = self.rough.arguments()[index];
             let (Some(zero), true) = (argument.zero, argument.root) else { continue };
@@ -394,7 +394,7 @@ impl ForceMoments {
     fn integrate<T: Real>(
         &mut self,
         rule: &NodalRule<'_, T>,
-        against: &Against,
+        against: &TestFunction,
         start: f64,
         length: f64,
         near_root: bool,
@@ -437,7 +437,7 @@ impl ForceMoments {
     /// `false` if it is not finite elsewhere.
     fn integrate_whole(
         &mut self,
-        against: &Against,
+        against: &TestFunction,
         singularities: &[Singularity],
         start: f64,
         length: f64,
@@ -482,7 +482,7 @@ impl ForceMoments {
     /// 1/(1 + e), the integrand is a smooth function of u.
     fn beside(
         &mut self,
-        against: &Against,
+        against: &TestFunction,
         length: f64,
         (from, to): (f64, f64),
         singularity: &Singularity,
@@ -531,7 +531,7 @@ impl ForceMoments {
     }
 
     /// Adds weight · ℓ_ν(place) F(place) to the moments; `false` if F is not finite there.
-    fn add(&mut self, against: &Against, (start, length): (f64, f64), place: f64, weight: f64) -> bool {
+    fn add(&mut self, against: &TestFunction, (start, length): (f64, f64), place: f64, weight: f64) -> bool {
         self.force.load(Moment::inside(start + place * length), &mut self.registers, &mut self.load);
         if self.load.iter().any(|number| !number.is_finite()) {
             return false;
@@ -541,7 +541,12 @@ impl ForceMoments {
     }
 
     /// The double-exponential rule: τ = q/(1 + q) of the piece from its ends, q = e^{−π sinh s}.
-    fn double_exponential(&mut self, against: &Against, step: (f64, f64), (from, to): (f64, f64)) -> bool {
+    fn double_exponential(
+        &mut self,
+        against: &TestFunction,
+        step: (f64, f64),
+        (from, to): (f64, f64),
+    ) -> bool {
         let width = to - from;
         let mut finite = true;
         for index in -EXTENT..=EXTENT {
@@ -559,7 +564,7 @@ impl ForceMoments {
     /// Kronrod's rule with 15 nodes; the piece is halved while Gauss's rule with seven of them disagrees.
     fn kronrod(
         &mut self,
-        against: &Against,
+        against: &TestFunction,
         step: (f64, f64),
         (from, to): (f64, f64),
         halvings: u32,
@@ -592,7 +597,7 @@ impl ForceMoments {
     }
 }
 
-impl Against {
+impl TestFunction {
     pub(super) fn of<T: Real>(rule: &NodalRule<'_, T>) -> Self {
         let numbers = |numbers: &[T]| numbers.iter().map(|number| number.to_f64()).collect();
         if rule.shapes.is_empty() {

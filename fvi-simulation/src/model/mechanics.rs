@@ -1,11 +1,11 @@
 //! The mechanical system of a scenario: mass, compiled potential and force.
 
+use super::callbacks::Callbacks;
 use super::elements::Elements;
 use super::energies::{EnergyRoom, States, write_plain};
 use super::loads::Loads;
 use super::matrices::{Matrix, Sparse};
 use super::moment::moment;
-use super::own::Own;
 use super::rough_forces::RoughForces;
 use super::shared::Shared;
 use super::space::AnySpace;
@@ -56,7 +56,7 @@ pub struct Model<T> {
     /// Forces that are rough in time, with exact moments.
     rough: Option<RoughForces>,
     /// Potentials and forces supplied as code.
-    own: Option<Own>,
+    own: Option<Callbacks>,
     /// The jumps and kinks of potential and force in the position, if steps end at them.
     potential_sides: Option<SidedPoint<T>>,
     force_sides: Option<SidedPoint<T>>,
@@ -184,8 +184,8 @@ impl<T: Elementary> Model<T> {
             |&(row, column): &(usize, usize)| (row, if column < size { column } else { column - size });
         let linear_places = pushed.iter().chain(&resisted).map(|&(row, column, _)| (row, column));
         let of_force = linear_places.chain(turned.iter().map(of_velocity));
-        let mut own = system.own_terms.clone().map(|terms| Own::new(terms, size));
-        let of_own = own.iter().flat_map(Own::places);
+        let mut own = system.own_terms.clone().map(|terms| Callbacks::new(terms, size));
+        let of_own = own.iter().flat_map(Callbacks::places);
         let places: Vec<_> = of_potential.flat_map(both).chain(of_force).chain(of_own).collect();
         let pattern = with_base(size, base.as_ref(), &places);
         let pattern = match &system.known {
@@ -222,7 +222,7 @@ impl<T: Elementary> Model<T> {
         for &(row, column, entry) in &pushed {
             values.own()[pattern.slot(row, column)] -= entry;
         }
-        let moves = in_words || own.as_ref().is_some_and(Own::depends_on_velocity);
+        let moves = in_words || own.as_ref().is_some_and(Callbacks::depends_on_velocity);
         let moving = moves.then(|| {
             let mut constant = vec![T::zero(); pattern.len()];
             for &(row, column, entry) in &resisted {
@@ -294,8 +294,8 @@ impl<T: Elementary> Model<T> {
     }
 
     /// Time from which rough points in time may have been overlooked.
-    pub fn missed(&self) -> Option<f64> {
-        self.rough.as_ref().and_then(RoughForces::missed)
+    pub fn unresolved_since(&self) -> Option<f64> {
+        self.rough.as_ref().and_then(RoughForces::unresolved_since)
     }
 
     /// Input that controllers change inside the next step.
@@ -433,7 +433,7 @@ impl<T: Elementary> Mechanics<T, AnySpace> for Model<T> {
             }
         }
         // Terms in code have full matrices, row by row.
-        let in_code = self.own.iter().flat_map(Own::resistance);
+        let in_code = self.own.iter().flat_map(Callbacks::resistance);
         values.iter_mut().zip(in_code).for_each(|(value, &entry)| *value += T::of(entry));
     }
 

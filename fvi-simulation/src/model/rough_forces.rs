@@ -95,9 +95,11 @@ impl RoughForces {
     }
 
     /// Time from which rough points may have been overlooked.
-    pub(crate) fn missed(&self) -> Option<f64> {
+    pub(crate) fn unresolved_since(&self) -> Option<f64> {
         let forces = self.force.iter().chain(&self.unbounded);
-        forces.chain(self.expressions.iter().map(|(amplitude, _)| amplitude)).find_map(ForceMoments::missed)
+        forces
+            .chain(self.expressions.iter().map(|(amplitude, _)| amplitude))
+            .find_map(ForceMoments::unresolved_since)
     }
 
     /// Writes the exact moments minus those of the nodes, ν = 0…S, N numbers each and for each motion, and

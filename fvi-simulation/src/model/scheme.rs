@@ -210,7 +210,7 @@ impl Rule {
 }
 
 /// Workspace of a step, and data that a linear system reuses between steps.
-pub struct Room<T: Real> {
+pub struct StepBuffers<T: Real> {
     numbers: Numbers<T>,
     /// Buffers for coordinates without mass at the ends of steps.
     settling: Settling<T>,
@@ -238,9 +238,9 @@ struct Numbers<T: Real> {
 }
 
 impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
-    type Storage = Room<T>;
+    type Storage = StepBuffers<T>;
 
-    fn storage<G: Mechanics<T, AnySpace>>(&self, space: &AnySpace, mechanics: &G) -> Room<T> {
+    fn storage<G: Mechanics<T, AnySpace>>(&self, space: &AnySpace, mechanics: &G) -> StepBuffers<T> {
         let (size, degree, points) =
             (Space::<T>::coordinates(space), self.control_points.len(), self.nodes.len());
         let samples = self.sampling().nodes();
@@ -248,7 +248,7 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         let behind = if self.form == Form::Nodes { points } else { 0 };
         // For a linear system there is no guess.
         let guessed = !mechanics.is_linear() && of_one_point(&self.view()).is_some();
-        Room {
+        StepBuffers {
             numbers: Numbers {
                 increments: numbers(degree),
                 residual: numbers(degree),
@@ -269,11 +269,11 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         }
     }
 
-    fn carried(room: &Room<T>) -> &[T] {
+    fn carried(room: &StepBuffers<T>) -> &[T] {
         &room.numbers.carried
     }
 
-    fn carried_mut(room: &mut Room<T>) -> &mut [T] {
+    fn carried_mut(room: &mut StepBuffers<T>) -> &mut [T] {
         &mut room.numbers.carried
     }
 
@@ -286,7 +286,7 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
 
     fn step<G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
         &self,
-        room: &mut Room<T>,
+        room: &mut StepBuffers<T>,
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
@@ -302,13 +302,13 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
             2 => self.step_of_few::<2, _, _>(room, mechanics, damping, step, state),
             3 => self.step_of_few::<3, _, _>(room, mechanics, damping, step, state),
             4 => {
-                let Room { numbers, matrix, kept, .. } = room;
+                let StepBuffers { numbers, matrix, kept, .. } = room;
                 numbers.step_of_known::<4, _, _, _>(self, (matrix, kept), mechanics, damping, step, state)
             }
             _ => self.step_of_any(room, mechanics, damping, step, state),
         }?;
         if !self.massless.is_empty() {
-            let Room { numbers: room, settling, .. } = room;
+            let StepBuffers { numbers: room, settling, .. } = room;
             let (behind, rest) = room.carried.split_at_mut(room.behind);
             let (_, means) = rest.split_at_mut(room.pulled);
             let found = Found { weights: &self.weights, stages: &room.stages };
@@ -324,13 +324,13 @@ impl<T: Real> AnyScheme<T> {
     #[inline(never)]
     fn step_of_few<const N: usize, G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
         &self,
-        room: &mut Room<T>,
+        room: &mut StepBuffers<T>,
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
-        let Room { numbers, matrix, kept, .. } = &mut *room;
+        let StepBuffers { numbers, matrix, kept, .. } = &mut *room;
         match FewEquations::<T, N>::of(matrix) {
             Some(mut few) => {
                 numbers.step_of_known::<N, _, _, _>(self, (&mut few, kept), mechanics, damping, step, state)
@@ -343,13 +343,13 @@ impl<T: Real> AnyScheme<T> {
     #[inline(never)]
     fn step_of_any<G: Mechanics<T, AnySpace>, D: Damping<T, AnySpace>>(
         &self,
-        room: &mut Room<T>,
+        room: &mut StepBuffers<T>,
         mechanics: &mut G,
         damping: &mut D,
         step: &Step<'_, T>,
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
-        let Room { numbers: room, matrix, kept, .. } = room;
+        let StepBuffers { numbers: room, matrix, kept, .. } = room;
         let line = of_one_point(&self.view());
         let (behind, rest) = room.carried.split_at_mut(room.behind);
         let mut work = Workspace::<T, AnySpace, _> {
@@ -437,7 +437,7 @@ impl<T: Real> Numbers<T> {
 impl<T: Real> AnyScheme<T> {
     /// The solution of the last step: with the state at its beginning it determines
     /// [`interpolate`](Self::interpolate).
-    pub fn solution(room: &Room<T>) -> &[T] {
+    pub fn solution(room: &StepBuffers<T>) -> &[T] {
         &room.numbers.increments
     }
 

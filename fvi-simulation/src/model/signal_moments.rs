@@ -1,6 +1,6 @@
 //! Exact moments of piecewise signals: samples that are held, and records that are linear between rows.
 
-use super::force_moments::{Against, gauss_places, node_moment, sides_of_step};
+use super::force_moments::{TestFunction, gauss_places, node_moment, sides_of_step};
 use fvi_core::{NodalRule, Real};
 use fvi_scenario::language::expression::Moment;
 use fvi_scenario::scenario::{Record, SampledInput};
@@ -114,7 +114,7 @@ impl<S: Signal> SignalMoments<S> {
             return None;
         }
         self.breaks.push(1.0);
-        let against = Against::of(rule);
+        let against = TestFunction::of(rule);
         let width = self.values.len();
         self.total.clear();
         self.total.resize(against.rows() * width, 0.0);

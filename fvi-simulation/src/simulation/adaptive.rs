@@ -1,7 +1,7 @@
 //! Steps chosen during the run, so that the error stays near a tolerance.
 
 use super::breaks::Breaks;
-use super::crossings::{Crossings, Standing, Verdict};
+use super::crossings::{CrossingState, Crossings, Verdict};
 use super::error_budget::ErrorBudget;
 use super::step_control::StepControl;
 use super::{GridState, Precision, Simulation};
@@ -74,7 +74,7 @@ pub struct Progress {
     pub(crate) counts: Counts,
     /// True if the next pair begins at a break.
     at_break: bool,
-    standing: Option<Standing>,
+    standing: Option<CrossingState>,
 }
 
 impl Progress {
@@ -202,9 +202,9 @@ impl<'s> AdaptiveSteps<'s> {
     }
 
     /// Continues from this state.
-    pub(crate) fn go_on(&mut self, simulation: &mut Simulation, progress: Progress) {
+    pub(crate) fn resume(&mut self, simulation: &mut Simulation, progress: Progress) {
         if let (Some(crossings), Some(standing)) = (&mut self.crossings, &progress.standing) {
-            crossings.go_on(simulation, standing.clone());
+            crossings.resume(simulation, standing.clone());
         }
         (self.progress, self.ahead) = (progress, false);
     }

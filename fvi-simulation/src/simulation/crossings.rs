@@ -35,7 +35,7 @@ const WIDTH: f64 = 0.02;
 
 /// State needed to continue in a later run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Standing {
+pub(super) struct CrossingState {
     /// The sides during the present pair.
     sides: Vec<Side>,
     /// Changes of sides at the beginning of the next pair.
@@ -83,7 +83,7 @@ pub(super) enum Verdict {
 
 /// The switches of a simulation, and the state of the motion relative to them.
 pub(super) struct Crossings {
-    standing: Standing,
+    standing: CrossingState,
     tolerance: f64,
     /// Reference size of positions.
     scale: f64,
@@ -121,7 +121,7 @@ impl Crossings {
         switches.arguments(0.0, position, &mut values);
         let sides = values.iter().map(|&value| Side::of(value)).collect();
         Some(Self {
-            standing: Standing { sides, ..Standing::default() },
+            standing: CrossingState { sides, ..CrossingState::default() },
             tolerance,
             scale,
             end,
@@ -137,12 +137,12 @@ impl Crossings {
         })
     }
 
-    pub(super) fn standing(&self) -> &Standing {
+    pub(super) fn standing(&self) -> &CrossingState {
         &self.standing
     }
 
     /// Continues from a saved state, within a pair or at its end.
-    pub(super) fn go_on(&mut self, simulation: &mut Simulation, standing: Standing) {
+    pub(super) fn resume(&mut self, simulation: &mut Simulation, standing: CrossingState) {
         self.standing = standing;
         simulation.switches().set_sides(&self.standing.sides);
     }

@@ -204,7 +204,7 @@ impl EnergyGuard {
     }
 
     /// Continues from a later state with the state of another guard of the same run.
-    pub(crate) fn go_on(&mut self, gathered: Gathered, state: &GridState) {
+    pub(crate) fn resume(&mut self, gathered: Gathered, state: &GridState) {
         let Gathered { lowest_potential, work, warning, lost } = gathered;
         (self.lowest_potential, self.work) = (lowest_potential, work);
         (self.warning, self.lost) = (warning, lost);

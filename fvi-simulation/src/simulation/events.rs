@@ -13,7 +13,7 @@ const MOST_STEPS: usize = 200;
 
 /// An event that has happened.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Happened {
+pub struct EventRecord {
     /// Index of the event in the scenario, from 0.
     pub event: usize,
     /// True if its function was rising.
@@ -28,7 +28,7 @@ pub struct Happened {
     pub energy: f64,
 }
 
-impl Happened {
+impl EventRecord {
     /// The state there.
     pub fn state(&self) -> GridState {
         let Self { time, position, momentum, energy, .. } = self;
@@ -47,9 +47,9 @@ const MOST_EVENTS: usize = 100_000;
 
 /// State of a watch needed to continue in a later run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Seen {
+pub struct WatchState {
     /// The events, in the order of time.
-    pub happened: Vec<Happened>,
+    pub happened: Vec<EventRecord>,
     /// Number of events beyond the largest number stored.
     pub dropped: usize,
     /// For each function the first time at which it was not a number.
@@ -62,7 +62,7 @@ pub struct Seen {
 /// Detection of the events of a scenario.
 pub struct Watch {
     watched: Vec<Watched>,
-    seen: Seen,
+    seen: WatchState,
     time: f64,
     /// Position and momentum as variables of functions.
     variables: Vec<f64>,
@@ -117,7 +117,8 @@ impl Watch {
             })
             .collect();
         let count = watched.len();
-        let seen = Seen { negative: vec![None; count], undefined: vec![None; count], ..Seen::default() };
+        let seen =
+            WatchState { negative: vec![None; count], undefined: vec![None; count], ..WatchState::default() };
         let mut watch = Self { watched, seen, time: start.time, variables: Vec::new(), point: start.clone() };
         watch.stand_at(start);
         for (negative, event) in watch.seen.negative.iter_mut().zip(&watch.watched) {
@@ -137,12 +138,12 @@ impl Watch {
     }
 
     /// State of the watch.
-    pub fn seen(&self) -> &Seen {
+    pub fn seen(&self) -> &WatchState {
         &self.seen
     }
 
     /// Continues from a state with the state of another watch.
-    pub fn go_on(&mut self, state: &GridState, seen: Seen) {
+    pub fn resume(&mut self, state: &GridState, seen: WatchState) {
         self.seen = seen;
         self.stand_at(state);
     }
@@ -224,9 +225,9 @@ impl Watch {
             let mut there = state.clone();
             interpolate(time, &mut there);
             let GridState { position, momentum, energy, .. } = there;
-            self.seen.happened.push(Happened { event, rising, time, position, momentum, energy });
+            self.seen.happened.push(EventRecord { event, rising, time, position, momentum, energy });
         }
-        stop.and_then(|_| self.seen.happened.last().map(Happened::state))
+        stop.and_then(|_| self.seen.happened.last().map(EventRecord::state))
     }
 
     fn values(&self) -> Vec<f64> {

@@ -2,7 +2,7 @@
 //! those that no node of the scheme resolves.
 
 use crate::model::tape::{Singularity, Unbounded, terms};
-use crate::model::{first_missed, takes_moments};
+use crate::model::{first_unresolved, takes_moments};
 use fvi_scenario::language::expression::{Expression, Kind, Node};
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Amplitude, Scenario};
@@ -65,7 +65,7 @@ pub(super) fn warnings(scenario: &Scenario) -> Vec<String> {
             let mut functions = Vec::new();
             factors(expression.root(), &mut functions);
             let missed = |function: Node| {
-                first_missed(scenario, &Amplitude::Expression(expression.with_root(function)))
+                first_unresolved(scenario, &Amplitude::Expression(expression.with_root(function)))
             };
             if let Some(time) = functions.into_iter().find_map(missed) {
                 let advice = if depends {
@@ -80,7 +80,7 @@ pub(super) fn warnings(scenario: &Scenario) -> Vec<String> {
     if by_nodes {
         let records = scenario.system.loads.iter().enumerate();
         for (index, load) in records.filter(|(_, load)| matches!(load.amplitude, Amplitude::Record(_))) {
-            if let Some(time) = first_missed(scenario, &load.amplitude) {
+            if let Some(time) = first_unresolved(scenario, &load.amplitude) {
                 let key = format!("system.load[{index}].amplitude");
                 warnings.push(narrow(&key, time, "shorter steps see them"));
             }

@@ -357,7 +357,7 @@ impl<T: Elementary> Stepper for TypedMechanism<T> {
         vec![Engine::AnyStep; self.terms]
     }
 
-    fn missed(&self) -> Option<f64> {
+    fn unresolved_since(&self) -> Option<f64> {
         None
     }
 

@@ -202,7 +202,7 @@ impl<'s> Motion<'s> {
     ///
     /// # Errors
     /// [`StateError`] if the bytes are no such state; the motion must not be used then.
-    pub fn go_on(
+    pub fn resume(
         &mut self,
         steps: usize,
         state: &[u8],
@@ -245,12 +245,12 @@ impl<'s> Motion<'s> {
         self.simulation.read_energies(&mut self.energies);
         if let (Some(adaptive), Some(chosen)) = (&mut self.adaptive, chosen) {
             self.state.time = chosen.time();
-            adaptive.go_on(&mut self.simulation, chosen);
+            adaptive.resume(&mut self.simulation, chosen);
         }
         self.steps = steps;
         self.batch.begin(steps);
         self.batch.push_state(&self.state, 0);
-        self.guard.go_on(gathered, &self.state);
+        self.guard.resume(gathered, &self.state);
         Ok(())
     }
 
@@ -462,7 +462,7 @@ impl<'s> Motion<'s> {
 
     /// Warnings about forces of time.
     pub fn notes(&self) -> Vec<String> {
-        let missed = self.simulation.missed().map(|time| {
+        let missed = self.simulation.unresolved_since().map(|time| {
             format!(
                 "system.force: from t = {time} on a step had more jumps, kinks or peaks of a force of time than are looked for; \
                  shorter steps tell them apart"

@@ -83,11 +83,11 @@ pub(crate) struct Tangent {
     behind: Vec<f64>,
     motion_behind: Vec<f64>,
     scratch: Vec<f64>,
-    room: Room,
+    room: TangentBuffers,
 }
 
 /// Buffers for a step: for n coordinates, R points and p parameters.
-struct Room {
+struct TangentBuffers {
     /// X_i − q_k, R n numbers.
     stages: Vec<f64>,
     /// Derivatives of the damping force at the nodes: p n numbers each.
@@ -112,7 +112,7 @@ struct Room {
     terms: Vec<f64>,
 }
 
-impl Room {
+impl TangentBuffers {
     fn new(n: usize, (degree, points, nodes): (usize, usize, usize), p: usize) -> Self {
         Self {
             stages: vec![0.0; points * n],
@@ -320,7 +320,7 @@ impl Tangent {
         let direct = parameters.iter().map(|parameter| Direct::all(scenario, &parameter.what)).collect();
         let (degree, points) = (scheme.view().control_points.len(), scheme.view().nodes.len());
         let mut made = Self {
-            room: Room::new(size, (degree, points, nodes), count),
+            room: TangentBuffers::new(size, (degree, points, nodes), count),
             size,
             count,
             start: scenario.time.start,
@@ -414,7 +414,7 @@ impl Tangent {
                 .collect();
             let sample = |from, behind| Sample { from, behind, time, length: h, fractions };
             let (motion, slopes) = (sample(&from, &self.motion_behind), sample(&self.position, &self.behind));
-            let Room { terms: room, derivative, .. } = &mut self.room;
+            let TangentBuffers { terms: room, derivative, .. } = &mut self.room;
             let (nodes, c) = (fractions.len(), self.position.len());
             for term in &mut self.terms {
                 known(&mut term.tangent, &slopes, (nodes, c), room, derivative)?;
@@ -465,7 +465,7 @@ impl Tangent {
             Some(_) => f64::from(u8::from(i == nu)),
             None => -h * view.weights[i] * view.tests[i * degree + nu],
         };
-        let Room {
+        let TangentBuffers {
             stages,
             damped,
             forces,

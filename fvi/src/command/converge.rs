@@ -7,7 +7,7 @@ use fvi_fft::memory::Engine;
 use fvi_host::converge::{ConvergeError, Grids, converge};
 use fvi_host::results::files::{write_picture, write_text};
 use fvi_host::results::output_directory::OutputDirectory;
-use fvi_scenario::language::visible::visible_line;
+use fvi_scenario::language::escape::visible_line;
 use fvi_scenario::scenario::Scenario;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;

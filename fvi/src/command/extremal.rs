@@ -5,7 +5,7 @@ use fvi_exhibits::two_point::{
     ExtremalSummary, GridError, OutputError, ProblemFile, Status, solve_and_write,
 };
 use fvi_host::results::output_directory::OutputDirectory;
-use fvi_scenario::language::visible::visible_line;
+use fvi_scenario::language::escape::visible_line;
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};

@@ -4,7 +4,7 @@ use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal};
 use fvi_host::fit::{Fit, FitError, fit};
 use fvi_host::results::output_directory::OutputDirectory;
-use fvi_scenario::language::visible::visible;
+use fvi_scenario::language::escape::visible;
 use std::path::PathBuf;
 
 /// Arguments of `fvi fit`.

@@ -4,7 +4,7 @@ use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal, warn};
 use fvi_host::response::{POINTS, ResponseError, ResponseOptions, respond};
 use fvi_host::results::output_directory::OutputDirectory;
-use fvi_scenario::language::visible::visible_line;
+use fvi_scenario::language::escape::visible_line;
 use fvi_scenario::scenario::Scenario;
 use std::path::PathBuf;
 

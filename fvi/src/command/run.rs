@@ -7,7 +7,7 @@ use fvi_fft::memory::Engine;
 use fvi_host::checkpoint::CheckpointEvery;
 use fvi_host::results::trajectory::Format;
 use fvi_host::run::{RunEnd, RunError, RunOptions, RunSummary, run};
-use fvi_scenario::language::visible::{visible, visible_line};
+use fvi_scenario::language::escape::{visible, visible_line};
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::Precision;
 use std::path::{Path, PathBuf};

@@ -2,7 +2,7 @@
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal};
-use fvi_scenario::language::visible::visible;
+use fvi_scenario::language::escape::visible;
 use fvi_strategies::{Lab, LabError};
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -4,7 +4,7 @@ use super::choices::Choice;
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal};
 use fvi_host::sweep::{Shard, Sweep, SweepError, SweepOptions, SweepSummary, gather, sweep};
-use fvi_scenario::language::visible::{visible, visible_line};
+use fvi_scenario::language::escape::{visible, visible_line};
 use fvi_simulation::simulation::Precision;
 use std::num::NonZero;
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! Output to the terminal; closed pipes are not an error.
 
 use super::CommandError;
-use fvi_scenario::language::visible::visible;
+use fvi_scenario::language::escape::visible;
 use std::io::{self, ErrorKind, Write};
 
 /// Writes to standard output. A closed pipe, as in `fvi weights … | head`, is not an error; a full device is.

@@ -3,7 +3,7 @@
 use super::{CommandError, default_directory, stop, terminal, warn};
 use fvi_host::results::output_directory::OutputDirectory;
 use fvi_host::tune::{TuneError, Tuning, TuningProblem, tune};
-use fvi_scenario::language::visible::visible_line;
+use fvi_scenario::language::escape::visible_line;
 use std::path::PathBuf;
 
 /// Arguments of `fvi tune`.

@@ -65,7 +65,7 @@ impl Killed {
 
     /// Goes on with files in place of the killed run's own; whether it came to its end, with the trajectory
     /// of a run that was not disturbed.
-    fn go_on(&self, files: &BTreeMap<&str, Vec<u8>>) -> Option<bool> {
+    fn resume(&self, files: &BTreeMap<&str, Vec<u8>>) -> Option<bool> {
         let place = tempfile::tempdir().unwrap();
         for entry in fs::read_dir(self.directory.path()).unwrap() {
             let entry = entry.unwrap();
@@ -149,7 +149,7 @@ pub(crate) fn assail() {
         killed.iter().map(|killed| [STATE, PICTURES].map(|name| killed.file(name))).collect();
     for (killed, [state, pictures]) in killed.iter().zip(&whole) {
         assert!(is_readable(state, pictures));
-        assert_eq!(killed.go_on(&BTreeMap::new()), Some(true));
+        assert_eq!(killed.resume(&BTreeMap::new()), Some(true));
     }
     let mut counts: BTreeMap<Outcome, usize> = BTreeMap::new();
     for index in 0..runs {
@@ -176,7 +176,7 @@ pub(crate) fn assail() {
                 return if readable { Outcome::Done } else { Outcome::Refused };
             }
             let files = BTreeMap::from([(STATE, state.clone()), (PICTURES, pictures.clone())]);
-            match killed[which].go_on(&files) {
+            match killed[which].resume(&files) {
                 None if forged => Outcome::Refused,
                 None => panic!("the checkpoint before was not taken"),
                 Some(same) => {

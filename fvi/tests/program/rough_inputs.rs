@@ -127,7 +127,7 @@ fn driven_by(record: &[(f64, f64)], time: f64) -> [f64; 2] {
     let mut state = [0.7, -0.4];
     let mut now = 0.0;
     // q = (a + b s) plus a free motion, s from the beginning of each stretch.
-    let mut go_on = |until: f64, [a, b]: [f64; 2]| {
+    let mut resume = |until: f64, [a, b]: [f64; 2]| {
         let until = until.min(time);
         if until > now {
             let (sine, cosine) = (until - now).sin_cos();
@@ -136,11 +136,11 @@ fn driven_by(record: &[(f64, f64)], time: f64) -> [f64; 2] {
             now = until;
         }
     };
-    go_on(record[0].0, [0.0; 2]);
+    resume(record[0].0, [0.0; 2]);
     for pair in record.windows(2) {
-        go_on(pair[1].0, [pair[0].1, (pair[1].1 - pair[0].1) / (pair[1].0 - pair[0].0)]);
+        resume(pair[1].0, [pair[0].1, (pair[1].1 - pair[0].1) / (pair[1].0 - pair[0].0)]);
     }
-    go_on(f64::INFINITY, [0.0; 2]);
+    resume(f64::INFINITY, [0.0; 2]);
     state
 }
 

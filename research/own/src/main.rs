@@ -5,7 +5,7 @@
 mod two_stage;
 
 use fvi_strategies::fvi_core::{Memory, MemoryError, Stateful, check_channels};
-use fvi_strategies::{Lab, LabError, Made, Strategy};
+use fvi_strategies::{Lab, LabError, BuiltStrategy, Strategy};
 
 /// The last 256 samples one by one, and those before as means of sixteen: O(N/16) a step, right for signals
 /// that change slowly.
@@ -96,12 +96,12 @@ fn main() -> Result<(), LabError> {
     let file = arguments.next().unwrap_or_else(|| "race.toml".to_owned());
     let out = arguments.next().unwrap_or_else(|| "out".to_owned());
     let coarse = Strategy::new("coarse", "means of sixteen beyond 256 lags", |task| match task.channels {
-        1 => Ok(Made::memory(Coarse::new(&task.weights))),
+        1 => Ok(BuiltStrategy::memory(Coarse::new(&task.weights))),
         _ => Err(fvi_strategies::Declined::SitsOut("it is for one channel".to_owned())),
     });
     let two_stage = Strategy::new("fft-convolver", "a partition in blocks of two sizes, of audio", |task| {
         match task.channels {
-            1 => Ok(Made::memory(two_stage::TwoStage::new(&task.weights)?)),
+            1 => Ok(BuiltStrategy::memory(two_stage::TwoStage::new(&task.weights)?)),
             _ => Err(fvi_strategies::Declined::SitsOut("it is for one channel".to_owned())),
         }
     });

@@ -13,7 +13,9 @@ use std::time::{Duration, Instant};
 use fvi_core::{Memory, MemoryError, Real};
 use fvi_fft::baseline::OfflineFft;
 
-use crate::strategy::{AnyMemory, DOUBLE_ONLY, Declined, Flops, Made, Maker, Strategy, Task, Trouble};
+use crate::strategy::{
+    AnyMemory, BuiltStrategy, DOUBLE_ONLY, Declined, Flops, Maker, Strategy, Task, Trouble,
+};
 
 /// Samples of a signal in the precision of the race, step by step, one number for each channel.
 #[derive(Debug)]
@@ -41,7 +43,7 @@ enum Job {
 
 /// Answer of the thread.
 enum Answer {
-    Made(Making),
+    Made(BuildOutcome),
     Declined(Declined),
     Terms { terms: Vec<f64>, bytes: usize },
     Times(Timed),
@@ -61,7 +63,7 @@ pub(crate) struct Timed {
 }
 
 /// The strategy made.
-pub(crate) struct Making {
+pub(crate) struct BuildOutcome {
     pub(crate) setup_ns: f64,
     pub(crate) own_weights: Option<Arc<Vec<f64>>>,
     pub(crate) flops: Flops,
@@ -125,7 +127,7 @@ impl<'a> Contestant<'a> {
         })
     }
 
-    pub(crate) fn make(&self, task: &Task) -> Result<Result<Making, Declined>, Left> {
+    pub(crate) fn make(&self, task: &Task) -> Result<Result<BuildOutcome, Declined>, Left> {
         let abandoned = Arc::clone(&self.abandoned);
         match self.ask(Job::Make(Task { abandoned, ..task.clone() }), 1)? {
             Answer::Made(making) => Ok(Ok(making)),
@@ -176,15 +178,19 @@ fn serve(make: &Maker, jobs: &Receiver<Job>, answers: &Sender<Answer>, abandoned
                 let made = make(&task);
                 let setup_ns = begin.elapsed().as_secs_f64() * 1e9;
                 match made {
-                    Ok(Made { memory: any, .. }) if any.channels() != task.channels => Answer::Failed(
-                        format!("its memory has {} channels instead of {}", any.channels(), task.channels),
-                    ),
-                    Ok(Made { memory: any, .. }) if any.precision() != task.precision => {
+                    Ok(BuiltStrategy { memory: any, .. }) if any.channels() != task.channels => {
+                        Answer::Failed(format!(
+                            "its memory has {} channels instead of {}",
+                            any.channels(),
+                            task.channels
+                        ))
+                    }
+                    Ok(BuiltStrategy { memory: any, .. }) if any.precision() != task.precision => {
                         Answer::Declined(Declined::sits_out(DOUBLE_ONLY))
                     }
-                    Ok(Made { memory: any, own_weights, flops, trouble, promises }) => {
+                    Ok(BuiltStrategy { memory: any, own_weights, flops, trouble, promises }) => {
                         memory = Some((any, trouble));
-                        Answer::Made(Making { setup_ns, own_weights, flops, promises })
+                        Answer::Made(BuildOutcome { setup_ns, own_weights, flops, promises })
                     }
                     Err(declined) => Answer::Declined(declined),
                 }

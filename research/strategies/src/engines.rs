@@ -20,7 +20,7 @@ use crate::contestant::Timed;
 use crate::plan::Conditions;
 use crate::race::{begin, clock_nanoseconds, quantile, round, steps_ns};
 use crate::record::{Kind, Row};
-use crate::strategy::{AnyMemory, Made, Strategy, Task, require_short};
+use crate::strategy::{AnyMemory, BuiltStrategy, Strategy, Task, require_short};
 use crate::{field, project};
 
 /// Problem on which the engines are compared.
@@ -90,7 +90,7 @@ const LIMIT: Duration = Duration::from_secs(24 * 3600);
 pub fn strategies() -> Vec<Strategy> {
     let offline = Strategy::new(OFFLINE, "one transform of known samples, the lower bound", |task| {
         let offline = OfflineFft::new(WeightTable::scalars(&task.weights), task.length)?;
-        Ok(Made::of(AnyMemory::Offline(Box::new(offline))))
+        Ok(BuiltStrategy::of(AnyMemory::Offline(Box::new(offline))))
     });
     let names = ["exponential-sum", "exponential-sum-core", "block-fft", "real-time", "direct", "hls"];
     let known: Vec<Strategy> = project::strategies().into_iter().chain(field::strategies()).collect();
@@ -98,7 +98,7 @@ pub fn strategies() -> Vec<Strategy> {
     let naive = Strategy::new("naive", "the double sum as it is written", |task| {
         require_short(task, task.length)?;
         let memory = Naive::planned(WeightTable::scalars(&task.weights), 1, task.length)?;
-        Ok(Made::of(AnyMemory::F64(Box::new(memory))))
+        Ok(BuiltStrategy::of(AnyMemory::F64(Box::new(memory))))
     });
     std::iter::once(offline).chain(engines).chain([naive]).collect()
 }
@@ -415,7 +415,7 @@ mod tests {
         let wrong = Strategy::new("wrong", "", |task| {
             let mut weights = task.weights.to_vec();
             weights[5] *= 1.0 + 1e-9;
-            Ok(Made::memory(BlockFft::planned(WeightTable::scalars(&weights), 1, task.length)?))
+            Ok(BuiltStrategy::memory(BlockFft::planned(WeightTable::scalars(&weights), 1, task.length)?))
         });
         let rows = comparison(&[500]).run(&[wrong], &mut |_| {}).unwrap();
         assert!(rows[0].max_error_u > 1000.0);
@@ -424,7 +424,7 @@ mod tests {
     #[test]
     fn an_engine_that_refuses_a_sample_is_named() {
         let small = Strategy::new("small", "", |task| {
-            Ok(Made::memory(BlockFft::planned(WeightTable::scalars(&task.weights), 1, 10)?))
+            Ok(BuiltStrategy::memory(BlockFft::planned(WeightTable::scalars(&task.weights), 1, 10)?))
         });
         let error = comparison(&[20]).run(&[small], &mut |_| {}).unwrap_err();
         assert_eq!(

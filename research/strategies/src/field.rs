@@ -8,11 +8,11 @@ use fvi_rivals::{
 };
 
 use crate::kernel::Source;
-use crate::strategy::{Declined, Made, Strategy, Task, require_double, require_short};
+use crate::strategy::{BuiltStrategy, Declined, Strategy, Task, require_double, require_short};
 
 /// All strategies of `fvi-rivals`.
 pub(crate) fn strategies() -> Vec<Strategy> {
-    let of = |name: &str, description: &str, make: fn(&Task) -> Result<Made, Declined>| {
+    let of = |name: &str, description: &str, make: fn(&Task) -> Result<BuiltStrategy, Declined>| {
         Strategy::new(name, description, move |task: &Task| {
             require_double(task)?;
             make(task)
@@ -93,8 +93,8 @@ pub(crate) fn strategies() -> Vec<Strategy> {
     ]
 }
 
-fn counted(memory: impl Memory<f64> + Send + 'static, operations: Operations) -> Made {
-    Made::memory(memory).counted(operations)
+fn counted(memory: impl Memory<f64> + Send + 'static, operations: Operations) -> BuiltStrategy {
+    BuiltStrategy::memory(memory).counted(operations)
 }
 
 /// A filter approximation of s^β, for kernels of that form.
@@ -108,7 +108,7 @@ fn filter(
         usize,
         f64,
     ) -> Result<FilterCascade, fvi_core::ParameterError>,
-) -> Result<Made, Declined> {
+) -> Result<BuiltStrategy, Declined> {
     let order = task.order().filter(|&order| order > 0.0 && order < 2.0 && order != 1.0);
     let Some(order) = order else {
         return Err(Declined::sits_out("it is for kernels s^β, 0 < β < 2, β ≠ 1"));
@@ -126,7 +126,7 @@ fn l1_order(task: &Task) -> Result<f64, Declined> {
 fn modes(
     task: &Task,
     make: fn(f64, f64, usize, usize, f64) -> Result<ExponentialModes, fvi_core::ParameterError>,
-) -> Result<Made, Declined> {
+) -> Result<BuiltStrategy, Declined> {
     let order = l1_order(task)?;
     let memory = make(order, task.step(), task.channels, task.length, task.tolerance)
         .map_err(|error| Declined::SitsOut(error.to_string()))?;

@@ -16,7 +16,7 @@ use crate::front::winners;
 use crate::machine::Machine;
 use crate::page::{Page, page};
 use crate::plan::Plan;
-use crate::race::{FoundOut, begin, is_over, round};
+use crate::race::{Disqualified, begin, is_over, round};
 use crate::record::{Kind, RaceRecord, Record};
 use crate::strategy::{Strategy, Task};
 use crate::{field, project};
@@ -36,7 +36,7 @@ pub struct Summary {
     /// Number of them that have all their rounds.
     pub done: usize,
     /// Strategies that failed, or whose sums were wrong.
-    pub found_out: Vec<FoundOut>,
+    pub found_out: Vec<Disqualified>,
     /// Where the files are.
     pub directory: PathBuf,
 }
@@ -313,17 +313,17 @@ fn resumed(path: &Path, wanted: &Record) -> Result<Vec<RaceRecord>, LabError> {
     Ok(found.races)
 }
 
-fn found_out(record: &Record) -> Vec<FoundOut> {
+fn found_out(record: &Record) -> Vec<Disqualified> {
     let mut found = Vec::new();
     for race in &record.races {
         for absence in race.absent.iter().filter(|absence| absence.kind == Kind::Failed) {
             let (strategy, reason) = (absence.strategy.clone(), absence.reason.clone());
-            found.push(FoundOut { strategy, race: race.words(), reason });
+            found.push(Disqualified { strategy, race: race.words(), reason });
         }
         for row in race.rows.iter().filter(|row| !row.within && row.promised) {
             let error = row.error_u * race.precision.unit();
             let reason = format!("its error is {error:.1e} of Σ|w||x|, more than {:e}", race.tolerance);
-            found.push(FoundOut { strategy: row.strategy.clone(), race: race.words(), reason });
+            found.push(Disqualified { strategy: row.strategy.clone(), race: race.words(), reason });
         }
     }
     found
@@ -352,7 +352,7 @@ impl fmt::Display for Summary {
         }
         // Each strategy once, with the first of its races.
         for (index, found) in self.found_out.iter().enumerate() {
-            let same = |other: &&FoundOut| other.strategy == found.strategy;
+            let same = |other: &&Disqualified| other.strategy == found.strategy;
             if self.found_out[..index].iter().any(|other| same(&other)) {
                 continue;
             }

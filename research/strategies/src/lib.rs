@@ -26,6 +26,6 @@ pub use fvi_core;
 pub use lab::{Lab, LabError, Summary};
 pub use plan::Plan;
 pub use precision::Precision;
-pub use race::FoundOut;
+pub use race::Disqualified;
 pub use record::{Absence, Kind, RaceRecord, Record, Row};
-pub use strategy::{Declined, Made, Strategy, Task};
+pub use strategy::{BuiltStrategy, Declined, Strategy, Task};

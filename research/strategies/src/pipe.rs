@@ -13,7 +13,7 @@ use fvi_scenario::language::InputError;
 use fvi_scenario::language::document::{Document, Table};
 
 use crate::kernel::hash;
-use crate::strategy::{AnyMemory, Declined, Made, Strategy, Task, require_double};
+use crate::strategy::{AnyMemory, BuiltStrategy, Declined, Strategy, Task, require_double};
 
 /// A `[[program]]` of the file.
 #[derive(Clone, Debug)]
@@ -66,11 +66,11 @@ impl Program {
         Strategy::new(self.name.clone(), description, move |task| program.made(task))
     }
 
-    fn made(&self, task: &Task) -> Result<Made, Declined> {
+    fn made(&self, task: &Task) -> Result<BuiltStrategy, Declined> {
         require_double(task)?;
         let trouble = Arc::new(Mutex::new(None));
         let memory = Pipe::start(self, task, Arc::clone(&trouble))?;
-        let mut made = Made::of(AnyMemory::F64(Box::new(memory)));
+        let mut made = BuiltStrategy::of(AnyMemory::F64(Box::new(memory)));
         made.trouble = Some(Arc::new(move || trouble.lock().unwrap_or_else(PoisonError::into_inner).clone()));
         Ok(made)
     }

@@ -10,7 +10,7 @@ use fvi_fft::{BlockFft, Engines, RealTime, WeightTable};
 
 use crate::kernel::Source;
 use crate::precision::Precision;
-use crate::strategy::{AnyMemory, Declined, Made, Strategy, Task, require_short};
+use crate::strategy::{AnyMemory, BuiltStrategy, Declined, Strategy, Task, require_short};
 
 /// All strategies of the project.
 pub(crate) fn strategies() -> Vec<Strategy> {
@@ -21,11 +21,11 @@ pub(crate) fn strategies() -> Vec<Strategy> {
                 Precision::F64 => AnyMemory::F64(direct(&task.weights, task)?),
                 Precision::F32 => AnyMemory::F32(direct(&task.weights, task)?),
             };
-            Ok(Made::of(made).taking(of_a_plain_sum(task)))
+            Ok(BuiltStrategy::of(made).taking(of_a_plain_sum(task)))
         }),
         Strategy::new("block-fft", "transforms in blocks, fvi-fft", |task| {
             let weights = &task.weights;
-            let made = Made::of(match task.precision {
+            let made = BuiltStrategy::of(match task.precision {
                 Precision::F64 => AnyMemory::F64(f64::block_fft(
                     &mut WeightTable::scalars(weights),
                     task.channels,
@@ -41,7 +41,7 @@ pub(crate) fn strategies() -> Vec<Strategy> {
         }),
         Strategy::new("real-time", "transforms whose work is spread over the steps, fvi-fft", |task| {
             let weights = &task.weights;
-            let made = Made::of(match task.precision {
+            let made = BuiltStrategy::of(match task.precision {
                 Precision::F64 => AnyMemory::F64(f64::real_time(
                     &mut WeightTable::scalars(weights),
                     task.channels,
@@ -66,7 +66,7 @@ pub(crate) fn strategies() -> Vec<Strategy> {
             if task.channels > 1 {
                 return Err(Declined::sits_out("its number of channels is fixed in code, here at one"));
             }
-            let made = Made::of(match task.precision {
+            let made = BuiltStrategy::of(match task.precision {
                 Precision::F64 => AnyMemory::F64(tiled(&task.weights, task.length)?),
                 Precision::F32 => AnyMemory::F32(tiled(&task.weights, task.length)?),
             });
@@ -144,7 +144,7 @@ impl Memory<f64> for EqualSteps {
 impl Stateful for EqualSteps {}
 
 /// Of implicit Euler, which is Radau IIA with one stage.
-fn any_step(task: &Task) -> Result<Made, Declined> {
+fn any_step(task: &Task) -> Result<BuiltStrategy, Declined> {
     let family = ConvolutionFamily::RadauIia { stages: 1 };
     let parts = RequestParts::new(task, Engine::AnyStep, family, None)?;
     if task.kernel.order.get() != 1 {
@@ -155,7 +155,7 @@ fn any_step(task: &Task) -> Result<Made, Declined> {
     }
     let request = MemoryRequest { end: Some(task.length as f64 * task.kernel.step), ..parts.request(task) };
     let memory = engine(&request, &Tables::default())?;
-    Ok(Made::of(AnyMemory::F64(Box::new(EqualSteps { memory, step: task.kernel.step }))))
+    Ok(BuiltStrategy::of(AnyMemory::F64(Box::new(EqualSteps { memory, step: task.kernel.step }))))
 }
 
 /// What a request for an engine refers to.
@@ -223,11 +223,11 @@ fn direct<T: Engines>(weights: &[f64], task: &Task) -> Result<Box<dyn Memory<T> 
 
 /// Operations are those of the recursion: two for each weight of the head, four for each exponential, eleven
 /// for a complex pair.
-fn exponential_sum(task: &Task, name: Engine) -> Result<Made, Declined> {
+fn exponential_sum(task: &Task, name: Engine) -> Result<BuiltStrategy, Declined> {
     let family = ConvolutionFamily::Bdf { order: task.kernel.order.get() };
     let parts = RequestParts::new(task, name, family, Some(table_tolerance(task)))?;
     let (request, tables) = (parts.request(task), Tables::default());
-    let made = Made::of(match task.precision {
+    let made = BuiltStrategy::of(match task.precision {
         Precision::F64 => AnyMemory::F64(engine(&request, &tables)?),
         Precision::F32 => AnyMemory::F32(engine(&request, &tables)?),
     });

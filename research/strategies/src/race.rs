@@ -9,7 +9,7 @@ use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
 use fvi_fft::sums::max_or_nan;
 use fvi_fft::{Engines, WeightTable};
 
-use crate::contestant::{Contestant, Making, Run, Samples, Timed};
+use crate::contestant::{BuildOutcome, Contestant, Run, Samples, Timed};
 use crate::plan::Conditions;
 use crate::precision::Precision;
 use crate::record::{Absence, Kind, RaceRecord, Row};
@@ -17,7 +17,7 @@ use crate::strategy::{Declined, Flops, Strategy, Task};
 
 /// A strategy that failed, or whose sums were wrong.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FoundOut {
+pub struct Disqualified {
     /// Name of the strategy.
     pub strategy: String,
     /// Short description of the race.
@@ -42,7 +42,7 @@ pub(crate) const STANDS: f64 = 0.05;
 struct Runner<'a> {
     promises: bool,
     contestant: Contestant<'a>,
-    making: Making,
+    making: BuildOutcome,
     error_u: f64,
     bytes: usize,
     flops: Option<f64>,

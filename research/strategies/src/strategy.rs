@@ -104,7 +104,7 @@ pub(crate) enum Flops {
 pub(crate) type Trouble = Arc<dyn Fn() -> Option<String> + Send + Sync>;
 
 /// A strategy that has been made for a task.
-pub struct Made {
+pub struct BuiltStrategy {
     pub(crate) memory: AnyMemory,
     pub(crate) own_weights: Option<Arc<Vec<f64>>>,
     pub(crate) flops: Flops,
@@ -112,7 +112,7 @@ pub struct Made {
     pub(crate) promises: bool,
 }
 
-impl Made {
+impl BuiltStrategy {
     /// A memory in double precision, whose calls are compiled for the widest vectors of the processor.
     pub fn memory(memory: impl Memory<f64> + Send + 'static) -> Self {
         Self::of(AnyMemory::F64(fvi_rivals::vectorised(memory)))
@@ -174,7 +174,7 @@ impl<E: Error> From<E> for Declined {
     }
 }
 
-pub(crate) type Maker = Arc<dyn Fn(&Task) -> Result<Made, Declined> + Send + Sync>;
+pub(crate) type Maker = Arc<dyn Fn(&Task) -> Result<BuiltStrategy, Declined> + Send + Sync>;
 
 /// A strategy by name, and how it is made for a task.
 #[derive(Clone)]
@@ -192,7 +192,7 @@ impl Strategy {
     pub fn new(
         name: impl Into<String>,
         description: impl Into<String>,
-        make: impl Fn(&Task) -> Result<Made, Declined> + Send + Sync + 'static,
+        make: impl Fn(&Task) -> Result<BuiltStrategy, Declined> + Send + Sync + 'static,
     ) -> Self {
         Self { name: name.into(), description: description.into(), promises: true, make: Arc::new(make) }
     }
@@ -208,7 +208,7 @@ impl Strategy {
     ///
     /// # Errors
     /// Why the strategy does not take part.
-    pub fn make(&self, task: &Task) -> Result<Made, Declined> {
+    pub fn make(&self, task: &Task) -> Result<BuiltStrategy, Declined> {
         (self.make)(task)
     }
 

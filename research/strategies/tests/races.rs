@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use fvi_rivals::PlainSum;
 use fvi_strategies::fvi_core::{Memory, MemoryError};
-use fvi_strategies::{Kind, Lab, LabError, Made, Strategy, Summary};
+use fvi_strategies::{BuiltStrategy, Kind, Lab, LabError, Strategy, Summary};
 
 const SHORT: &str = "lengths = [200]\nrounds = [2, 3]\nseconds = 0.2\n";
 const PROGRAM: &str = "[[program]]\nname = \"p\"\ncommand = [\"true\"]\n";
@@ -99,7 +99,7 @@ impl Stateful for Faulty {}
 fn faulty(name: &str, fault: Fault) -> Strategy {
     Strategy::new(name, "a plain sum", move |task| {
         let (weights, samples, heard) = (task.weights.to_vec(), Vec::new(), Vec::new());
-        Ok(Made::memory(Faulty { weights, samples, fault, heard, knows: false }))
+        Ok(BuiltStrategy::memory(Faulty { weights, samples, fault, heard, knows: false }))
     })
 }
 
@@ -209,21 +209,21 @@ fn a_race_that_was_stopped_keeps_what_was_measured_and_goes_on() {
     assert_eq!((stopped.done, stopped.record.races.len(), stopped.races), (0, 1, 3));
     assert_eq!(fs::read_to_string(out.join("strategies.csv")).unwrap().lines().count(), 2);
     let mut begun = Vec::new();
-    let go_on = |begun: &mut Vec<usize>| {
+    let resume = |begun: &mut Vec<usize>| {
         lab.race(&plan, &out, true, &AtomicBool::new(false), &mut |done, needed| {
             if done < needed {
                 begun.push(done);
             }
         })
     };
-    let all = go_on(&mut begun).unwrap();
+    let all = resume(&mut begun).unwrap();
     // The first round of the two others, then the second one of all.
     assert_eq!((&*begun, all.done, all.record.races.len()), (&[1, 2, 3, 4, 5][..], 3, 3));
     let rounds = |summary: &Summary| summary.record.races[0].rows[0].rounds_ns.clone();
     assert_eq!((rounds(&stopped).len(), rounds(&all).len()), (1, 2));
     assert_eq!(rounds(&all)[0], rounds(&stopped)[0], "what was measured is not measured again");
     begun.clear();
-    let again = go_on(&mut begun).unwrap();
+    let again = resume(&mut begun).unwrap();
     assert_eq!((begun, again.record), (vec![], all.record));
     // A record of something else is no beginning.
     fs::write(&file, format!("lengths = [50, 60]\nstrategies = [\"naive\"]\n{ROOT}")).unwrap();
@@ -276,7 +276,7 @@ fn every_one_of_a_few_channels_is_compared() {
     let place = tempfile::tempdir().unwrap();
     let lab = Lab::new().with(Strategy::new("one-wrong", "", |task| {
         let memory = OneWrong(PlainSum::new(&task.weights, task.channels, task.length)?);
-        Ok(Made::memory(memory))
+        Ok(BuiltStrategy::memory(memory))
     }));
     let text =
         format!("lengths = [20]\nchannels = [5]\nstrategies = [\"one-wrong\"]\nrounds = [1, 1]\n{ROOT}");

@@ -596,7 +596,7 @@ fn creep_goes_on_from_a_saved_state_with_the_same_bits() {
             (0..at).for_each(|_| assert!(motion.advance().is_ok()));
             let (saved, gathered) = (motion.save().unwrap(), motion.gathered());
             let mut later = Motion::start(&scenario, Precision::F64).unwrap();
-            later.go_on(at, &saved, gathered, None).unwrap();
+            later.resume(at, &saved, gathered, None).unwrap();
             for state in &whole[at + 1..] {
                 later.advance().unwrap();
                 assert_eq!(later.state().position, state.position, "from step {at}");

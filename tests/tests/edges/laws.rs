@@ -74,8 +74,8 @@ impl Wrong {
     }
 }
 
-/// The larger of two numbers, or NaN.
-fn larger(one: f64, other: f64) -> f64 {
+/// The max_or_nan of two numbers, or NaN.
+fn max_or_nan(one: f64, other: f64) -> f64 {
     if one.is_nan() || one > other { one } else { other }
 }
 
@@ -113,7 +113,7 @@ fn energy_is_what_there_is_and_what_memories_store_and_dissipate() {
         let worst = states
             .iter()
             .map(|state| (total(state) - total(&states[0])).abs())
-            .fold(0.0, |w, e| larger(e, w));
+            .fold(0.0, |w, e| max_or_nan(e, w));
         let grows = states.windows(2).all(|pair| pair[1].columns[1] >= pair[0].columns[1]);
         let is_positive = states.iter().all(|state| state.columns[0] >= 0.0);
         if !(worst <= 1e-12 * total(&states[0]) && grows && is_positive) {
@@ -209,8 +209,8 @@ fn position_momentum_and_energy_have_the_order_of_the_scheme() {
         for k in 0..3 {
             // Errors that change their sign between the two steps are told by their size.
             let step = 2.0 / 200.0_f64;
-            let bound = larger(coarse[k] / 2f64.powf(order - 0.5), 0.05 * step.powf(order));
-            let is_of_the_order = fine[k] <= larger(bound, 1e-11);
+            let bound = max_or_nan(coarse[k] / 2f64.powf(order - 0.5), 0.05 * step.powf(order));
+            let is_of_the_order = fine[k] <= max_or_nan(bound, 1e-11);
             if !is_of_the_order {
                 wrong.note(
                     &format!("{}: {:e} after {:e}", ["q", "p", "energy"][k], fine[k], coarse[k]),
@@ -242,7 +242,7 @@ fn tolerances_are_kept() {
             Ok(states) => {
                 let last = states.last().expect("a state");
                 let [q, p, _] = oscillator.exact(last.time);
-                let error = larger((last.position[0] - q).abs(), (last.momentum[0] - p).abs());
+                let error = max_or_nan((last.position[0] - q).abs(), (last.momentum[0] - p).abs());
                 if !(last.time == 3.0 && error <= 10.0 * tolerance) {
                     wrong.note(&format!("{error:e} at {}", last.time), &text);
                 }

@@ -20,7 +20,7 @@ __all__ = [
     "Operator",
     "Prepared",
     "Record",
-    "Standing",
+    "RunSnapshot",
     "Sweep",
     "__version__",
     "compare_engines",
@@ -65,7 +65,7 @@ class Batch:
     def run(self, numbers: _Array, jobs: int | None, progress: Any) -> tuple[dict[str, Any], BaseException | None]: ...
 
 @final
-class Standing:
+class RunSnapshot:
     @property
     def steps(self) -> int: ...
     @property
@@ -83,10 +83,10 @@ def run(
     prepared: Prepared | None = None,
     spent: float = 0.0,
     events: Any = ...,
-    go_on: Standing | None = None,
+    resume: RunSnapshot | None = None,
     keep: bool | None = None,
 ) -> tuple[
-    list[tuple[str, _Array, _Array, _Array, _Array, dict[str, _Array], _Array, str, Record]], BaseException | None, Standing | None
+    list[tuple[str, _Array, _Array, _Array, _Array, dict[str, _Array], _Array, str, Record]], BaseException | None, RunSnapshot | None
 ]: ...
 def run_in(
     source: Any,

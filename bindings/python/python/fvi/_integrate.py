@@ -279,7 +279,7 @@ def _continued(
     if steps is not None:
         if isinstance(steps, (float, np.floating)) and float(steps).is_integer():
             steps = int(steps)
-        time["steps"] = known.standing.steps + _arrays.whole("steps", steps)
+        time["steps"] = known.snapshot.steps + _arrays.whole("steps", steps)
     else:
         time["end"], reached = _arrays.real("end", end), float(before.summary["last"]["time"])
         if time["end"] < reached:
@@ -295,7 +295,7 @@ def _continued(
         result = compute(
             (name, directory, keys, {**files, **more}), engine=known.engine, precision=known.precision, check=check,
             progress=progress, functions=known.functions, prepared=known.prepared, mass=before._mass, keep_memory=keep_memory,
-            standing=known.standing, junction=before,
+            snapshot=known.snapshot, junction=before,
         )
     return result
 

@@ -84,7 +84,7 @@ class Continuation:
     precision: str
     functions: Any
     prepared: Any
-    standing: Any
+    snapshot: Any
 
 
 #: Arrays that every file of rows contains.

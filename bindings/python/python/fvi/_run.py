@@ -211,14 +211,14 @@ def compute(
     spent: float = 0.0,
     mass: Any = None,
     keep_memory: bool | None = None,
-    standing: _fvi.Standing | None = None,
+    snapshot: _fvi.RunSnapshot | None = None,
     junction: Result | None = None,
 ) -> Result:
-    """Runs the output of `fvi._scenario.source`; with a `standing` it continues from there, where the result `junction` ends."""
+    """Runs the output of `fvi._scenario.source`; with a `snapshot` it continues from there, where the result `junction` ends."""
     progress = check_progress(progress)
     motions, raised, reached = _fvi.run(
         scenario, engine=engine, precision=precision, progress=progress, terms=functions.terms, prepared=prepared, spent=spent,
-        events=functions.events, go_on=standing, keep=keep_memory,
+        events=functions.events, resume=snapshot, keep=keep_memory,
     )
     ((_, t, q, p, energy, columns, derivatives, end, record),) = motions
     result = result_of(t, q, p, energy, columns, end, record, mass, derivatives)

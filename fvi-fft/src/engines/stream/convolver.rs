@@ -241,7 +241,7 @@ impl<T: Scalar> Convolver<T> {
             for (output, numbers) in outputs.iter_mut().enumerate() {
                 self.write(output, &mut numbers.as_mut()[at..at + samples], whole);
             }
-            self.go_on(samples);
+            self.resume(samples);
             at += samples;
         }
         Ok(())
@@ -364,7 +364,7 @@ impl<T: Scalar> Convolver<T> {
     }
 
     /// Counts samples that were taken, and does the work of the stages for as many.
-    fn go_on(&mut self, samples: usize) {
+    fn resume(&mut self, samples: usize) {
         // Between the release of a job and its end lie chunks of B samples, whose work is done before.
         self.work(samples as Work);
         self.len += samples as u64;

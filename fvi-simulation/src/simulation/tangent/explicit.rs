@@ -29,19 +29,19 @@ pub(super) struct Expressions {
     moves: bool,
     elements: Vec<(CompiledPotential<f64>, Vec<Vec<usize>>)>,
     loads: Vec<(fvi_scenario::language::expression::Expression, Vec<(u32, f64)>)>,
-    room: Room,
+    room: Buffers,
 }
 
 /// Buffers.
 #[derive(Default)]
-struct Room {
+struct Buffers {
     registers: Vec<f64>,
     point: Vec<f64>,
     gradient: Vec<f64>,
     second: Vec<f64>,
 }
 
-impl Room {
+impl Buffers {
     /// Copies numbers, followed by the constant, to the point.
     fn begin(&mut self, numbers: impl Iterator<Item = f64>, constant: f64) {
         self.point.clear();
@@ -162,7 +162,7 @@ impl Expressions {
             moves,
             elements: elements.collect(),
             loads: loads.collect(),
-            room: Room::default(),
+            room: Buffers::default(),
         }
     }
 
@@ -183,7 +183,7 @@ impl Expressions {
             room.begin(position.iter().chain(velocity).copied(), *value);
             let last = (position.len() + velocity.len()) as u32;
             room.derivatives(force.pattern().len());
-            let Room { registers, point, gradient, second } = room;
+            let Buffers { registers, point, gradient, second } = room;
             force.derivatives(moment(instant), point, registers, gradient, second);
             let constant = force.linear().iter().map(|&(row, column, entry)| (row, column, entry));
             let changing =
@@ -202,9 +202,9 @@ impl Expressions {
 }
 
 /// ∂²U/∂x_i∂θ at the point in the buffer, where θ is the last variable.
-fn mixed(potential: &CompiledPotential<f64>, room: &mut Room, mut take: impl FnMut(usize, f64)) {
+fn mixed(potential: &CompiledPotential<f64>, room: &mut Buffers, mut take: impl FnMut(usize, f64)) {
     room.derivatives(potential.pattern().len());
-    let Room { registers, point, gradient, second } = room;
+    let Buffers { registers, point, gradient, second } = room;
     let last = point.len() - 1;
     potential.derivatives(point, registers, gradient, second);
     let constant = potential.quadratic().stiffness.iter().copied();

@@ -6,7 +6,7 @@ use fvi_sparse::Pattern;
 
 /// Potential and forces supplied in code, with buffers for their arguments and results.
 #[derive(Clone, Debug)]
-pub(super) struct Own {
+pub(super) struct Callbacks {
     terms: SharedTerms,
     position: Vec<f64>,
     /// Velocity, if forces depend on it.
@@ -23,7 +23,7 @@ pub(super) struct Own {
     depends_on_position: bool,
 }
 
-impl Own {
+impl Callbacks {
     pub(super) fn new(terms: SharedTerms, size: usize) -> Self {
         let depends_on_velocity = terms.depend_on_velocity();
         let depends_on_position = terms.depend_on_position();

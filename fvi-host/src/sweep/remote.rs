@@ -28,7 +28,7 @@ pub struct Parts {
 
 /// Result of a run made by another process.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct MadeRun {
+pub struct RemoteRun {
     /// Index of the run in the sweep.
     pub run: usize,
     /// Its record, with a checksum.
@@ -82,7 +82,7 @@ impl Sweep {
         scratch: &Path,
         tables: &Tables,
         stop: &AtomicBool,
-    ) -> Result<Option<MadeRun>, SweepError> {
+    ) -> Result<Option<RemoteRun>, SweepError> {
         let options = SweepOptions { precision, ..SweepOptions::new(scratch) };
         let Some(record) = self.make(run, &options, tables, stop)? else { return Ok(None) };
         let trajectory = match self.trajectory_of(run, scratch) {
@@ -93,7 +93,7 @@ impl Sweep {
             }
             _ => None,
         };
-        Ok(Some(MadeRun { run, record: record.encode(self.layout()), trajectory }))
+        Ok(Some(RemoteRun { run, record: record.encode(self.layout()), trajectory }))
     }
 }
 
@@ -139,7 +139,7 @@ impl Ledger {
     ///
     /// # Errors
     /// If a file cannot be written.
-    pub fn take(&self, sweep: &Sweep, made: &MadeRun) -> Result<bool, SweepError> {
+    pub fn take(&self, sweep: &Sweep, made: &RemoteRun) -> Result<bool, SweepError> {
         let place = self.records.place(made.run);
         let record = Record::decode(&made.record, sweep.layout());
         let (Some(place), Some(record)) = (place, record) else { return Ok(false) };

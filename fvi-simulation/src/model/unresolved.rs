@@ -19,7 +19,7 @@ const BESIDE: usize = 4;
 
 /// The first time near which the nodes of a scenario's scheme miss most of a function of time; `None` if
 /// there is none, or steps are chosen during the run.
-pub(crate) fn first_missed(scenario: &Scenario, function: &Amplitude) -> Option<f64> {
+pub(crate) fn first_unresolved(scenario: &Scenario, function: &Amplitude) -> Option<f64> {
     let time = &scenario.time;
     if time.adaptive().is_some() || time.steps == 0 {
         return None;
