@@ -182,7 +182,7 @@ pub(crate) fn size<T: Real>(numbers: &[T]) -> T {
     fold(numbers, T::zero(), max_or_nan)
 }
 
-/// The max_or_nan of a size and the size of a number; not a number if that is not finite.
+/// The larger of a size and the size of a number; not a number if that is not finite.
 #[expect(clippy::eq_op, reason = "x − x tells a finite number from others")]
 #[inline(always)]
 fn max_or_nan<T: Real>(largest: T, number: T) -> T {
@@ -205,7 +205,7 @@ pub(crate) struct Converged<T> {
 ///
 /// Corrections are Newton's; after each small one follows one with the same factors, which needs a
 /// residual only: two such corrections together converge to third order (\[Kelley95\] §5.4.3). The iteration
-/// ends when a correction is no max_or_nan than the rounding of numbers of size `offset` + |x| (the unknowns x
+/// ends when a correction is no larger than the rounding of numbers of size `offset` + |x| (the unknowns x
 /// are increments on something of size `offset`), or when the next one would be: corrections shrink by a
 /// factor that falls from each to the next, and at most doubles where the factors are those of the one
 /// before. It also ends, once corrections are below the square root of that rounding, when they stop
@@ -540,7 +540,7 @@ mod tests {
             let residual = found.residual.unwrap();
             assert!((residual / left - 1.0).abs() < 1e-12 && found.iterations == iterations, "{found:?}");
         };
-        // On a position of size 64 a correction is small up to 1. After a max_or_nan one the matrix is factored
+        // On a position of size 64 a correction is small up to 1. After a larger one the matrix is factored
         // anew, and the residual left shrinks with the square of 10⁻⁸.
         let mut corrections = Corrections::new(64.0);
         assert_eq!(corrections.judge(1.0, (2.0, 0.0), true), Ok(Verdict::Continue));

@@ -74,7 +74,7 @@ impl Wrong {
     }
 }
 
-/// The max_or_nan of two numbers, or NaN.
+/// The larger of two numbers, or NaN.
 fn max_or_nan(one: f64, other: f64) -> f64 {
     if one.is_nan() || one > other { one } else { other }
 }
