@@ -2,6 +2,7 @@
 
 #[cfg(feature = "pictures")]
 mod pictures;
+mod sharp;
 
 use crate::results::files::{FileError, remove, write_json, write_text};
 use crate::results::output_directory::OutputDirectory;
@@ -54,6 +55,9 @@ pub struct Response {
     pub omega: Vec<f64>,
     /// H(ω): displacement of the output under a force e^{iωt} on the input.
     pub response: Vec<Complex<f64>>,
+    /// Further frequencies between those of `omega`, ascending, and H(ω), where H is sharp: pictures show them,
+    /// and with them resonances that lie between two of `omega`. None if the frequencies were given one by one.
+    pub between: Vec<(f64, Complex<f64>)>,
     /// H(ω) of the discrete scheme, for the frequencies up to π/h, which are the first ones of `omega`;
     /// otherwise why it is left out.
     pub discrete: Result<Vec<Complex<f64>>, String>,
@@ -238,6 +242,18 @@ pub fn respond(
              own, are known"
         ));
     }
+    let known: Vec<_> = omega.iter().copied().zip(response.iter().copied()).collect();
+    let resonances: Vec<f64> = poles.iter().flatten().map(|pole| pole.place.im).collect();
+    let known = if options.omega.is_some() { &[] } else { &known[..] };
+    // Systems whose poles are computed are small, and a frequency costs little.
+    let most = if resonances.is_empty() { known.len() } else { 8 * known.len() };
+    let between = sharp::between(known, &resonances, most, |omega| {
+        if stop.load(Ordering::Relaxed) {
+            return Err(ResponseError::Stopped);
+        }
+        let column = linearised.response(omega, options.input).map_err(ResponseError::Unsolved)?;
+        Ok(column[options.output])
+    })?;
     let times: Vec<f64> = omega.iter().rev().map(|omega| omega.recip()).collect();
     let terms = linearised.kernels().iter();
     let kernels = terms.map(|transfer| KernelCurves {
@@ -247,7 +263,7 @@ pub fn respond(
         relaxation: times.iter().map(|&time| relaxation(transfer, time)).collect(),
         times: times.clone(),
     });
-    Ok(Response { response, discrete, poles, kernels: kernels.collect(), warnings, omega })
+    Ok(Response { response, between, discrete, poles, kernels: kernels.collect(), warnings, omega })
 }
 
 /// The record of a response, `response.json`.
@@ -298,11 +314,15 @@ impl Response {
         directory: &OutputDirectory,
     ) -> Result<(), FileError> {
         remove(&directory.join("response.json"))?;
-        for name in ["response_discrete.csv", "poles.csv"] {
+        for name in ["response_between.csv", "response_discrete.csv", "poles.csv"] {
             remove(&directory.join(name))?;
         }
         let mut files =
             vec![("response.csv".to_owned(), complex_table("omega,re,im", &self.omega, &self.response))];
+        if !self.between.is_empty() {
+            let (omega, values): (Vec<f64>, Vec<_>) = self.between.iter().copied().unzip();
+            files.push(("response_between.csv".to_owned(), complex_table("omega,re,im", &omega, &values)));
+        }
         if let Ok(discrete) = &self.discrete {
             files.push((
                 "response_discrete.csv".to_owned(),

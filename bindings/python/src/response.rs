@@ -63,6 +63,9 @@ pub(crate) fn response<'py>(
     let record = PyDict::new(py);
     record.set_item("omega", &found.omega)?;
     record.set_item("response", pairs(&found.response))?;
+    let (omega, between): (Vec<f64>, Vec<_>) = found.between.iter().copied().unzip();
+    record.set_item("omega_between", omega)?;
+    record.set_item("between", pairs(&between))?;
     record.set_item("discrete", found.discrete.as_ref().ok().map(pairs))?;
     let poles = found
         .poles

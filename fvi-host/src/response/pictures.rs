@@ -27,7 +27,11 @@ pub(super) fn charts(
             let shown = places.filter(|((_, value), continuous)| shows(**value, **continuous));
             shown.map(|((&omega, &value), _)| point(omega, value)).collect()
         };
-        chart = chart.with(Series::new("continuous", Style::Line, of(&found.response)));
+        let asked = found.omega.iter().copied().zip(found.response.iter().copied());
+        let mut places: Vec<_> = asked.chain(found.between.iter().copied()).collect();
+        places.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let places = places.into_iter().map(|(omega, value)| point(omega, value)).collect();
+        chart = chart.with(Series::new("continuous", Style::Line, places));
         if !discrete.is_empty() {
             chart = chart.with(Series::new("of the scheme", Style::Dashed, of(discrete)));
         }

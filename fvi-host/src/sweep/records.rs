@@ -10,8 +10,8 @@
 //! is not done.
 
 use super::SweepError;
-use crate::results::files::FileError;
-use std::fs::{self, File, OpenOptions, TryLockError};
+use crate::results::files::{FileError, open_in_place};
+use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -189,9 +189,7 @@ impl Records {
             let reasons = vec![format!("{}; `--out` names another directory", overlap(other, shard))];
             return Err(SweepError::Incomplete { directory: directory.to_owned(), reasons });
         }
-        let mut options = OpenOptions::new();
-        let file =
-            options.read(true).write(true).create(true).truncate(false).open(&path).map_err(&failed)?;
+        let file = open_in_place(&path).map_err(&failed)?;
         if let Err(TryLockError::WouldBlock) = file.try_lock() {
             return Err(SweepError::InUse { file: path });
         }

@@ -105,10 +105,13 @@ fn no_link_in_an_output_directory_leads_a_run_out_of_it() {
     let place = Workplace::new();
     place.write("free.toml", FREE);
     place.write("referenced.toml", &format!("{FREE}[reference]\nposition = [\"0\"]\n"));
+    let axes = "[axes]\n\"system.mass[0]\" = [1.0, 2.0]\n";
+    place.write("swept.toml", &format!("scenario = \"free.toml\"\n{axes}"));
     for (line, names) in [
         ("run free.toml", &["trajectory.csv", "trajectory.csv.part", "energy.svg", "summary.json"][..]),
         ("response free.toml", &["response.csv", "response.json"]),
         ("converge referenced.toml --levels 2..3", &["convergence.csv"]),
+        ("sweep swept.toml", &["sweep.fvi", "sweep.csv", "sweep.json"]),
     ] {
         let _ = fs::remove_dir_all(place.path("out"));
         fs::create_dir(place.path("out")).unwrap();

@@ -89,6 +89,11 @@ class Response:
         Angular frequencies.
     response : ndarray, shape (W,)
         H(ω), complex: the displacement of the output under a force e^{iωt} on the input.
+    omega_between : ndarray
+        Further frequencies between those of `omega`, ascending, where the response is sharp, so that pictures show resonances
+        that lie between two of `omega`; empty where `omega` was given.
+    between : ndarray
+        H(ω) at `omega_between`.
     discrete : ndarray or None
         H(ω) of the discrete scheme with its step h, for the frequencies up to π/h; None where it is left out.
     poles : ndarray or None
@@ -101,6 +106,8 @@ class Response:
 
     omega: FloatArray
     response: ComplexArray
+    omega_between: FloatArray
+    between: ComplexArray
     discrete: ComplexArray | None
     poles: ComplexArray | None
     kernels: tuple[KernelCurves, ...]
@@ -145,12 +152,17 @@ class Response:
         """
         if kind not in ("bode", "nyquist"):
             raise InputError(f'kind = {kind!r}: not allowed; allowed: "bode", "nyquist"', "kind", repr(kind))
-        curves: list[tuple[ComplexArray, str, str | None]] = [(self.response, "-", label)]
+        order = np.argsort(np.concatenate([self.omega, self.omega_between]))
+        places = np.concatenate([self.omega, self.omega_between])[order]
+        curves: list[tuple[FloatArray, ComplexArray, str, str | None]] = [
+            (places, np.concatenate([self.response, self.between])[order], "-", label)
+        ]
         if self.discrete is not None:
-            curves.append((self.discrete, "--", "discrete" if label is None else f"{label}, discrete"))
+            name = "discrete" if label is None else f"{label}, discrete"
+            curves.append((self.omega[: len(self.discrete)], self.discrete, "--", name))
         if kind == "nyquist":
             (plane,) = axes = new_axes(axes, 1, 1, (5.0, 5.0))
-            for values, line, name in curves:
+            for _, values, line, name in curves:
                 plane.plot(values.real, values.imag, line, label=name, linewidth=1)
             plane.set_aspect("equal", adjustable="datalim")
             plane.set_xlabel(labelled("Re H", unit))
@@ -158,10 +170,9 @@ class Response:
             return Picture(axes)
         above, below = axes = new_axes(axes, 2, 1, (6.0, 5.0), sharex=True)
         scale = 2.0 * np.pi if frequency_unit == "Hz" else 1.0
-        for values, line, name in curves:
-            omega = self.omega[: len(values)] / scale
-            above.loglog(omega, np.abs(values), line, label=name, linewidth=1)
-            below.semilogx(omega, np.degrees(np.unwrap(np.angle(values))), line, linewidth=1)
+        for omega, values, line, name in curves:
+            above.loglog(omega / scale, np.abs(values), line, label=name, linewidth=1)
+            below.semilogx(omega / scale, np.degrees(np.unwrap(np.angle(values))), line, linewidth=1)
         above.set_ylabel(labelled("|H|", unit))
         below.set_ylabel("phase (°)")
         below.set_xlabel(labelled("frequency" if frequency_unit == "Hz" else "ω", frequency_unit))
@@ -260,8 +271,8 @@ def response(
 
     for warning in record["warnings"]:
         warnings.warn(warning, stacklevel=2)
-    found = complex_numbers(record["response"])
-    assert found is not None
+    found, between = complex_numbers(record["response"]), complex_numbers(record["between"])
+    assert found is not None and between is not None
     kernels = []
     for entry in record["kernels"]:
         moduli = complex_numbers(entry["moduli"])
@@ -271,6 +282,8 @@ def response(
     return Response(
         np.array(record["omega"]),
         found,
+        np.array(record["omega_between"], dtype=float),
+        between,
         complex_numbers(record["discrete"]),
         complex_numbers(record["poles"]),
         tuple(kernels),

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -72,10 +72,16 @@ class Output:
     mesh: Mesh | None = None
 
 
+def new_file(path: Path) -> BinaryIO:
+    """A new file in place of whatever file or link has the name, for writing."""
+    path.unlink(missing_ok=True)
+    return open(path, "xb")
+
+
 def whole_file(path: Path, write: Callable[[Any], object]) -> int:
     """Writes a file atomically: under a temporary name, flushed to the disk, then renamed. Returns its size."""
     beside = path.with_name(path.name + ".part")
-    with open(beside, "wb") as file:
+    with new_file(beside) as file:
         write(file)
         file.flush()
         os.fsync(file.fileno())
@@ -101,7 +107,10 @@ class Directory:
         if rank > 0:
             return
         self.path.mkdir(parents=True, exist_ok=True)
-        self.lock = open(self.path / ".lock", "wb")
+        lock = self.path / ".lock"
+        if lock.is_symlink():
+            lock.unlink()
+        self.lock = open(lock, "ab")
         try:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -129,8 +138,9 @@ class Rows:
         """Keeps the first rows of a resumed run, none of a new one. On rank 0 only."""
         if self.path is None:
             return
-        mode = "r+b" if count > 0 else "w+b"
-        self.file = open(self.path, mode)
+        if count == 0 or self.path.is_symlink():
+            self.path.unlink(missing_ok=True)
+        self.file = open(self.path, "r+b" if self.path.exists() else "x+b")
         content = self.file.read(8 * self.width * count)
         if len(content) < 8 * self.width * count:
             raise InputError(f"output: {self.path} holds fewer rows than the checkpoint counts", "output", str(self.path))
