@@ -2,7 +2,6 @@
 
 use fvi_host::run::Run;
 use fvi_scenario::scenario::Scenario;
-use fvi_simulation::simulation::Precision;
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
@@ -20,13 +19,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         )
         .parse()?;
         let mut energies = (0.0, 0.0);
-        let run = Run::start(&scenario, Precision::F64)?;
-        let Ok(_) = run.to_the_end(&AtomicBool::new(false), |steps, state| {
-            if steps == 0 {
-                energies.0 = state.energy;
-            }
-            energies.1 = state.energy;
-            Ok::<(), Infallible>(())
+        let mut run = Run::of(&scenario).start()?;
+        let Ok(_) = run.drive(&AtomicBool::new(false), |portion| {
+            portion.states(|steps, state| {
+                if steps == 0 {
+                    energies.0 = state.energy;
+                }
+                energies.1 = state.energy;
+                Ok::<(), Infallible>(())
+            })
         });
         println!("order {order:.1}: {:5.1} % of the energy left", 100.0 * energies.1 / energies.0);
     }

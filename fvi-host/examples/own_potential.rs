@@ -3,7 +3,6 @@
 use fvi_host::run::Run;
 use fvi_scenario::language::expression::Moment;
 use fvi_scenario::scenario::{OwnTerms, Scenario, SharedTerms};
-use fvi_simulation::simulation::Precision;
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
@@ -45,11 +44,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     .parse()?;
     let scenario = scenario.with_own_terms(SharedTerms::new(LooseString));
     let mut largest: f64 = 0.0;
-    let run = Run::start(&scenario, Precision::F64)?;
-    let Ok(summary) = run.to_the_end(&AtomicBool::new(false), |_, state| {
-        largest = largest.max(state.position[0].abs());
-        Ok::<(), Infallible>(())
+    let mut run = Run::of(&scenario).start()?;
+    let Ok(_) = run.drive(&AtomicBool::new(false), |portion| {
+        portion.states(|_, state| {
+            largest = largest.max(state.position[0].abs());
+            Ok::<(), Infallible>(())
+        })
     });
-    println!("q(20) = {:+.4}, never beyond {largest:.4}", summary.last.position[0]);
+    println!("q(20) = {:+.4}, never beyond {largest:.4}", run.state().position[0]);
     Ok(())
 }

@@ -3,12 +3,7 @@
 //!
 //! A mass on a fractional Zener solid is let go; the run ends when it first passes its place of rest.
 
-use fvi_fft::memory::Engine;
-use fvi_fft::quadrature::ConvolutionFamily;
-use fvi_fft::transfer::TransferFunction;
-use fvi_host::run::Run;
-use fvi_scenario::scenario::{Action, Damper, Direction, Scenario, Scheme};
-use fvi_simulation::simulation::Precision;
+use fvi_host::prelude::*;
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
 
@@ -23,13 +18,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .event("q0", Direction::Both, Action::Stop)
         .until(0.01, 20.0)
         .build()?;
-    let run = Run::start(&scenario, Precision::F64)?;
-    let Ok(summary) = run.to_the_end(&AtomicBool::new(false), |steps, state| {
-        if steps % 50 == 0 {
-            println!("t = {:.2}: q = {:+.6}", state.time, state.position[0]);
-        }
-        Ok::<(), Infallible>(())
+    let mut run = Run::of(&scenario).start()?;
+    let Ok(end) = run.drive(&AtomicBool::new(false), |portion| {
+        portion.states(|steps, state| {
+            if steps % 50 == 0 {
+                println!("t = {:.2}: q = {:+.6}", state.time, state.position[0]);
+            }
+            Ok::<(), Infallible>(())
+        })
     });
+    let summary = run.summary(end);
     let passage = summary.events.first().ok_or("the mass never passes its place of rest")?;
     println!("passes its place of rest at t = {:.9}", passage.time);
     Ok(())

@@ -5,9 +5,9 @@ use crate::run::{Run, RunEnd, RunSummary};
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::InputError;
 use fvi_scenario::scenario::{Feature, Members, Scenario};
+use fvi_simulation::simulation::Precision;
 use fvi_simulation::simulation::events::EventRecord;
 use fvi_simulation::simulation::step_batch::StepBatch;
-use fvi_simulation::simulation::{GridState, Precision};
 use std::convert::Infallible;
 use std::num::NonZero;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -125,13 +125,15 @@ impl Batch {
         stop: &AtomicBool,
         take: &mut dyn FnMut(&StepBatch),
     ) -> Result<(Run<'s>, Rows, RunEnd), InputError> {
-        let mut run = Run::sharing(scenario, self.precision, &self.tables)?;
+        let mut run = Run::of(scenario).precision(self.precision).tables(&self.tables).start()?;
         let mut rows = Rows::for_run(scenario);
-        let row = |_, state: &GridState| {
-            rows.push(state);
-            Ok::<_, Infallible>(())
-        };
-        let Ok(end) = run.rows_of_cases(stop, row, take);
+        let Ok(end) = run.drive(stop, |portion| {
+            take(portion.batch());
+            portion.rows(|_, row| {
+                rows.push(row);
+                Ok::<_, Infallible>(())
+            })
+        });
         Ok((run, rows, end))
     }
 
@@ -231,14 +233,15 @@ mod tests {
     /// The rows of a member that is read and run by itself.
     fn alone(batch: &Batch, numbers: &[f64]) -> (Rows, RunEnd) {
         let scenario = batch.members().read(numbers).unwrap();
-        let run = Run::start(&scenario, Precision::F64).unwrap();
+        let mut run = Run::of(&scenario).start().unwrap();
         let mut rows = Rows::for_run(&scenario);
-        let row = |state: &_| {
-            rows.push(state);
-            Ok::<_, Infallible>(())
-        };
-        let Ok(summary) = run.rows_to_the_end(&AtomicBool::new(false), row, |_| {});
-        (rows, summary.end)
+        let Ok(end) = run.drive(&AtomicBool::new(false), |portion| {
+            portion.rows(|_, row| {
+                rows.push(row);
+                Ok::<_, Infallible>(())
+            })
+        });
+        (rows, end)
     }
 
     #[test]

@@ -29,6 +29,7 @@ pub mod checkpoint;
 pub mod converge;
 pub mod fit;
 mod output_sink;
+pub mod prelude;
 pub mod response;
 pub mod results;
 pub mod run;

@@ -1,5 +1,7 @@
 //! One run: from a checked scenario to the files of its output directory.
 
+mod portion;
+
 use crate::checkpoint::{self, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer};
 use crate::output_sink::{BatchView, OutputMark, OutputSink, StateView};
 use crate::results::files::{FileError, remove, write_json};
@@ -18,8 +20,9 @@ use fvi_simulation::simulation::events::{EventRecord, Watch, WatchState};
 use fvi_simulation::simulation::motion::{Failure, Motion};
 use fvi_simulation::simulation::step_batch::StepBatch;
 use fvi_simulation::simulation::{GridState, Precision, Solver};
+use portion::Place;
+pub use portion::Portion;
 use serde::Serialize;
-use std::convert::Infallible;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -344,8 +347,8 @@ pub fn run(
             )),
         }
     }
-    let mut run = Run::start_all(&scenario, options.precision, &Tables::default())?
-        .prepared_for(options.reading_seconds);
+    let builder = Run::of(&scenario).precision(options.precision);
+    let mut run = builder.prepared_for(options.reading_seconds).start()?;
     let identity = Identity::new(&scenario, options.precision, run.motion.simulation().engines());
     if let Some(checkpoint) = &mut found {
         let format = options.format.unwrap_or(checkpoint.progress.format());
@@ -519,59 +522,46 @@ pub struct Run<'s> {
     ended: Option<GridState>,
 }
 
-impl<'s> Run<'s> {
-    /// The run of one motion at t = 0.
-    ///
-    /// # Errors
-    /// If the scenario cannot be run, or has load cases; for these see [`start_cases`](Self::start_cases).
-    pub fn start(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
-        Self::sharing(scenario, precision, &Tables::default())
+/// How a run begins.
+#[derive(Clone, Copy, Debug)]
+pub struct RunBuilder<'s, 't> {
+    scenario: &'s Scenario,
+    precision: Precision,
+    tables: Option<&'t Tables>,
+    seconds: f64,
+}
+
+impl<'s, 't> RunBuilder<'s, 't> {
+    /// The precision of its arithmetic.
+    #[must_use]
+    pub fn precision(self, precision: Precision) -> Self {
+        Self { precision, ..self }
     }
 
-    /// As [`start`](Self::start), with the tables of its memories shared with other runs.
-    ///
-    /// # Errors
-    /// As [`start`](Self::start).
-    pub fn sharing(
-        scenario: &'s Scenario,
-        precision: Precision,
-        tables: &Tables,
-    ) -> Result<Self, InputError> {
-        scenario.check_use(Feature::OneMotion)?;
-        Self::start_all(scenario, precision, tables)
+    /// The tables of its memories are shared with other runs.
+    #[must_use]
+    pub fn tables<'u>(self, tables: &'u Tables) -> RunBuilder<'s, 'u> {
+        let Self { scenario, precision, seconds, .. } = self;
+        RunBuilder { scenario, precision, tables: Some(tables), seconds }
     }
 
-    /// The run of all load cases together, or of the one motion without them.
+    /// Adds seconds that its caller spent on preparation to those of the run.
+    #[must_use]
+    pub fn prepared_for(self, seconds: f64) -> Self {
+        Self { seconds, ..self }
+    }
+
+    /// The run before its first step.
     ///
     /// # Errors
     /// If the scenario cannot be run.
-    pub fn start_cases(scenario: &'s Scenario, precision: Precision) -> Result<Self, InputError> {
-        Self::start_all(scenario, precision, &Tables::default())
-    }
-
-    /// As [`start_cases`](Self::start_cases), with the tables of its memories shared with other runs.
-    ///
-    /// # Errors
-    /// As [`start_cases`](Self::start_cases).
-    pub fn sharing_cases(
-        scenario: &'s Scenario,
-        precision: Precision,
-        tables: &Tables,
-    ) -> Result<Self, InputError> {
-        Self::start_all(scenario, precision, tables)
-    }
-
-    /// The run, with `seconds` that its caller spent on preparation added to its preparation time.
-    #[must_use]
-    pub fn prepared_for(mut self, seconds: f64) -> Self {
-        self.preparation_seconds += seconds;
-        self
-    }
-
-    fn start_all(scenario: &'s Scenario, precision: Precision, tables: &Tables) -> Result<Self, InputError> {
+    pub fn start(self) -> Result<Run<'s>, InputError> {
+        let Self { scenario, precision, tables, seconds } = self;
+        let own = Tables::default();
+        let tables = tables.unwrap_or(&own);
         let preparation = Instant::now();
         let motion = Motion::sharing(scenario, precision, tables)?.with_sensitivities(tables)?;
-        Ok(Self {
+        Ok(Run {
             between: Vec::new(),
             passed: 0,
             watch: Watch::new(scenario, motion.state()),
@@ -580,7 +570,7 @@ impl<'s> Run<'s> {
             motion,
             seen: false,
             begin: Instant::now(),
-            preparation_seconds: preparation.elapsed().as_secs_f64(),
+            preparation_seconds: seconds + preparation.elapsed().as_secs_f64(),
             seconds: 0.0,
             overruns: None,
             newton_iterations: 0,
@@ -591,89 +581,46 @@ impl<'s> Run<'s> {
             elsewhere: Vec::new(),
         })
     }
+}
 
-    /// Makes all steps, or until one fails, or until the end of the current batch when `stop` is set; `take`
-    /// receives the number of steps made and the state after them, beginning with the initial state.
+impl<'s> Run<'s> {
+    /// A run of a scenario, all its load cases together, in double precision and with tables of its own unless
+    /// the builder is told otherwise.
+    pub fn of(scenario: &'s Scenario) -> RunBuilder<'s, 'static> {
+        RunBuilder { scenario, precision: Precision::F64, tables: None, seconds: 0.0 }
+    }
+
+    /// Makes all steps, or until one fails, or until the end of the current portion when `stop` is set. `take`
+    /// receives them in portions, beginning with the initial state; the last one has no states but a row, that
+    /// of the last state, where `[output] every` has passed over it.
     ///
     /// # Errors
     /// Errors of `take`. A failing step is not an error but an end, see [`RunEnd`].
-    pub fn to_the_end<E>(
-        mut self,
+    pub fn drive<E>(
+        &mut self,
         stop: &AtomicBool,
-        mut take: impl FnMut(usize, &GridState) -> Result<(), E>,
-    ) -> Result<RunSummary, E> {
-        let mut state = self.state().clone();
+        mut take: impl FnMut(&mut Portion<'_>) -> Result<(), E>,
+    ) -> Result<RunEnd, E> {
+        let (every, on_grid) = (self.scenario.output.every, self.scenario.output.times.is_empty());
+        let mut last_is_there = true;
+        let mut place = Place::of(self);
         let end = self.go(
             stop,
             |_| usize::MAX,
             |run| {
                 let batch = run.motion.batch();
-                (0..batch.len()).try_for_each(|index| {
-                    batch.read(index, &mut state);
-                    take(batch.first() + index, &state)
-                })
+                if on_grid && !batch.is_empty() {
+                    last_is_there = batch.multiples(every).last() == Some(batch.len() - 1);
+                }
+                take(&mut Portion { run, batch, place: &mut place })
             },
         )?;
-        Ok(self.summary(end))
-    }
-
-    /// As [`to_the_end`](Self::to_the_end); `take` receives the states of several steps at a time.
-    pub fn batches_to_the_end(mut self, stop: &AtomicBool, take: &mut dyn FnMut(&StepBatch)) -> RunSummary {
-        let end = self.go(
-            stop,
-            |_| usize::MAX,
-            |run| {
-                take(run.motion.batch());
-                Ok::<_, Infallible>(())
-            },
-        );
-        let Ok(end) = end;
-        self.summary(end)
-    }
-
-    /// As [`batches_to_the_end`](Self::batches_to_the_end); `row` receives the rows of the trajectory that
-    /// `[output]` selects, with its coordinates.
-    ///
-    /// # Errors
-    /// Errors of `row`. A failing step is not an error but an end, see [`RunEnd`].
-    pub fn rows_to_the_end<E>(
-        mut self,
-        stop: &AtomicBool,
-        mut row: impl FnMut(&GridState) -> Result<(), E>,
-        take: impl FnMut(&StepBatch),
-    ) -> Result<RunSummary, E> {
-        let end = self.rows(stop, |_, state| row(state), take)?;
-        Ok(self.summary(end))
-    }
-
-    /// As [`rows_to_the_end`](Self::rows_to_the_end), for all load cases: `row` receives the index of a case
-    /// and a row, the rows of each case in order. Returns the record of each case, or of the one motion
-    /// without cases.
-    ///
-    /// # Errors
-    /// Errors of `row`.
-    pub fn rows_of_cases_to_the_end<E>(
-        mut self,
-        stop: &AtomicBool,
-        row: impl FnMut(usize, &GridState) -> Result<(), E>,
-        take: impl FnMut(&StepBatch),
-    ) -> Result<Vec<RunSummary>, E> {
-        let end = self.rows_of_cases(stop, row, take)?;
-        Ok(self.summaries(end))
-    }
-
-    /// As [`rows_of_cases_to_the_end`](Self::rows_of_cases_to_the_end), but keeps the run, so that its
-    /// [`snapshot`](Self::snapshot) can be taken before the [`summaries`](Self::summaries).
-    ///
-    /// # Errors
-    /// Errors of `row`.
-    pub fn rows_of_cases<E>(
-        &mut self,
-        stop: &AtomicBool,
-        row: impl FnMut(usize, &GridState) -> Result<(), E>,
-        take: impl FnMut(&StepBatch),
-    ) -> Result<RunEnd, E> {
-        self.rows(stop, row, take)
+        self.motion.complete();
+        if !last_is_there {
+            let none = StepBatch::new(0, true, 1);
+            take(&mut Portion { run: self, batch: &none, place: &mut place })?;
+        }
+        Ok(end)
     }
 
     /// The record of each load case, or of the one motion without them.
@@ -684,49 +631,6 @@ impl<'s> Run<'s> {
             return vec![summary];
         }
         (0..scenario.copies()).map(|case| summary.of_case(scenario, case)).collect()
-    }
-
-    /// Makes the steps; `row` receives the rows of each motion, `take` the states.
-    fn rows<E>(
-        &mut self,
-        stop: &AtomicBool,
-        mut row: impl FnMut(usize, &GridState) -> Result<(), E>,
-        mut take: impl FnMut(&StepBatch),
-    ) -> Result<RunEnd, E> {
-        let (scenario, every) = (self.scenario, self.scenario.output.every);
-        let on_grid = scenario.output.times.is_empty();
-        let copies = scenario.copies();
-        let mut last_is_there = true;
-        let chosen = scenario.written_coordinates();
-        let mut shown = self.view(0).shown(scenario);
-        let end = self.go(
-            stop,
-            |_| usize::MAX,
-            |run| {
-                let batch = run.motion.batch();
-                if on_grid && !batch.is_empty() {
-                    last_is_there = false;
-                    for index in batch.multiples(every) {
-                        last_is_there = index + 1 == batch.len();
-                        for case in 0..copies {
-                            run.batch_view(case).read(index, &chosen, &mut shown);
-                            row(case, &shown)?;
-                        }
-                    }
-                }
-                // Load cases have rows at grid points only.
-                for between in run.rows_between() {
-                    row(0, &StateView::from(between).shown(scenario))?;
-                }
-                take(batch);
-                Ok(())
-            },
-        )?;
-        self.motion.complete();
-        if !last_is_there {
-            (0..copies).try_for_each(|case| row(case, &self.view(case).shown(scenario)))?;
-        }
-        Ok(end)
     }
 
     /// Steps made.
@@ -803,7 +707,7 @@ impl<'s> Run<'s> {
 
     /// The states at the entries of `output.times` that the last step has passed; with `output.times` also
     /// the state at the event that has ended the run.
-    pub fn rows_between(&self) -> &[GridState] {
+    fn rows_between(&self) -> &[GridState] {
         &self.between
     }
 

@@ -28,6 +28,7 @@ use crate::results::trajectory::TrajectoryWriter;
 use crate::run::{Run, RunEnd};
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::InputError;
+use fvi_scenario::scenario::{Feature, Scenario};
 use fvi_simulation::simulation::Precision;
 use fvi_simulation::simulation::columns::Columns;
 use measured::Measured;
@@ -275,12 +276,12 @@ impl Sweep {
             let values = vec![f64::NAN; columns];
             return Ok(Some(Record { status: Status::Refused, steps: 0, values, message }));
         }
-        let under_way = match Run::sharing(&scenario, options.precision, tables) {
+        let mut under_way = match begin(&scenario, options.precision, tables) {
             Ok(under_way) => under_way,
             Err(error) => {
                 // In the words of the run's own file.
                 let read = self.read_scenario_of(run);
-                let again = read.and_then(|read| Run::sharing(&read, options.precision, tables).map(drop));
+                let again = read.and_then(|read| begin(&read, options.precision, tables).map(drop));
                 return Ok(Some(refused(again.err().unwrap_or(error))));
             }
         };
@@ -295,14 +296,16 @@ impl Sweep {
             None => None,
         };
         let mut measured = Measured::new(&scenario, self.settled());
-        let summary = match &mut writer {
-            Some(writer) => {
-                under_way.rows_to_the_end(stop, |row| writer.push(row), |batch| measured.take(batch))
+        let end = under_way.drive(stop, |portion| {
+            measured.take(portion.batch());
+            match &mut writer {
+                Some(writer) => portion.rows(|_, row| writer.push(row)),
+                None => Ok(()),
             }
-            None => Ok(under_way.batches_to_the_end(stop, &mut |batch| measured.take(batch))),
-        };
+        });
         let path = || self.trajectory_of(run, &options.directory).unwrap_or_default();
-        let summary = summary.map_err(|error| FileError::at(&path())(error))?;
+        let end = end.map_err(|error| FileError::at(&path())(error))?;
+        let summary = under_way.summary(end);
         let (status, message) = match &summary.end {
             RunEnd::Stopped => return Ok(None),
             RunEnd::Completed | RunEnd::Event { .. } => (Status::Completed, String::new()),
@@ -316,4 +319,10 @@ impl Sweep {
         let values = self.quantities().values(&scenario, &summary, &measured);
         Ok(Some(Record { status, steps: summary.steps as u64, values, message }))
     }
+}
+
+/// The run of a scenario, which has no load cases.
+fn begin<'s>(scenario: &'s Scenario, precision: Precision, tables: &Tables) -> Result<Run<'s>, InputError> {
+    scenario.check_use(Feature::OneMotion)?;
+    Run::of(scenario).precision(precision).tables(tables).start()
 }

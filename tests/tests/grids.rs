@@ -4,7 +4,7 @@
 use fvi_fft::sums::max_or_nan;
 use fvi_host::run::Run;
 use fvi_scenario::scenario::Scenario;
-use fvi_simulation::simulation::{GridState, Precision};
+use fvi_simulation::simulation::GridState;
 use serde_json::{Value, json};
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
@@ -13,12 +13,13 @@ use std::sync::atomic::AtomicBool;
 fn rows(scenario: &Value) -> Vec<GridState> {
     let scenario = Scenario::from_value(scenario).unwrap();
     let mut rows = Vec::new();
-    let run = Run::start(&scenario, Precision::F64).unwrap();
-    let row = |state: &GridState| {
-        rows.push(state.clone());
-        Ok::<_, Infallible>(())
-    };
-    let Ok(_) = run.rows_to_the_end(&AtomicBool::new(false), row, |_| ());
+    let mut run = Run::of(&scenario).start().unwrap();
+    let Ok(_) = run.drive(&AtomicBool::new(false), |portion| {
+        portion.rows(|_, state| {
+            rows.push(state.clone());
+            Ok::<_, Infallible>(())
+        })
+    });
     rows
 }
 

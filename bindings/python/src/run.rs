@@ -282,9 +282,12 @@ fn compute(
     slot: &ErrorSlot,
     (resume, keep): (Option<&RunSnapshot>, Option<bool>),
 ) -> Outcome<Computed> {
-    let mut run = Run::sharing_cases(scenario, precision, tables)
-        .map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?
-        .prepared_for(spent);
+    let mut run = Run::of(scenario)
+        .precision(precision)
+        .tables(tables)
+        .prepared_for(spent)
+        .start()
+        .map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?;
     if let Some(RunSnapshot { snapshot }) = resume {
         run.resume_from(snapshot).map_err(|error| Failure::Failed(format!("continue_from: {error}")))?;
     }
@@ -292,22 +295,19 @@ fn compute(
     let mut watch = Watch::new(progress);
     let stop = AtomicBool::new(false);
     let all = scenario.time.steps_known();
-    let result = run.rows_of_cases(
-        &stop,
-        |case, row| {
+    let Ok(end) = run.drive(&stop, |portion| {
+        let batch = portion.batch();
+        let steps = batch.first() + batch.len().saturating_sub(1);
+        if (steps > 0 && !watch.tick(steps, all)) || slot.is_full() {
+            stop.store(true, Ordering::Relaxed);
+        }
+        portion.rows(|case, row| {
             if let Some(rows) = motions.get_mut(case) {
                 rows.push(row);
             }
             Ok::<_, Infallible>(())
-        },
-        |batch| {
-            let steps = batch.first() + batch.len().saturating_sub(1);
-            if (steps > 0 && !watch.tick(steps, all)) || slot.is_full() {
-                stop.store(true, Ordering::Relaxed);
-            }
-        },
-    );
-    let Ok(end) = result;
+        })
+    });
     let small = || {
         let rows = motions.iter().map(Rows::bytes).sum::<usize>();
         run.memory_bytes() <= rows.max(SMALL)

@@ -4,7 +4,6 @@ use super::plant::ScenarioPlant;
 use crate::run::{Run, RunEnd};
 use fvi_scenario::language::Problem;
 use fvi_scenario::scenario::Scenario;
-use fvi_simulation::simulation::Precision;
 use nalgebra::Complex;
 use serde::Serialize;
 use std::convert::Infallible;
@@ -71,19 +70,20 @@ pub(super) fn experiment(
     let scenario =
         Scenario::from_document(document).and_then(|scenario| scenario.ending_after(steps as usize));
     let scenario = scenario.map_err(|error| error.to_string())?;
-    let run = Run::start(&scenario, Precision::F64).map_err(|error| error.to_string())?;
+    let mut run = Run::of(&scenario).start().map_err(|error| error.to_string())?;
     let (mut times, mut outputs, mut measured) = (Vec::new(), Vec::new(), Vec::new());
     let every = (sample / scenario.time.step).round() as usize;
-    let summary = run.to_the_end(stop, |step, state| {
-        if step % every == 0 {
-            times.push(state.time);
-            outputs.push(state.columns[0]);
-            measured.push(state.columns[2] - rest);
-        }
-        Ok::<_, Infallible>(())
+    let Ok(end) = run.drive(stop, |portion| {
+        portion.states(|step, state| {
+            if step % every == 0 {
+                times.push(state.time);
+                outputs.push(state.columns[0]);
+                measured.push(state.columns[2] - rest);
+            }
+            Ok::<_, Infallible>(())
+        })
     });
-    let Ok(summary) = summary;
-    match summary.end {
+    match end {
         RunEnd::Completed => {}
         other => return Err(format!("the relay experiment ended early: {other:?}")),
     }

@@ -34,13 +34,14 @@ fn adaptive(end: f64, tolerance: f64) -> Value {
 fn rows(scenario: &Value) -> (fvi_host::run::RunSummary, Vec<[f64; 3]>) {
     let scenario = Scenario::from_value(scenario).unwrap();
     let mut rows = Vec::new();
-    let run = fvi_host::run::Run::start(&scenario, fvi_simulation::simulation::Precision::F64).unwrap();
-    let summary = run.to_the_end(&AtomicBool::new(false), |_, state| {
-        rows.push([state.time, state.position[0], state.momentum[0]]);
-        Ok::<_, std::convert::Infallible>(())
+    let mut run = fvi_host::run::Run::of(&scenario).start().unwrap();
+    let Ok(end) = run.drive(&AtomicBool::new(false), |portion| {
+        portion.states(|_, state| {
+            rows.push([state.time, state.position[0], state.momentum[0]]);
+            Ok::<_, std::convert::Infallible>(())
+        })
     });
-    let Ok(summary) = summary;
-    (summary, rows)
+    (run.summary(end), rows)
 }
 
 /// Largest errors of q and p over the rows where they are known.

@@ -12,13 +12,14 @@ use std::sync::atomic::AtomicBool;
 fn rows(scenario: &Value, precision: Precision) -> (RunSummary, Vec<[f64; 4]>) {
     let scenario = Scenario::from_value(scenario).unwrap_or_else(|error| panic!("{scenario}: {error}"));
     let mut rows = Vec::new();
-    let run = Run::start(&scenario, precision).unwrap();
-    let summary = run.to_the_end(&AtomicBool::new(false), |_, state| {
-        rows.push([state.time, state.position[0], state.momentum[0], state.energy]);
-        Ok::<_, std::convert::Infallible>(())
+    let mut run = Run::of(&scenario).precision(precision).start().unwrap();
+    let Ok(end) = run.drive(&AtomicBool::new(false), |portion| {
+        portion.states(|_, state| {
+            rows.push([state.time, state.position[0], state.momentum[0], state.energy]);
+            Ok::<_, std::convert::Infallible>(())
+        })
     });
-    let Ok(summary) = summary;
-    (summary, rows)
+    (run.summary(end), rows)
 }
 
 fn radau(stages: usize) -> Value {
@@ -163,16 +164,17 @@ fn masses_at_a_gap_cross_together() {
         "time": { "grid": "adaptive", "end": 10.0, "tolerance": 1e-8 },
     });
     let scenario = Scenario::from_value(&gap).unwrap();
-    let run = Run::start(&scenario, Precision::F64).unwrap();
+    let mut run = Run::of(&scenario).start().unwrap();
     let mut energies = Vec::new();
-    let summary = run.to_the_end(&AtomicBool::new(false), |_, state| {
-        assert_eq!(state.position[0], state.position[2]);
-        assert_eq!(state.position[1], state.position[3]);
-        energies.push(state.energy);
-        Ok::<_, std::convert::Infallible>(())
+    let Ok(end) = run.drive(&AtomicBool::new(false), |portion| {
+        portion.states(|_, state| {
+            assert_eq!(state.position[0], state.position[2]);
+            assert_eq!(state.position[1], state.position[3]);
+            energies.push(state.energy);
+            Ok::<_, std::convert::Infallible>(())
+        })
     });
-    let Ok(summary) = summary;
-    assert_eq!(summary.end, RunEnd::Completed);
+    assert_eq!(end, RunEnd::Completed);
     let first = energies[0];
     assert!(energies.iter().all(|energy| (energy / first - 1.0).abs() < 1e-6), "{:?}", energies.last());
 }

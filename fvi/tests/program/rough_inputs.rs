@@ -4,7 +4,6 @@ use super::workplace::{Workplace, text};
 use fvi_fft::sums::max_or_nan;
 use fvi_host::run::{Run, RunEnd};
 use fvi_scenario::scenario::Scenario;
-use fvi_simulation::simulation::Precision;
 use std::fs;
 use std::sync::atomic::AtomicBool;
 
@@ -198,15 +197,16 @@ fn random_records_drive_every_scheme_on_every_grid_as_their_polygons_do() {
             place.write("driven.toml", &text);
             let scenario =
                 Scenario::read(&place.path("driven.toml")).unwrap_or_else(|error| panic!("{error}: {text}"));
-            let run = Run::start(&scenario, Precision::F64).unwrap();
+            let mut run = Run::of(&scenario).start().unwrap();
             let mut error = 0.0_f64;
-            let summary = run.to_the_end(&AtomicBool::new(false), |_, state| {
-                let [q, p] = driven_by(&record, state.time);
-                error = error.max((state.position[0] - q).abs()).max((state.momentum[0] - p).abs());
-                Ok::<_, std::convert::Infallible>(())
+            let Ok(end) = run.drive(&AtomicBool::new(false), |portion| {
+                portion.states(|_, state| {
+                    let [q, p] = driven_by(&record, state.time);
+                    error = error.max((state.position[0] - q).abs()).max((state.momentum[0] - p).abs());
+                    Ok::<_, std::convert::Infallible>(())
+                })
             });
-            let Ok(summary) = summary;
-            assert_eq!(summary.end, RunEnd::Completed);
+            assert_eq!(end, RunEnd::Completed);
             let bound = if grid.contains("tolerance") { 1e-6 } else { bound };
             assert!(error < bound, "{error:e}: {text}{rows}");
         }

@@ -5,7 +5,6 @@ use fvi_fft::sums::max_or_nan;
 use fvi_host::run::{Run, RunEnd};
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::Scenario;
-use fvi_simulation::simulation::Precision;
 use std::convert::Infallible;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -37,17 +36,15 @@ fn rows(text: &str) -> Rows {
     let document = Document::new("scenario.toml", Path::new(""), text);
     let scenario = Scenario::from_document(document).unwrap_or_else(|error| panic!("{error}\n{text}"));
     let (mut motion, mut derivatives) = (Vec::new(), Vec::new());
-    let run = Run::start(&scenario, Precision::F64).unwrap_or_else(|error| panic!("{error}\n{text}"));
-    let summary = run.rows_to_the_end(
-        &AtomicBool::new(false),
-        |state| {
+    let mut run = Run::of(&scenario).start().unwrap_or_else(|error| panic!("{error}\n{text}"));
+    let Ok(end) = run.drive(&AtomicBool::new(false), |portion| {
+        portion.rows(|_, state| {
             motion.push([&state.position[..], &state.momentum].concat());
             derivatives.push(state.sensitivities.clone());
             Ok::<_, Infallible>(())
-        },
-        |_| {},
-    );
-    assert_eq!(summary.unwrap().end, RunEnd::Completed, "{text}");
+        })
+    });
+    assert_eq!(end, RunEnd::Completed, "{text}");
     (motion, derivatives)
 }
 

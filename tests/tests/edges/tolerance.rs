@@ -4,7 +4,7 @@
 use fvi_fft::sums::max_or_nan;
 use fvi_host::run::{Run, RunEnd};
 use fvi_scenario::scenario::Scenario;
-use fvi_simulation::simulation::{GridState, Precision};
+use fvi_simulation::simulation::GridState;
 use serde_json::{Value, json};
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
@@ -13,13 +13,14 @@ use std::sync::atomic::AtomicBool;
 fn rows(scenario: &Value) -> Result<Vec<GridState>, String> {
     let scenario = Scenario::from_value(scenario).unwrap();
     let mut rows = Vec::new();
-    let summary =
-        Run::start(&scenario, Precision::F64).unwrap().to_the_end(&AtomicBool::new(false), |_, state| {
+    let mut run = Run::of(&scenario).start().unwrap();
+    let Ok(end) = run.drive(&AtomicBool::new(false), |portion| {
+        portion.states(|_, state| {
             rows.push(state.clone());
             Ok::<_, Infallible>(())
-        });
-    let Ok(summary) = summary;
-    match summary.end {
+        })
+    });
+    match end {
         RunEnd::Completed => Ok(rows),
         RunEnd::Failed { reason, .. } => Err(reason),
         other => panic!("{other:?}"),

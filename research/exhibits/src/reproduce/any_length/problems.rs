@@ -6,7 +6,7 @@ use fvi_host::converge::{Outcome, run_on};
 use fvi_host::run::{Run, RunEnd};
 use fvi_scenario::language::Document;
 use fvi_scenario::scenario::Scenario;
-use fvi_simulation::simulation::Precision;
+use std::convert::Infallible;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
@@ -288,8 +288,9 @@ impl Problem {
 
 /// Runs a scenario with a reference.
 pub(super) fn measured(scenario: &Scenario, stop: &AtomicBool) -> Result<Made, ReproduceError> {
-    let run = Run::start(scenario, Precision::F64)?;
-    let summary = run.batches_to_the_end(stop, &mut |_| ());
+    let mut run = Run::of(scenario).start()?;
+    let Ok(end) = run.drive(stop, |_| Ok::<_, Infallible>(()));
+    let summary = run.summary(end);
     match summary.end {
         RunEnd::Completed | RunEnd::Event { .. } => {}
         RunEnd::Stopped => return Err(ReproduceError::Stopped),

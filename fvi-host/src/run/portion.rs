@@ -1,0 +1,72 @@
+//! What the caller of a run receives.
+
+use super::Run;
+use crate::output_sink::StateView;
+use fvi_simulation::simulation::GridState;
+use fvi_simulation::simulation::step_batch::StepBatch;
+
+/// Places that states and rows are written to, one after another.
+pub(super) struct Place {
+    state: GridState,
+    /// A row, with the coordinates of the output, and their numbers.
+    row: GridState,
+    chosen: Vec<usize>,
+}
+
+impl Place {
+    pub(super) fn of(run: &Run<'_>) -> Self {
+        let (state, row) = (run.state().clone(), run.view(0).shown(run.scenario));
+        Self { state, row, chosen: run.scenario.written_coordinates() }
+    }
+}
+
+/// The steps that a run has made since its caller last received some; see [`Run::drive`].
+pub struct Portion<'r> {
+    pub(super) run: &'r Run<'r>,
+    pub(super) batch: &'r StepBatch,
+    pub(super) place: &'r mut Place,
+}
+
+impl Portion<'_> {
+    /// The states in columns, those of load cases one after another.
+    pub fn batch(&self) -> &StepBatch {
+        self.batch
+    }
+
+    /// Hands on every state with the number of steps made until then, those of load cases in one.
+    ///
+    /// # Errors
+    /// Errors of `take`.
+    pub fn states<E>(&mut self, mut take: impl FnMut(usize, &GridState) -> Result<(), E>) -> Result<(), E> {
+        let (batch, state) = (self.batch, &mut self.place.state);
+        (0..batch.len()).try_for_each(|index| {
+            batch.read(index, state);
+            take(batch.first() + index, state)
+        })
+    }
+
+    /// Hands on the rows that `[output]` selects, with its coordinates, each with the index of its load case, 0
+    /// without load cases. Rows of a case come in order.
+    ///
+    /// # Errors
+    /// Errors of `take`.
+    pub fn rows<E>(&mut self, mut take: impl FnMut(usize, &GridState) -> Result<(), E>) -> Result<(), E> {
+        let (run, scenario) = (self.run, self.run.scenario);
+        let copies = scenario.copies();
+        if self.batch.is_empty() {
+            return (0..copies).try_for_each(|case| take(case, &run.view(case).shown(scenario)));
+        }
+        let Place { row, chosen, .. } = &mut *self.place;
+        if scenario.output.times.is_empty() {
+            for index in self.batch.multiples(scenario.output.every) {
+                for case in 0..copies {
+                    run.batch_view(case).read(index, chosen, row);
+                    take(case, row)?;
+                }
+            }
+        }
+        // Load cases have rows at grid points only.
+        let between = run.rows_between().iter();
+        between.map(|state| StateView::from(state).shown(scenario)).try_for_each(|row| take(0, &row))
+    }
+}
