@@ -1,14 +1,15 @@
 //! Derivatives of a discrete motion with respect to parameters of its scenario.
 
 mod explicit;
+mod step;
 
 use crate::model::{AnyEquations, AnyFactors, AnyScheme, AnySpace, Matrix, Model, RoughForces, matrix};
 use crate::simulation::choice::{SolverChoice, sparse_space};
 use crate::simulation::gyroscopic::Gyroscopic;
 use explicit::Direct;
 use fvi_core::{
-    Block, DampedMotion, Derivative, Equations, Instant, Kernel, Mechanics, Memory, MemoryError,
-    ParameterError, Real, Sample, Sampling, Scheme, StateError, StateReader, StateWriter, Stateful,
+    Block, DampedMotion, Derivative, Equations, Kernel, Mechanics, MemoryError, ParameterError, Real, Sample,
+    Sampling, Scheme, StateError, StateReader, StateWriter, Stateful,
 };
 use fvi_fft::dense::Factored;
 use fvi_fft::memory::{EngineError, HostMemory, MemoryRequest, Tables};
@@ -20,6 +21,10 @@ use fvi_scenario::language::error::Cause;
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{self, Parameter, Past, Quantity, ReportedMomentum, Scenario, Sensitivity};
 use nalgebra::DMatrix;
+use std::sync::Arc;
+
+/// Gyroscopic forces at the nodes.
+type Turning = Gyroscopic<f64, Matrix<f64>>;
 
 /// A motion with its memory, for any number of coordinates.
 type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
@@ -54,7 +59,7 @@ pub(crate) struct Tangent {
     /// Time at which the run begins.
     start: f64,
     step: f64,
-    scheme: AnyScheme<f64>,
+    scheme: Arc<AnyScheme<f64>>,
     /// True if damping acts in the new momentum only, and whether memories store main nodes.
     kicks: bool,
     at_main_nodes: bool,
@@ -71,8 +76,8 @@ pub(crate) struct Tangent {
     mass_changes: Vec<Vec<(usize, usize)>>,
     terms: Vec<Term>,
     /// G V, and δG V for the parameters in G.
-    gyroscopic: Option<Gyroscopic<f64, Matrix<f64>>>,
-    gyroscopic_changes: Vec<(usize, Gyroscopic<f64, Matrix<f64>>)>,
+    gyroscopic: Option<Turning>,
+    gyroscopic_changes: Vec<(usize, Turning)>,
     solver: Solver,
     /// ∂q, ∂p and the derivative of the last kick: p times N numbers.
     position: Vec<f64>,
@@ -94,6 +99,9 @@ struct TangentBuffers {
     damped: Vec<f64>,
     /// ∂G_i at the points: p n numbers each.
     forces: Vec<f64>,
+    /// ∂²U − ∂F and −∂F/∂v at the points, if they differ from point to point.
+    stiffnesses: Vec<Matrix<f64>>,
+    resistances: Vec<Matrix<f64>>,
     /// n numbers each.
     restoring: Vec<f64>,
     place: Vec<f64>,
@@ -102,6 +110,8 @@ struct TangentBuffers {
     /// h c_i ∂v_k and ∂v_k of collocation.
     base: Vec<f64>,
     start_velocities: Vec<f64>,
+    /// q_{k+1} − q_k.
+    rise: Vec<f64>,
     /// ∂X_i − ∂q_k, and ∂q_{k+1} − ∂q_k.
     own_stages: Vec<f64>,
     own_rise: Vec<f64>,
@@ -118,12 +128,15 @@ impl TangentBuffers {
             stages: vec![0.0; points * n],
             damped: vec![0.0; nodes * p * n],
             forces: vec![0.0; points * p * n],
+            stiffnesses: Vec::new(),
+            resistances: Vec::new(),
             restoring: vec![0.0; n],
             place: vec![0.0; n],
             velocity: vec![0.0; n],
             right: vec![0.0; n],
             base: vec![0.0; points * p * n],
             start_velocities: vec![0.0; p * n],
+            rise: vec![0.0; n],
             own_stages: vec![0.0; points * p * n],
             own_rise: vec![0.0; p * n],
             columns: DMatrix::zeros(degree * n, p),
@@ -237,84 +250,21 @@ impl Tangent {
         let at_main_nodes = matches!(Scheme::<f64, AnySpace>::sampling(&scheme), Sampling::MainNodes);
         let nodes = if at_main_nodes { 1 } else { scheme.view().nodes.len() };
         let model = Model::<f64>::new(scenario).map_err(|error| super::bad_mass(scenario, &error))?;
-        let velocity_of = |momentum: &[f64]| {
-            let mut velocity = vec![0.0; size];
-            model.velocity(momentum, &mut velocity);
-            velocity
-        };
         let initial = &scenario.initial;
-        let v0 = velocity_of(&initial.momentum);
-        let gives_velocity = scenario.document().has("initial.velocity");
-        let (mut position, mut momentum, mut velocity) = (Vec::new(), Vec::new(), Vec::new());
-        let mut pasts = Vec::new();
-        let mass = matrix::<f64>(&scenario.system.mass);
-        let mut mass_changes = Vec::new();
-        for parameter in parameters {
-            let (mut dq, mut dp, mut inertia) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
-            let (mut changes, mut past) = (Vec::new(), None);
-            match parameter.what {
-                Quantity::Position(index) => dq[index] = 1.0,
-                Quantity::Past(row, column) => {
-                    past = initial.past.as_ref().map(|past| past.slope(row, column));
-                }
-                Quantity::Momentum(index) => dp[index] = 1.0,
-                Quantity::Velocity(index) => {
-                    let mut one = vec![0.0; size];
-                    one[index] = 1.0;
-                    mass.multiply_add(1.0, &one, &mut dp);
-                }
-                Quantity::Mass(row, column) => {
-                    changes = mirrored(row, column);
-                    add_change(&changes, &v0, &mut inertia);
-                    if gives_velocity {
-                        dp.clone_from(&inertia);
-                    }
-                }
-                _ => {}
-            }
-            let rest: Vec<f64> = dp.iter().zip(&inertia).map(|(dp, inertia)| dp - inertia).collect();
-            velocity.extend(velocity_of(&rest));
-            position.extend(dq);
-            momentum.extend(dp);
-            mass_changes.push(changes);
-            pasts.push(past);
-        }
-        // With a past the motion begins at rest at its first position.
-        let (base, mut base_slopes) = (initial.base(), position.clone());
-        let mut base_velocity = v0;
-        if initial.past.is_some() {
-            [&mut base_velocity, &mut velocity].into_iter().for_each(|velocity| velocity.fill(0.0));
-            for (past, slope) in pasts.iter().zip(base_slopes.chunks_mut(size)) {
-                match past {
-                    Some(past) => slope.copy_from_slice(past.first()),
-                    None => slope.fill(0.0),
-                }
-            }
-        }
+        let beginning = Beginning::of(scenario, parameters, &model);
         let begin = scenario.time.start - initial.past_steps() as f64 * scenario.time.step;
         let mut terms = Vec::new();
         for index in 0..scenario.system.damping.len() {
             let mut term = Term::new(scenario, (index, nodes), parameters, tables)?;
-            term.tangent.begin(&base_slopes, &velocity);
-            term.motions_mut().for_each(|motion| motion.begin(base, &base_velocity));
+            term.tangent.begin(&beginning.base_slopes, &beginning.velocity_slopes);
+            term.motions_mut().for_each(|motion| motion.begin(initial.base(), &beginning.velocity));
             if begin != 0.0 {
                 term.motions_mut().for_each(|motion| motion.begin_at(begin));
                 term.tangent.begin_at(begin);
             }
             terms.push(term);
         }
-        let (mut gyroscopic, mut gyroscopic_changes) = (None, Vec::new());
-        if let Sampling::Nodes(fractions) = Scheme::<f64, AnySpace>::sampling(&scheme) {
-            let at_nodes = |skew| Gyroscopic::new(skew, fractions, scenario.time.step);
-            gyroscopic = super::gyroscopic(scenario, &AnySpace::dense(size)).map(at_nodes);
-            for (index, Parameter { what, .. }) in parameters.iter().enumerate() {
-                if let &Quantity::Gyroscopic(row, column) = what {
-                    let entries = [(row, column, 1.0), (column, row, -1.0)];
-                    let change = Matrix::of_entries(size, entries.into_iter());
-                    gyroscopic_changes.push((index, at_nodes(change)));
-                }
-            }
-        }
+        let (gyroscopic, gyroscopic_changes) = gyroscopic(scenario, parameters, &scheme);
         let stiffness = model.stiffness();
         let resistance = Mechanics::depends_on_velocity(&model).then(|| model.stiffness());
         let direct = parameters.iter().map(|parameter| Direct::all(scenario, &parameter.what)).collect();
@@ -332,7 +282,7 @@ impl Tangent {
             stiffness,
             resistance,
             direct,
-            mass_changes,
+            mass_changes: beginning.mass_changes,
             terms,
             gyroscopic,
             gyroscopic_changes,
@@ -341,13 +291,13 @@ impl Tangent {
             behind: vec![0.0; if at_main_nodes { 0 } else { nodes * count * size }],
             motion_behind: vec![0.0; if at_main_nodes { 0 } else { nodes * size }],
             scratch: vec![0.0; (nodes + 1) * count * size],
-            position,
-            momentum,
-            scheme,
+            position: beginning.position,
+            momentum: beginning.momentum,
+            scheme: Arc::new(scheme),
         };
         let told = match &initial.past {
-            Some(past) => made.follow(past, (&initial.position, &pasts), base_slopes),
-            None if at_main_nodes => made.push_start(base),
+            Some(past) => made.follow(past, (&initial.position, &beginning.pasts), beginning.base_slopes),
+            None if at_main_nodes => made.push_start(initial.base()),
             None => Ok(()),
         };
         told.map_err(|error| scenario.error_at("sensitivity", Problem::Engine(Cause::new(error))))?;
@@ -431,293 +381,6 @@ impl Tangent {
         Ok(())
     }
 
-    /// Computes the derivatives after the step that began at this position and momentum and was solved with
-    /// these increments, for collocation with these accelerations.
-    ///
-    /// # Errors
-    /// A message.
-    pub(crate) fn advance(
-        &mut self,
-        step: usize,
-        (start, momentum): (&[f64], &[f64]),
-        increments: &[f64],
-    ) -> Result<(), String> {
-        let (n, c, h) = (self.size, self.size * self.count, self.step);
-        let time = self.start + h * step as f64;
-        let view = self.scheme.view();
-        let (degree, points) = (view.control_points.len(), view.nodes.len());
-        let at_end = [1.0];
-        let fractions = if self.at_main_nodes { &at_end[..] } else { view.nodes };
-        let nodes = fractions.len();
-        let square = self.scheme.square();
-        // δX_i − δq_k = base_i + Σ_μ shape(i, μ) δe^μ
-        let shape = |i: usize, mu: usize| match square {
-            Some(square) => h * h * square[i * degree + mu],
-            None => view.shapes[i * degree + mu],
-        };
-        // Row ν: Σ_μ κ(ν, μ) (M δe^μ + δM e^μ) + Σ_i φ(i, ν) δG_i, and δ_ν0 δp_k if the unknowns are
-        // increments.
-        let inertia = |nu: usize, mu: usize| match square {
-            Some(_) => f64::from(u8::from(nu == mu)),
-            None => view.kinetic[nu * degree + mu] / h,
-        };
-        let part = |i: usize, nu: usize| match square {
-            Some(_) => f64::from(u8::from(i == nu)),
-            None => -h * view.weights[i] * view.tests[i * degree + nu],
-        };
-        let TangentBuffers {
-            stages,
-            damped,
-            forces,
-            restoring,
-            place,
-            velocity,
-            right,
-            base,
-            start_velocities,
-            own_stages,
-            own_rise,
-            columns,
-            derivative,
-            terms,
-        } = &mut self.room;
-        // X_i − q_k at the quadrature points, and the samples of the memories.
-        stages.fill(0.0);
-        if square.is_some() {
-            self.model.velocity(momentum, place);
-            for (parameter, change) in self.mass_changes.iter().enumerate() {
-                right.copy_from_slice(&self.momentum[parameter * n..][..n]);
-                change.iter().for_each(|&(row, column)| right[row] -= place[column]);
-                self.model.velocity(right, &mut start_velocities[parameter * n..][..n]);
-            }
-            for i in 0..points {
-                add(&mut stages[i * n..][..n], h * view.nodes[i], place);
-                let pairs = base[i * c..][..c].iter_mut().zip(&*start_velocities);
-                pairs.for_each(|(b, v)| *b = h * view.nodes[i] * v);
-            }
-        }
-        for i in 0..points {
-            for mu in 0..degree {
-                add(&mut stages[i * n..][..n], shape(i, mu), &increments[mu * n..][..n]);
-            }
-        }
-        let rise = match square {
-            Some(_) => &stages[(points - 1) * n..],
-            None => &increments[(degree - 1) * n..][..n],
-        };
-        let told = if self.at_main_nodes { rise } else { &stages[..] };
-        let sample = Sample { from: start, behind: &self.motion_behind, time, length: h, fractions };
-        // The known part of ρ D δX, δρ D X, and ρ (∂D) X, at every node.
-        damped.fill(0.0);
-        let tangent_sample =
-            Sample { from: &self.position, behind: &self.behind, time, length: h, fractions };
-        for term in &mut self.terms {
-            known(&mut term.tangent, &tangent_sample, (nodes, c), terms, derivative).map_err(said)?;
-            for (damped, known) in damped.chunks_mut(n).zip(derivative.chunks(n)) {
-                term.rho.multiply_add(1.0, known, damped);
-            }
-            if let Some(value) = &mut term.value {
-                whole(value, &sample, told, (nodes, n), terms, derivative).map_err(said)?;
-                for (parameter, change) in &term.changes {
-                    for node in 0..nodes {
-                        let place = &mut damped[node * c + parameter * n..][..n];
-                        for &(row, column, entry) in change {
-                            place[row] += entry * derivative[node * n + column];
-                        }
-                    }
-                }
-            }
-            for (parameter, kernel) in &mut term.kernels {
-                whole(kernel, &sample, told, (nodes, n), terms, derivative).map_err(said)?;
-                for node in 0..nodes {
-                    let place = &mut damped[node * c + *parameter * n..][..n];
-                    term.rho.multiply_add(1.0, &derivative[node * n..][..n], place);
-                }
-            }
-        }
-        for (parameter, change) in &self.gyroscopic_changes {
-            change.visit(|i, j, weight, skew| {
-                let place = &mut damped[i * c + parameter * n..][..n];
-                skew.multiply_add(weight, &stages[j * n..][..n], place);
-            });
-        }
-        // (∂²U − ∂F) and ∂G/∂θ at the quadrature points.
-        let linear = Mechanics::is_linear(&self.model);
-        let (mut stiffnesses, mut resistances) = (Vec::new(), Vec::new());
-        // δV_i = Σ_μ slope(i, μ) δe^μ, and δv_k of collocation.
-        let slope = |i: usize, mu: usize| match self.scheme.matrix() {
-            Some(matrix) => h * matrix[i * degree + mu],
-            None => view.slope(i, mu) / h,
-        };
-        forces.fill(0.0);
-        for i in 0..points {
-            let instant = Instant::in_step(time, view.nodes[i], h);
-            place.iter_mut().zip(start.iter().zip(&stages[i * n..])).for_each(|(x, (q, e))| *x = q + e);
-            if let Some(resistance) = &mut self.resistance {
-                match square {
-                    Some(_) => self.model.velocity(momentum, velocity),
-                    None => velocity.fill(0.0),
-                }
-                for mu in 0..degree {
-                    add(velocity, slope(i, mu), &increments[mu * n..][..n]);
-                }
-                if !linear || (i == 0 && !self.solver.is_ready()) {
-                    let stiffness = &mut self.stiffness;
-                    self.model.linearise_in_motion(instant, place, velocity, restoring, stiffness);
-                    self.model.resistance(instant, place, velocity, resistance);
-                }
-            } else if !linear || (i == 0 && !self.solver.is_ready()) {
-                self.model.linearise(instant, place, restoring, &mut self.stiffness);
-            }
-            for (parameter, direct) in self.direct.iter_mut().enumerate() {
-                let force = &mut forces[i * c + parameter * n..][..n];
-                direct.iter_mut().for_each(|part| part.add(instant, (place, velocity), force));
-            }
-            for parameter in 0..self.count {
-                let at = &mut forces[i * c + parameter * n..][..n];
-                self.stiffness.multiply_add(1.0, &self.position[parameter * n..][..n], at);
-                if square.is_some() {
-                    self.stiffness.multiply_add(1.0, &base[i * c + parameter * n..][..n], at);
-                    if let Some(resistance) = &self.resistance {
-                        resistance.multiply_add(1.0, &start_velocities[parameter * n..][..n], at);
-                    }
-                }
-            }
-            if !linear && points > 1 {
-                stiffnesses.push(self.stiffness.clone());
-                resistances.extend(self.resistance.clone());
-            }
-            if !self.kicks {
-                add(&mut forces[i * c..][..c], 1.0, &damped[i * c..][..c]);
-            }
-            if square.is_some() {
-                add_leading(&self.terms, (i, nodes), base, n, &mut forces[i * c..][..c]);
-            }
-        }
-        let stiffness = |i: usize| if linear || points == 1 { &self.stiffness } else { &stiffnesses[i] };
-        let resistance =
-            |i: usize| if linear || points == 1 { self.resistance.as_ref() } else { resistances.get(i) };
-        let stays = linear && self.terms.iter().all(|term| term.tangent.memory().leading_is_constant());
-        if !self.solver.is_ready() || !stays {
-            let Self { solver, model, terms, gyroscopic, kicks, .. } = self;
-            solver.factor((degree, n), model.mass(), |insert| {
-                for nu in 0..degree {
-                    for mu in 0..degree {
-                        insert(nu, mu, inertia(nu, mu), model.mass());
-                        for i in 0..points {
-                            let factor = part(i, nu);
-                            insert(nu, mu, factor * shape(i, mu), stiffness(i));
-                            if let Some(resistance) = resistance(i) {
-                                insert(nu, mu, factor * slope(i, mu), resistance);
-                            }
-                            if *kicks {
-                                continue;
-                            }
-                            for term in &*terms {
-                                let weight = |j: usize| term.tangent.leading(0, nodes, i, j) * shape(j, mu);
-                                insert(nu, mu, factor * (0..nodes).map(weight).sum::<f64>(), &term.rho);
-                            }
-                            if let Some(gyroscopic) = gyroscopic {
-                                gyroscopic.visit(|row, j, weight, skew| {
-                                    if row == i {
-                                        insert(nu, mu, factor * weight * shape(j, mu), skew);
-                                    }
-                                });
-                            }
-                        }
-                    }
-                }
-            })?;
-        }
-        for parameter in 0..self.count {
-            for nu in 0..degree {
-                right.fill(0.0);
-                if nu == 0 && square.is_none() {
-                    add(right, -1.0, &self.momentum[parameter * n..][..n]);
-                }
-                for i in 0..points {
-                    add(right, -part(i, nu), &forces[i * c + parameter * n..][..n]);
-                }
-                for mu in 0..degree {
-                    let factor = -inertia(nu, mu);
-                    let increment = &increments[mu * n..][..n];
-                    for &(row, column) in &self.mass_changes[parameter] {
-                        right[row] += factor * increment[column];
-                    }
-                }
-                columns.column_mut(parameter).rows_mut(nu * n, n).copy_from_slice(right);
-            }
-        }
-        self.solver.solve(columns)?;
-        if !columns.iter().all(|number| number.is_finite()) {
-            return Err("a derivative is not finite".to_owned());
-        }
-        // The increments of the derivatives: at the points, and at the end of the step.
-        for (parameter, column) in columns.as_slice().chunks_exact(degree * n).enumerate() {
-            for i in 0..points {
-                let own = &mut own_stages[i * c + parameter * n..][..n];
-                for (row, own) in own.iter_mut().enumerate() {
-                    *own = (0..degree).map(|mu| shape(i, mu) * column[mu * n + row]).sum();
-                }
-            }
-            if square.is_none() {
-                own_rise[parameter * n..][..n].copy_from_slice(&column[(degree - 1) * n..]);
-            }
-        }
-        if square.is_some() {
-            add(own_stages, 1.0, base);
-            own_rise.copy_from_slice(&own_stages[(points - 1) * c..]);
-            // δp_{k+1} = δp_k + h Σ_j b_j (M δa_j + δM a_j)
-            for (parameter, column) in columns.as_slice().chunks_exact(degree * n).enumerate() {
-                let momentum = &mut self.momentum[parameter * n..][..n];
-                for (j, weight) in view.weights.iter().enumerate() {
-                    self.model.mass().multiply_add(h * weight, &column[j * n..][..n], momentum);
-                    for &(row, other) in &self.mass_changes[parameter] {
-                        momentum[row] += h * weight * increments[j * n + other];
-                    }
-                }
-            }
-        } else {
-            for i in 0..points {
-                let own = forces[i * c..][..c].chunks_mut(n).zip(own_stages[i * c..][..c].chunks(n));
-                own.for_each(|(force, own)| stiffness(i).multiply_add(1.0, own, force));
-                if let Some(resistance) = resistance(i) {
-                    for (parameter, force) in forces[i * c..][..c].chunks_mut(n).enumerate() {
-                        for mu in 0..degree {
-                            let own = &columns.as_slice()[(parameter * degree + mu) * n..][..n];
-                            resistance.multiply_add(slope(i, mu), own, force);
-                        }
-                    }
-                }
-                if !self.kicks {
-                    let force = &mut forces[i * c..][..c];
-                    add_leading(&self.terms, (i, nodes), own_stages, n, force);
-                    if let Some(gyroscopic) = &self.gyroscopic {
-                        gyroscopic.visit(|row, j, weight, skew| {
-                            if row == i {
-                                let pairs = force.chunks_mut(n).zip(own_stages[j * c..][..c].chunks(n));
-                                pairs.for_each(|(force, own)| skew.multiply_add(weight, own, force));
-                            }
-                        });
-                    }
-                }
-                add(&mut self.momentum, -h * view.weights[i], &forces[i * c..][..c]);
-            }
-        }
-        if self.kicks {
-            add_leading(&self.terms, (0, 1), own_rise, n, damped);
-            add(&mut self.momentum, -h, damped);
-            self.kick.copy_from_slice(damped);
-        }
-        let own_told = if self.at_main_nodes { &own_rise[..] } else { &own_stages[..] };
-        push(&mut self.terms, (&sample, told), (&tangent_sample, own_told), &mut self.scratch)
-            .map_err(said)?;
-        leave_behind(&mut self.motion_behind, rise, stages);
-        leave_behind(&mut self.behind, own_rise, own_stages);
-        add(&mut self.position, 1.0, own_rise);
-        Ok(())
-    }
-
     /// The motions of all memories, in a fixed order.
     fn motions(&self) -> impl Iterator<Item = &Remembered> {
         self.terms.iter().flat_map(|Term { tangent, value, kernels, .. }| {
@@ -778,6 +441,99 @@ impl Tangent {
             values.extend(momenta.map(|(momentum, kick)| momentum + half * kick));
         }
     }
+}
+
+/// How the derivatives begin, one parameter after another.
+struct Beginning {
+    /// ∂q and ∂p at the start, and ∂M.
+    position: Vec<f64>,
+    momentum: Vec<f64>,
+    mass_changes: Vec<Vec<(usize, usize)>>,
+    /// The derivatives of the motion before the start.
+    pasts: Vec<Option<Past>>,
+    /// Where the motion of the memories begins: ∂q, its velocity, and the derivatives of that.
+    base_slopes: Vec<f64>,
+    velocity: Vec<f64>,
+    velocity_slopes: Vec<f64>,
+}
+
+impl Beginning {
+    fn of(scenario: &Scenario, parameters: &[Parameter], model: &Model<f64>) -> Self {
+        let (size, initial) = (scenario.coordinates(), &scenario.initial);
+        let velocity_of = |momentum: &[f64]| {
+            let mut velocity = vec![0.0; size];
+            model.velocity(momentum, &mut velocity);
+            velocity
+        };
+        let mut velocity = velocity_of(&initial.momentum);
+        let gives_velocity = scenario.document().has("initial.velocity");
+        let (mut position, mut momentum, mut velocity_slopes) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut pasts, mut mass_changes) = (Vec::new(), Vec::new());
+        let mass = matrix::<f64>(&scenario.system.mass);
+        for parameter in parameters {
+            let (mut dq, mut dp, mut inertia) = (vec![0.0; size], vec![0.0; size], vec![0.0; size]);
+            let (mut changes, mut past) = (Vec::new(), None);
+            match parameter.what {
+                Quantity::Position(index) => dq[index] = 1.0,
+                Quantity::Past(row, column) => {
+                    past = initial.past.as_ref().map(|past| past.slope(row, column));
+                }
+                Quantity::Momentum(index) => dp[index] = 1.0,
+                Quantity::Velocity(index) => {
+                    let mut one = vec![0.0; size];
+                    one[index] = 1.0;
+                    mass.multiply_add(1.0, &one, &mut dp);
+                }
+                Quantity::Mass(row, column) => {
+                    changes = mirrored(row, column);
+                    add_change(&changes, &velocity, &mut inertia);
+                    if gives_velocity {
+                        dp.clone_from(&inertia);
+                    }
+                }
+                _ => {}
+            }
+            let rest: Vec<f64> = dp.iter().zip(&inertia).map(|(dp, inertia)| dp - inertia).collect();
+            velocity_slopes.extend(velocity_of(&rest));
+            position.extend(dq);
+            momentum.extend(dp);
+            mass_changes.push(changes);
+            pasts.push(past);
+        }
+        // With a past the motion begins at rest at its first position.
+        let mut base_slopes = position.clone();
+        if initial.past.is_some() {
+            [&mut velocity, &mut velocity_slopes].into_iter().for_each(|velocity| velocity.fill(0.0));
+            for (past, slope) in pasts.iter().zip(base_slopes.chunks_mut(size)) {
+                match past {
+                    Some(past) => slope.copy_from_slice(past.first()),
+                    None => slope.fill(0.0),
+                }
+            }
+        }
+        Self { position, momentum, mass_changes, pasts, base_slopes, velocity, velocity_slopes }
+    }
+}
+
+/// G V at the nodes of a scheme, and δG V for the parameters in G, with their numbers.
+fn gyroscopic(
+    scenario: &Scenario,
+    parameters: &[Parameter],
+    scheme: &AnyScheme<f64>,
+) -> (Option<Turning>, Vec<(usize, Turning)>) {
+    let Sampling::Nodes(fractions) = Scheme::<f64, AnySpace>::sampling(scheme) else {
+        return (None, Vec::new());
+    };
+    let size = scenario.coordinates();
+    let at_nodes = |skew| Gyroscopic::new(skew, fractions, scenario.time.step);
+    let changes = parameters.iter().enumerate().filter_map(|(index, Parameter { what, .. })| match *what {
+        Quantity::Gyroscopic(row, column) => {
+            let entries = [(row, column, 1.0), (column, row, -1.0)];
+            Some((index, at_nodes(Matrix::of_entries(size, entries.into_iter()))))
+        }
+        _ => None,
+    });
+    (super::gyroscopic(scenario, &AnySpace::dense(size)).map(at_nodes), changes.collect())
 }
 
 impl Term {
