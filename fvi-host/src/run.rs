@@ -413,20 +413,31 @@ pub fn run(
     if goes_on && every != CheckpointEvery::Never {
         write_checkpoint(&run, &mut sinks)?;
     }
+    finish(run, end, (sinks, notes), &directory)
+}
+
+/// Writes the rest of the files of a run that has ended so, and its record with these notes.
+fn finish(
+    mut run: Run<'_>,
+    end: RunEnd,
+    (sinks, notes): (Vec<OutputSink>, Vec<String>),
+    directory: &OutputDirectory,
+) -> Result<RunSummary, RunError> {
     // A summary vouches for the files beside it: the old one is removed before they are replaced, the new one
     // is written last.
     remove(&directory.join(SUMMARY))?;
-    if !scenario.cases.is_empty() {
+    if !run.scenario.cases.is_empty() {
         OutputSink::remove_files(directory.path())?;
     }
     run.motion.complete();
+    let scenario = run.scenario;
     let without_last_energy = run.motion.batch().lacks_last_energy();
     let mut summary = run.summary(end);
     summary.notes = notes;
     let (mut drawn, mut own_files) = (Ok(()), Vec::new());
     for (case, mut sink) in sinks.into_iter().enumerate() {
         let mut files = Vec::new();
-        let of_case = (!scenario.cases.is_empty()).then(|| summary.of_case(&scenario, case));
+        let of_case = (!scenario.cases.is_empty()).then(|| summary.of_case(scenario, case));
         if of_case.is_some() {
             remove(&sink.directory().join(SUMMARY))?;
         }

@@ -85,6 +85,25 @@ use time::read_history;
 /// Largest number of coordinates of a large system for which all are columns of the trajectory by default.
 const MOST_COLUMNS: usize = 64;
 
+/// The keys and tables of a scenario.
+const TABLES: [&str; 15] = [
+    "title",
+    "system",
+    "initial",
+    "equation",
+    "scheme",
+    "convolution",
+    "time",
+    "history",
+    "output",
+    "input",
+    "reference",
+    "case",
+    "event",
+    "controller",
+    "sensitivity",
+];
+
 /// A scenario with checked values.
 #[derive(Clone, Debug, Serialize)]
 pub struct Scenario {
@@ -231,23 +250,7 @@ impl Scenario {
         document: &Document,
         known: Option<&KnownMatrices>,
     ) -> Result<Self, InputError> {
-        root.allow(&[
-            "title",
-            "system",
-            "initial",
-            "equation",
-            "scheme",
-            "convolution",
-            "time",
-            "history",
-            "output",
-            "input",
-            "reference",
-            "case",
-            "event",
-            "controller",
-            "sensitivity",
-        ])?;
+        root.allow(&TABLES)?;
         let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
         // Grids with different steps have no `step`; errors in it are reported when `time` is read.
         let step =
@@ -284,13 +287,7 @@ impl Scenario {
             }
             None => History::default(),
         };
-        let output = Self::read_output(root, &descriptor, &system, &time)?;
-        if system.is_large() && count > MOST_COLUMNS && output.coordinates.is_none() {
-            let reason = format!(
-                "`output.coordinates` must say which of the {count} coordinates are written: more than {MOST_COLUMNS} are not by default"
-            );
-            return Err(document.error_at("output.coordinates", Problem::Unusable { reason }));
-        }
+        let output = Self::read_output(root, &descriptor, (&system, &time), document)?;
         let input = match root.optional("input") {
             Some(value) => Some(SampledInput::read(&value.table()?, count, &time, document)?),
             None => None,
@@ -371,8 +368,8 @@ impl Scenario {
     fn read_output(
         root: &Table<'_>,
         descriptor: &SchemeDescriptor,
-        system: &System,
-        time: &TimeGrid,
+        (system, time): (&System, &TimeGrid),
+        document: &Document,
     ) -> Result<OutputOptions, InputError> {
         let (count, of_equation) = (system.names().count(), system.stands_for_equation());
         let mut output = match root.optional("output") {
@@ -395,6 +392,12 @@ impl Scenario {
         };
         if of_equation {
             output.coordinates.get_or_insert_with(|| (0..count).collect());
+        }
+        if system.is_large() && count > MOST_COLUMNS && output.coordinates.is_none() {
+            let reason = format!(
+                "`output.coordinates` must say which of the {count} coordinates are written: more than {MOST_COLUMNS} are not by default"
+            );
+            return Err(document.error_at("output.coordinates", Problem::Unusable { reason }));
         }
         Ok(output)
     }

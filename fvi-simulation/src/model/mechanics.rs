@@ -105,6 +105,119 @@ enum InverseMass<T> {
     Factor(Arc<Factor>, Vec<T>),
 }
 
+/// Entries of the stiffness −∂F/∂q + ∂²U and of the resistance −∂F/∂v of a system: the constant ones with their
+/// numbers, and the places of those that change.
+struct Entries<T> {
+    /// Of the quadratic parts of the potential and of elements, above or on the diagonal.
+    springs: Vec<(usize, usize, T)>,
+    /// Of the linear parts of the force in the position, and in the velocity.
+    pushed: Vec<(usize, usize, T)>,
+    resisted: Vec<(usize, usize, T)>,
+    /// Places in the Hessian of the rest of the potential.
+    curved: Vec<(usize, usize)>,
+    /// Places in the Jacobian of the rest of the force; columns from N on belong to the velocities.
+    turned: Vec<(usize, usize)>,
+}
+
+impl<T: Elementary> Entries<T> {
+    fn of(
+        size: usize,
+        potential: Option<&CompiledPotential<T>>,
+        force: &CompiledForce<T>,
+        elements: &[Elements<T>],
+    ) -> Self {
+        let index = |&(row, column): &(u32, u32)| (row as usize, column as usize);
+        let entry = |&(row, column, entry): &(u32, u32, T)| (row as usize, column as usize, entry);
+        let quadratic =
+            potential.into_iter().flat_map(|potential| potential.quadratic().stiffness.iter().map(entry));
+        let (pushed, resisted): (Vec<_>, Vec<_>) =
+            force.linear().iter().map(entry).partition(|&(_, column, _)| column < size);
+        let resisted = resisted.into_iter().map(|(row, column, entry)| (row, column - size, entry));
+        Self {
+            springs: quadratic.chain(elements.iter().flat_map(Elements::springs)).collect(),
+            pushed,
+            resisted: resisted.collect(),
+            curved: potential
+                .into_iter()
+                .flat_map(|potential| potential.pattern().iter().map(index))
+                .collect(),
+            turned: force.pattern().iter().map(index).collect(),
+        }
+    }
+
+    /// All places, those of elements among them, in both triangles.
+    fn places(&self, size: usize, elements: &[Elements<T>]) -> Vec<(usize, usize)> {
+        let both = |(row, column): (usize, usize)| [(row, column), (column, row)];
+        let springs = self.springs.iter().map(|&(row, column, _)| (row, column));
+        let of_potential =
+            springs.chain(self.curved.iter().copied()).chain(elements.iter().flat_map(Elements::places));
+        let of_velocity =
+            |&(row, column): &(usize, usize)| (row, if column < size { column } else { column - size });
+        let linear = self.pushed.iter().chain(&self.resisted).map(|&(row, column, _)| (row, column));
+        of_potential.flat_map(both).chain(linear.chain(self.turned.iter().map(of_velocity))).collect()
+    }
+
+    /// The slots of the potential's Hessian and of its mirror image.
+    fn hessian_slots(&self, pattern: &Pattern) -> Vec<(u32, u32)> {
+        let narrow = |slot: usize| u32::try_from(slot).expect("fewer slots than 2³²");
+        let slot = |row: usize, column: usize| narrow(pattern.slot(row, column));
+        self.curved.iter().map(|&(row, column)| (slot(row, column), slot(column, row))).collect()
+    }
+
+    /// The slots of the force's Jacobians by the position, and by the velocity. If the force depends on the
+    /// velocity, both have a slot for every entry, marked if the entry is in the other matrix.
+    fn jacobian_slots(&self, pattern: &Pattern, size: usize, in_words: bool) -> (Vec<usize>, Vec<usize>) {
+        let turned = self.turned.iter();
+        if !in_words {
+            return (turned.map(|&(row, column)| pattern.slot(row, column)).collect(), Vec::new());
+        }
+        let slots = |&(row, column): &(usize, usize)| match column < size {
+            true => (pattern.slot(row, column), NOWHERE),
+            false => (NOWHERE, pattern.slot(row, column - size)),
+        };
+        turned.map(slots).unzip()
+    }
+
+    /// The constant part of the stiffness.
+    fn constant_stiffness(&self, base: Option<&Matrix<T>>, pattern: &Arc<Pattern>) -> Sparse<T> {
+        let mut values = of_base(base, pattern);
+        for &(row, column, entry) in &self.springs {
+            values.own()[pattern.slot(row, column)] += entry;
+            if row != column {
+                values.own()[pattern.slot(column, row)] += entry;
+            }
+        }
+        for &(row, column, entry) in &self.pushed {
+            values.own()[pattern.slot(row, column)] -= entry;
+        }
+        Sparse { pattern: Arc::clone(pattern), values, threads: 1 }
+    }
+
+    /// The constant part of the resistance, by slot.
+    fn constant_resistance(&self, pattern: &Pattern) -> Vec<T> {
+        let mut constant = vec![T::zero(); pattern.len()];
+        for &(row, column, entry) in &self.resisted {
+            constant[pattern.slot(row, column)] -= entry;
+        }
+        constant
+    }
+}
+
+/// Restoring forces that are the same at every position and time, by coordinate.
+fn constant_forces<T: Elementary>(
+    potential: Option<&CompiledPotential<T>>,
+    elements: &[Elements<T>],
+    anchor: Option<&Anchor<T>>,
+    copies: usize,
+) -> Vec<(usize, T)> {
+    let linear = potential.into_iter().flat_map(|potential| potential.quadratic().linear.iter());
+    linear
+        .map(|&(coordinate, entry)| (coordinate as usize, entry))
+        .chain(elements.iter().flat_map(Elements::constant_restoring_force))
+        .chain(anchor.into_iter().flat_map(|anchor| anchor.restoring_forces(copies)))
+        .collect()
+}
+
 impl<T: Elementary> Model<T> {
     /// Compiles the system of a scenario.
     ///
@@ -146,96 +259,38 @@ impl<T: Elementary> Model<T> {
             true => CompiledForce::<T>::compile_sided(components, variables),
             false => (CompiledForce::<T>::compile_of(components, variables), None),
         };
-        let index = |&(row, column): &(u32, u32)| (row as usize, column as usize);
-        let entry = |&(row, column, entry): &(u32, u32, T)| (row as usize, column as usize, entry);
         let mut elements: Vec<_> =
             system.elements.iter().map(|element| Elements::<T>::new(element, is_sided)).collect();
         let base: Option<Matrix<T>> = system.stiffness.as_ref().map(|k| matrix(k).on_threads(threads));
         let base = with_springs_of_kernels(system, modulus, base, threads);
         let anchor = Anchor::of(scenario, modulus);
-        let springs: Vec<_> = potential
-            .iter()
-            .flat_map(|potential| potential.quadratic().stiffness.iter().map(entry))
-            .chain(elements.iter().flat_map(Elements::springs))
-            .collect();
-        let linear: Vec<_> = potential
-            .iter()
-            .flat_map(|potential| potential.quadratic().linear.iter())
-            .map(|&(coordinate, entry)| (coordinate as usize, entry))
-            .chain(elements.iter().flat_map(Elements::constant_restoring_force))
-            .chain(anchor.iter().flat_map(|anchor| anchor.restoring_forces(scenario.copies())))
-            .collect();
-        let curved: Vec<_> =
-            potential.iter().flat_map(|potential| potential.pattern().iter().map(index)).collect();
-        // Columns from N on belong to the velocities.
-        let (pushed, resisted): (Vec<_>, Vec<_>) =
-            force.linear().iter().map(entry).partition(|&(_, column, _)| column < size);
-        let resisted: Vec<_> =
-            resisted.into_iter().map(|(row, column, entry)| (row, column - size, entry)).collect();
-        let turned: Vec<_> = force.pattern().iter().map(index).collect();
-
-        let both = |(row, column): (usize, usize)| [(row, column), (column, row)];
-        let of_potential = springs
-            .iter()
-            .map(|&(row, column, _)| (row, column))
-            .chain(curved.iter().copied())
-            .chain(elements.iter().flat_map(Elements::places));
-        let of_velocity =
-            |&(row, column): &(usize, usize)| (row, if column < size { column } else { column - size });
-        let linear_places = pushed.iter().chain(&resisted).map(|&(row, column, _)| (row, column));
-        let of_force = linear_places.chain(turned.iter().map(of_velocity));
         let mut own = system.own_terms.clone().map(|terms| Callbacks::new(terms, size));
-        let of_own = own.iter().flat_map(Callbacks::places);
-        let places: Vec<_> = of_potential.flat_map(both).chain(of_force).chain(of_own).collect();
+        let linear = constant_forces(potential.as_ref(), &elements, anchor.as_ref(), scenario.copies());
+        let entries_of = Entries::of(size, potential.as_ref(), &force, &elements);
+        let mut places = entries_of.places(size, &elements);
+        places.extend(own.iter().flat_map(Callbacks::places));
         let pattern = with_base(size, base.as_ref(), &places);
         let pattern = match &system.known {
             Some(known) => known.pattern(pattern),
             None => pattern,
         };
-        let slots = |&(row, column): &(usize, usize)| (pattern.slot(row, column), pattern.slot(column, row));
-        let narrow = |place: (usize, usize)| {
-            let narrow = |slot: usize| u32::try_from(slot).expect("fewer slots than 2³²");
-            (narrow(place.0), narrow(place.1))
-        };
-        let hessian_slots: Vec<_> = curved.iter().map(slots).map(narrow).collect();
-        let (jacobian_slots, resistance_slots): (Vec<_>, Vec<_>) = match in_words {
-            false => (turned.iter().map(|&(row, column)| pattern.slot(row, column)).collect(), Vec::new()),
-            true => {
-                // Both lists have a slot for every entry, marked if the entry is in the other matrix.
-                let slots = |&(row, column): &(usize, usize)| match column < size {
-                    true => (pattern.slot(row, column), NOWHERE),
-                    false => (NOWHERE, pattern.slot(row, column - size)),
-                };
-                turned.iter().map(slots).unzip()
-            }
-        };
+        let hessian_slots = entries_of.hessian_slots(&pattern);
+        let (jacobian_slots, resistance_slots) = entries_of.jacobian_slots(&pattern, size, in_words);
         elements.iter_mut().for_each(|elements| elements.settle(&pattern));
         own.iter_mut().for_each(|own| own.settle(&pattern));
-        let mut values = of_base(base.as_ref(), &pattern);
-        for &(row, column, entry) in &springs {
-            let (slot, mirrored) = slots(&(row, column));
-            values.own()[slot] += entry;
-            if row != column {
-                values.own()[mirrored] += entry;
-            }
-        }
-        for &(row, column, entry) in &pushed {
-            values.own()[pattern.slot(row, column)] -= entry;
-        }
         let moves = in_words || own.as_ref().is_some_and(Callbacks::depends_on_velocity);
-        let moving = moves.then(|| {
-            let mut constant = vec![T::zero(); pattern.len()];
-            for &(row, column, entry) in &resisted {
-                constant[pattern.slot(row, column)] -= entry;
-            }
-            Moving { in_words, constant, point: vec![T::zero(); if in_words { 2 * size } else { 0 }] }
+        let moving = moves.then(|| Moving {
+            in_words,
+            constant: entries_of.constant_resistance(&pattern),
+            point: vec![T::zero(); if in_words { 2 * size } else { 0 }],
         });
-        let constant = Sparse { pattern: Arc::clone(&pattern), values, threads: 1 };
+        let constant = entries_of.constant_stiffness(base.as_ref(), &pattern);
         let is_constant = places.is_empty()
             && potential.is_none()
             && force.is_zero()
             && elements.is_empty()
             && own.is_none();
+        let springs = entries_of.springs;
         let entries = vec![T::zero(); jacobian_slots.len()];
         let quadratic = (!springs.is_empty()).then(|| Matrix::symmetric(size, springs.iter().copied()));
         let mut model = Self {

@@ -97,6 +97,15 @@ pub struct Counts {
     pub largest: f64,
 }
 
+/// A pair of equal steps that is attempted.
+struct Pair {
+    /// Time of its end.
+    end: f64,
+    /// True if that is a break known in advance, and if it is a jump or kink in the position.
+    at_break: bool,
+    at_crossing: bool,
+}
+
 impl<'s> AdaptiveSteps<'s> {
     /// `None` for a scenario with steps known in advance.
     ///
@@ -265,30 +274,7 @@ impl<'s> AdaptiveSteps<'s> {
         // Time at which the pair should end because it crosses a jump or kink there.
         let mut crossing: Option<f64> = None;
         for _ in 0..MOST_ATTEMPTS {
-            let longest =
-                self.crossings.as_ref().map_or(longest, |crossings| crossings.longest(time).min(longest));
-            let proposed = self.progress.control.proposed().clamp(shortest, longest.max(shortest));
-            let proposed = match crossing {
-                Some(crossing) if crossing - time <= 1.1 * proposed => crossing - time,
-                _ => proposed,
-            };
-            let next_break = self.breaks.after(time, time + 1.25 * proposed);
-            let left = next_break - time;
-            // No remainder shorter than the shortest step may be left, for which the memory has no rates.
-            let (length, at_break) = match proposed {
-                proposed if proposed > 0.9 * left || left < 2.0 * shortest => (left, true),
-                proposed if proposed > 0.5 * left => (0.5 * left, false),
-                proposed => (proposed, false),
-            };
-            let at_crossing = crossing.filter(|crossing| {
-                (crossing - time <= 1.001 * length || at_break) && next_break - crossing >= shortest
-            });
-            let end = match at_crossing {
-                Some(crossing) => crossing,
-                None if at_break => next_break,
-                None => time + length,
-            };
-            let at_break = at_break && at_crossing.is_none();
+            let Pair { end, mut at_break, at_crossing } = self.pair(time, [shortest, longest], crossing);
             let half = 0.5 * (end - time);
             let (between, length) = (time + half, end - time);
             self.progress.counts.attempts += 1;
@@ -301,11 +287,9 @@ impl<'s> AdaptiveSteps<'s> {
             if self.turns_after_failure(simulation, &made)? {
                 continue;
             }
-            let mut at_break = at_break;
             match (&mut self.crossings, &made, error) {
                 (Some(crossings), Ok(_), Some(error)) if error <= 1.0 => {
-                    let verdict =
-                        crossings.judge(simulation, [time, between, end], shortest, at_crossing.is_some());
+                    let verdict = crossings.judge(simulation, [time, between, end], shortest, at_crossing);
                     let verdict = match verdict {
                         Ok(verdict) => verdict,
                         Err(reason) => {
@@ -357,6 +341,35 @@ impl<'s> AdaptiveSteps<'s> {
             }
         }
         Err(self.too_rough(&worst.unwrap_or_default(), tried))
+    }
+
+    /// The pair of steps to be attempted next from this time, within these lengths: as long as the control
+    /// proposes, or up to a break, or to a jump or kink in the position at `crossing`.
+    fn pair(&mut self, time: f64, [shortest, longest]: [f64; 2], crossing: Option<f64>) -> Pair {
+        let longest =
+            self.crossings.as_ref().map_or(longest, |crossings| crossings.longest(time).min(longest));
+        let proposed = self.progress.control.proposed().clamp(shortest, longest.max(shortest));
+        let proposed = match crossing {
+            Some(crossing) if crossing - time <= 1.1 * proposed => crossing - time,
+            _ => proposed,
+        };
+        let next_break = self.breaks.after(time, time + 1.25 * proposed);
+        let left = next_break - time;
+        // No remainder shorter than the shortest step may be left, for which the memory has no rates.
+        let (length, at_break) = match proposed {
+            proposed if proposed > 0.9 * left || left < 2.0 * shortest => (left, true),
+            proposed if proposed > 0.5 * left => (0.5 * left, false),
+            proposed => (proposed, false),
+        };
+        let at_crossing = crossing.filter(|crossing| {
+            (crossing - time <= 1.001 * length || at_break) && next_break - crossing >= shortest
+        });
+        let end = match at_crossing {
+            Some(crossing) => crossing,
+            None if at_break => next_break,
+            None => time + length,
+        };
+        Pair { end, at_break: at_break && at_crossing.is_none(), at_crossing: at_crossing.is_some() }
     }
 
     /// What is wrong with an attempt.

@@ -81,19 +81,7 @@ impl Plan {
     fn of_root(root: &Table<'_>, document: &Document, known: &[&str]) -> Result<Self, InputError> {
         root.allow(&KEYS)?;
         let title = root.optional("title").map(|title| title.text().map(str::to_owned)).transpose()?;
-        let lengths = distinct(&root.required("lengths")?, |value| value.whole(1..=LONGEST))?;
-        let channels = match root.optional("channels") {
-            Some(value) => distinct(&value, |value| value.whole(1..=MOST_CHANNELS))?,
-            None => vec![1],
-        };
-        let longest = lengths.iter().copied().max().unwrap_or(1);
-        let most = channels.iter().copied().max().unwrap_or(1);
-        if longest.saturating_mul(most) > MOST_NUMBERS {
-            let value = root.optional("channels").map_or_else(|| root.required("lengths"), Ok)?;
-            return Err(value.out_of_range(format!(
-                "at most {MOST_NUMBERS} samples in a run; {longest} steps of {most} channels are more"
-            )));
-        }
+        let (lengths, channels, longest) = read_sizes(root)?;
         let precisions = match root.optional("precisions") {
             Some(value) => {
                 let names = [("f64", Precision::F64), ("f32", Precision::F32)];
@@ -116,27 +104,7 @@ impl Plan {
             Some(value) => list(&value, |value| Program::read(&value.table()?, document))?,
             None => Vec::new(),
         };
-        let is_taken = |index: usize| {
-            let name = programs[index].name.as_str();
-            known.contains(&name) || programs[..index].iter().any(|other| other.name == name)
-        };
-        if let Some(index) = (0..programs.len()).find(|&index| is_taken(index)) {
-            let value = &root.required("program")?.list("programs")?[index];
-            return Err(value.table()?.required("name")?.out_of_range("a name that no other strategy has"));
-        }
-        let names: Vec<&str> =
-            known.iter().copied().chain(programs.iter().map(|program| program.name.as_str())).collect();
-        let strategies = match root.optional("strategies") {
-            Some(value) => Some(distinct(&value, |value| {
-                let name = value.text()?;
-                if names.contains(&name) {
-                    return Ok(name.to_owned());
-                }
-                let all: Vec<_> = names.iter().map(|name| format!("\"{name}\"")).collect();
-                Err(value.out_of_range(all.join(", ")))
-            })?),
-            None => None,
-        };
+        let strategies = read_strategies(root, &programs, known)?;
         let rounds = match root.optional("rounds") {
             Some(value) => match list(&value, |value| value.whole(1..=100_000))?[..] {
                 [fewest, most] if fewest <= most => (fewest, most),
@@ -144,14 +112,8 @@ impl Plan {
             },
             None => (6, 40),
         };
-        let seconds = |key: &str, default: f64| match root.optional(key) {
-            None => Ok(Duration::from_secs_f64(default)),
-            Some(value) => match value.number()? {
-                seconds if seconds > 0.0 && seconds <= 1e6 => Ok(Duration::from_secs_f64(seconds)),
-                _ => Err(value.out_of_range("a number of seconds > 0 and at most 1e6")),
-            },
-        };
-        let (patience, limit) = (seconds("seconds", 20.0)?, seconds("time_limit", 60.0)?);
+        let (patience, limit) =
+            (read_seconds(root, "seconds", 20.0)?, read_seconds(root, "time_limit", 60.0)?);
         let parameters = root.optional("parameters");
         let kernel_list = root.required("kernel")?;
         let kernels = list(&kernel_list, |value| {
@@ -201,6 +163,61 @@ impl Plan {
         ]
         .iter()
         .product()
+    }
+}
+
+/// The lengths of the runs and their numbers of channels, with the largest length.
+fn read_sizes(root: &Table<'_>) -> Result<(Vec<usize>, Vec<usize>, usize), InputError> {
+    let lengths = distinct(&root.required("lengths")?, |value| value.whole(1..=LONGEST))?;
+    let channels = match root.optional("channels") {
+        Some(value) => distinct(&value, |value| value.whole(1..=MOST_CHANNELS))?,
+        None => vec![1],
+    };
+    let longest = lengths.iter().copied().max().unwrap_or(1);
+    let most = channels.iter().copied().max().unwrap_or(1);
+    if longest.saturating_mul(most) > MOST_NUMBERS {
+        let value = root.optional("channels").map_or_else(|| root.required("lengths"), Ok)?;
+        return Err(value.out_of_range(format!(
+            "at most {MOST_NUMBERS} samples in a run; {longest} steps of {most} channels are more"
+        )));
+    }
+    Ok((lengths, channels, longest))
+}
+
+/// The strategies that race; `None` for all. The names of programs are those of no other strategy.
+fn read_strategies(
+    root: &Table<'_>,
+    programs: &[Program],
+    known: &[&str],
+) -> Result<Option<Vec<String>>, InputError> {
+    let is_taken = |index: usize| {
+        let name = programs[index].name.as_str();
+        known.contains(&name) || programs[..index].iter().any(|other| other.name == name)
+    };
+    if let Some(index) = (0..programs.len()).find(|&index| is_taken(index)) {
+        let value = &root.required("program")?.list("programs")?[index];
+        return Err(value.table()?.required("name")?.out_of_range("a name that no other strategy has"));
+    }
+    let names: Vec<&str> =
+        known.iter().copied().chain(programs.iter().map(|program| program.name.as_str())).collect();
+    let Some(value) = root.optional("strategies") else { return Ok(None) };
+    let chosen = distinct(&value, |value| {
+        let name = value.text()?;
+        if names.contains(&name) {
+            return Ok(name.to_owned());
+        }
+        let all: Vec<_> = names.iter().map(|name| format!("\"{name}\"")).collect();
+        Err(value.out_of_range(all.join(", ")))
+    })?;
+    Ok(Some(chosen))
+}
+
+/// A time in seconds.
+fn read_seconds(root: &Table<'_>, key: &str, default: f64) -> Result<Duration, InputError> {
+    let Some(value) = root.optional(key) else { return Ok(Duration::from_secs_f64(default)) };
+    match value.number()? {
+        seconds if seconds > 0.0 && seconds <= 1e6 => Ok(Duration::from_secs_f64(seconds)),
+        _ => Err(value.out_of_range("a number of seconds > 0 and at most 1e6")),
     }
 }
 
