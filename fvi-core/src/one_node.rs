@@ -72,28 +72,13 @@ impl<T: Real> OneNode<T> {
         let moment_correction = part(moment_correction, moments);
         let (linear, drifts) = (mechanics.is_linear(), self.test == T::zero());
         let from_rest = linear && damping.is_some() && !drifts;
-        if from_rest {
-            // A linear system needs no guess, and the guess for a fast stiff motion would be so large that
-            // the position is lost in its rounding.
-            increments.fill(T::zero());
-        } else if drifts {
-            // Without an equation to solve the guess is the result.
-            mechanics.velocity(momentum, increments);
-            scale(increments, step.size);
-        } else if restoring.is_empty() {
-            mechanics.drift(momentum, increments);
-            scale(increments, step.size);
-        } else {
-            // The guess is the solution for the G of the last step, with each coordinate limited to twice its
-            // force-free displacement: a stiff force of the last step is no estimate of the present one.
-            let impulse = step.size * self.weight * self.test;
-            combine_two(stages, momentum, restoring, |_, p, restoring| {
-                let change = restoring * impulse;
-                if change.abs() > p.abs() { p } else { p - change }
-            });
-            mechanics.drift(stages, increments);
-            scale(increments, -(step.size / self.kinetic));
-        }
+        self.guess::<X, Y, G>(
+            mechanics,
+            step.size,
+            (from_rest, drifts),
+            (increments, stages),
+            (momentum, restoring),
+        );
         let mut equation = Equation::<T, X, Y, G, D> {
             storage: PhantomData,
             numbers: self,
@@ -169,6 +154,45 @@ impl<T: Real> OneNode<T> {
             combine(residual, moment, |place, moment| place - moment * step.size);
         }
         Ok(iterations)
+    }
+
+    /// Writes the first guess of e: zero `from_rest`, h v if the node `drifts` with the start, and otherwise the
+    /// displacement that the restoring force of the last step leaves of h v.
+    #[inline(always)]
+    fn guess<X, Y, G>(
+        &self,
+        mechanics: &mut G,
+        length: T,
+        (from_rest, drifts): (bool, bool),
+        (increments, stages): (&mut [T], &mut [T]),
+        (momentum, restoring): (&[T], &[T]),
+    ) where
+        X: Space<T>,
+        Y: Space<T, Vector = X::Vector, Block = X::Block>,
+        G: Mechanics<T, Y>,
+    {
+        if from_rest {
+            // A linear system needs no guess, and the guess for a fast stiff motion would be so large that
+            // the position is lost in its rounding.
+            increments.fill(T::zero());
+        } else if drifts {
+            // Without an equation to solve the guess is the result.
+            mechanics.velocity(momentum, increments);
+            scale(increments, length);
+        } else if restoring.is_empty() {
+            mechanics.drift(momentum, increments);
+            scale(increments, length);
+        } else {
+            // The guess is the solution for the G of the last step, with each coordinate limited to twice its
+            // force-free displacement: a stiff force of the last step is no estimate of the present one.
+            let impulse = length * self.weight * self.test;
+            combine_two(stages, momentum, restoring, |_, p, restoring| {
+                let change = restoring * impulse;
+                if change.abs() > p.abs() { p } else { p - change }
+            });
+            mechanics.drift(stages, increments);
+            scale(increments, -(length / self.kinetic));
+        }
     }
 }
 

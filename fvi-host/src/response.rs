@@ -55,8 +55,8 @@ pub struct Response {
     pub omega: Vec<f64>,
     /// H(ω): displacement of the output under a force e^{iωt} on the input.
     pub response: Vec<Complex<f64>>,
-    /// Further frequencies between those of `omega`, ascending, and H(ω), where H is sharp: pictures show them,
-    /// and with them resonances that lie between two of `omega`. None if the frequencies were given one by one.
+    /// Further frequencies between those of `omega`, ascending, and H(ω), where H is sharp, so that pictures
+    /// show resonances between two of `omega`. Empty if the frequencies were given one by one.
     pub between: Vec<(f64, Complex<f64>)>,
     /// H(ω) of the discrete scheme, for the frequencies up to π/h, which are the first ones of `omega`;
     /// otherwise why it is left out.

@@ -30,6 +30,7 @@ const HOST: [(&str, &[&[&str]]); 6] = [
             &["run"],
             &["batch", "converge", "response", "sweep"],
             &["fit", "tune"],
+            &["prelude"],
             &["lib"],
         ],
     ),
