@@ -56,53 +56,78 @@ mod weights;
 mod workspace;
 
 pub use coefficients::{Coefficients, Fixed};
-pub use collocation::{Collocation, CollocationTables};
+pub use collocation::Collocation;
+#[doc(hidden)]
+pub use collocation::CollocationTables;
 pub use damped_motion::{DampedMotion, DampingError, Derivative, Mismatch, Sample};
 pub use damping::{Damping, DampingTerm};
 pub use direct::{Direct, FixedDirect, Overflow, Ring};
+#[doc(hidden)]
 pub use discrete_lagrangian::DiscreteLagrangian;
+#[doc(hidden)]
 pub use double_double::DoubleDouble;
 pub use error::{MatrixError, ParameterError};
 pub use euler::{ExplicitEuler, ImplicitEuler};
 pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm};
 pub use fractional_integral::{FractionalIntegral, PendingIntegral};
-pub use galerkin::{Galerkin, Tables};
+pub use galerkin::Galerkin;
+#[doc(hidden)]
+pub use galerkin::Tables;
 pub use integrator::{Integrator, IntegratorBuilder, IntegratorError};
 pub use kernel::{Kernel, Rule, Symbol};
+#[doc(hidden)]
 pub use linear::{
     Singular, add_multiple, combine, combine_four, combine_two, factor, invert_factored,
     is_positive_definite_in_place, keep_factors, solve, substitute, substitute_kept,
 };
+#[doc(hidden)]
+pub use mechanism::{DamperRow, MOST_STAGES, Relaxing, Second};
 pub use mechanism::{
-    DamperRow, Dampers, GaussLobatto, Lagrangian, MOST_STAGES, MechanismError, MechanismIntegrator,
-    RelaxationTable, Relaxing, Second,
+    Dampers, GaussLobatto, Lagrangian, MechanismError, MechanismIntegrator, RelaxationTable,
 };
-pub use memory::{ActsOn, Memory, MemoryError, SavedChannels, check_channels};
+pub use memory::{ActsOn, Memory, MemoryError};
+#[doc(hidden)]
+pub use memory::{SavedChannels, check_channels};
 pub use memoryless::Memoryless;
+#[doc(hidden)]
 pub use newton::{Equations, Factors};
-pub use node_galerkin::{NodeGalerkin, NodeStorage};
+pub use node_galerkin::NodeGalerkin;
+#[doc(hidden)]
+pub use node_galerkin::NodeStorage;
 pub use operator::{FractionalOperator, OperatorError, Pending, Start, left_operator, right_operator};
 pub use pid::{Actuator, ExponentialPi, ExponentialPid, FractionalPid, PidError, PidInputs, RingPi, RingPid};
 pub use pid_law::{
     AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw, PidResponse, PidSettings,
 };
 pub use quadrature::{Quadrature, gauss_rule, lobatto_rule};
-pub use real::{Real, max_or_nan, min_or_nan};
+pub use real::Real;
+#[doc(hidden)]
+pub use real::{max_or_nan, min_or_nan};
+#[doc(hidden)]
 pub use resolvent::Resolvent;
 pub use runge_kutta::RungeKutta;
-pub use saving::{Shape, StateError, StateReader, StateWriter, Stateful, fingerprint, header_bytes};
-pub use scheme::{Outcome, Rounding, Sampling, Scheme, State, Step, StepError, conclude};
+pub use saving::{Shape, StateError, StateReader, StateWriter, Stateful};
+#[doc(hidden)]
+pub use saving::{fingerprint, header_bytes};
+#[doc(hidden)]
+pub use scheme::{Outcome, Rounding, conclude};
+pub use scheme::{Sampling, Scheme, State, Step, StepError};
 pub use space::{Block, Space};
 pub use stability::{ExplicitDamping, Stability, check_stability};
+#[doc(hidden)]
+pub use system::Approach;
 pub use system::{
-    Approach, Force, Instant, Mass, Mechanics, NoForce, NodalRule, Potential, Quadratic, System, TimeForce,
+    Force, Instant, Mass, Mechanics, NoForce, NodalRule, Potential, Quadratic, System, TimeForce,
 };
 pub use tiled::Tiled;
 pub use variable_steps::{RateTable, VariableStepMemory};
+pub use weights::{BdfOrder, ConvolutionWeights};
+#[doc(hidden)]
 pub use weights::{
-    BdfOrder, ConvolutionWeights, leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32,
-    monic_increment_table, monic_increment_table_f32,
+    leading_bdf_weight, monic_bdf_table, monic_bdf_table_f32, monic_increment_table,
+    monic_increment_table_f32,
 };
+#[doc(hidden)]
 pub use workspace::{CachedFactor, Workspace};
 
 /// The examples of the page that introduces the crate.

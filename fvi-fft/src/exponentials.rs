@@ -1,10 +1,15 @@
 //! Weights of convolution quadrature as sums of exponentials.
 
+#[doc(hidden)]
 pub mod complex_exponential_table;
 pub mod controller_source;
+#[doc(hidden)]
 pub mod exponential_table;
 mod rate_rules;
+#[doc(hidden)]
 pub mod rate_table;
+#[doc(hidden)]
 pub mod relaxation_table;
+#[doc(hidden)]
 pub mod rust_constants;
 mod spectrum;

@@ -6,19 +6,20 @@
 //! | [`quadrature`] | the weights of convolution quadrature for K, and starting weights |
 //! | [`exponentials`] | the same weights as sums of exponentials, for steps of one or any length |
 //! | [`memory`] | the one engine that serves a request: the only place that chooses |
-//! | [`dense`], [`Aligned`] | matrices and storage for these tables |
-//! | [`sums`] | sums with compensation, and the largest of errors |
-//! | [`baseline`] | plain sums and textbook methods, for comparison |
+//! | [`Aligned`] | storage for these tables |
 #![forbid(unsafe_code)]
 
 mod aligned;
+#[doc(hidden)]
 pub mod baseline;
+#[doc(hidden)]
 pub mod dense;
 mod engines;
 pub mod exponentials;
 mod growing_ring;
 pub mod memory;
 pub mod quadrature;
+#[doc(hidden)]
 pub mod sums;
 pub mod transfer;
 

@@ -4,12 +4,18 @@ pub(crate) mod exponential;
 mod family;
 pub(crate) mod inverse;
 mod kernel_defects;
+#[doc(hidden)]
 pub mod multistep_weights;
 pub(crate) mod principal_cut;
+#[doc(hidden)]
 pub mod runge_kutta_derivative;
+#[doc(hidden)]
 pub mod runge_kutta_weights;
+#[doc(hidden)]
 pub mod staged_method;
+#[doc(hidden)]
 pub mod starting;
+#[doc(hidden)]
 pub mod starting_defects;
 
 pub use family::ConvolutionFamily;

@@ -1,13 +1,21 @@
 //! Transfer functions of memories: the damping force as a function K(s) of the Laplace variable.
 
 mod active;
+#[doc(hidden)]
 pub mod algebra;
+#[doc(hidden)]
 pub mod derivative;
+#[doc(hidden)]
 pub mod dual;
+#[doc(hidden)]
 pub mod fractions;
+#[doc(hidden)]
 pub mod given_weights;
+#[doc(hidden)]
 pub mod laplace;
+#[doc(hidden)]
 pub mod multistep_rule;
+#[doc(hidden)]
 pub mod relaxation;
 
 use crate::sums::max_or_nan;

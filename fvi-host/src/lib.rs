@@ -31,6 +31,7 @@ pub mod fit;
 mod output_sink;
 pub mod prelude;
 pub mod response;
+#[doc(hidden)]
 pub mod results;
 pub mod run;
 pub mod sweep;

@@ -36,10 +36,13 @@ mod system;
 mod time;
 mod warnings;
 
-pub use adaptive::{Adaptive, Start};
+pub use adaptive::Adaptive;
+#[doc(hidden)]
+pub use adaptive::Start;
 pub use appearance::{Appearance, Paper, Units};
 pub use builder::{Damper, Entries, ScenarioBuilder};
 pub use case::Case;
+#[doc(hidden)]
 pub use combinations::{Feature, MARK as COMBINATIONS_MARK, ROWS, Row, page as combinations_page};
 pub use controller::{Controller, Noise, Quantise, Setpoint};
 pub use element::Element;
@@ -48,22 +51,34 @@ pub use event::{Action, Direction, Event, SharedFunction};
 pub use grid::{Grid, GridRule};
 pub use gyroscopic::SkewMatrix;
 pub use initial::InitialState;
+#[doc(hidden)]
 pub use kernel::{kernel_of_document, kernel_of_file, kernel_of_symbol, kernel_of_table, weights_of};
+#[doc(hidden)]
 pub use keys::KEYS;
 pub use load::{Amplitude, Load, Pattern, Record};
 pub use matrix::SymmetricMatrix;
 pub use members::Members;
-pub use own_terms::{OwnTerms, SharedTerms};
+pub use own_terms::OwnTerms;
+#[doc(hidden)]
+pub use own_terms::SharedTerms;
+#[doc(hidden)]
 pub use parameters::read_parameters;
 pub use past::Past;
+#[doc(hidden)]
 pub use plant_formula::PlantFormula;
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
+#[doc(hidden)]
 pub use relaxation_matrix::RelaxationMatrix;
 pub use sampled_input::SampledInput;
 pub use scheme::{Convolution, DampedAt, Quadrature, Scheme};
+#[doc(hidden)]
 pub use scheme_descriptor::SchemeDescriptor;
-pub use sensitivity::{Named, Parameter, Quantity, Sensitivity};
-pub use sparse_matrix::{KnownMatrices, SparseMatrix};
+pub use sensitivity::Sensitivity;
+#[doc(hidden)]
+pub use sensitivity::{Named, Parameter, Quantity};
+#[doc(hidden)]
+pub use sparse_matrix::KnownMatrices;
+pub use sparse_matrix::SparseMatrix;
 pub use system::{Along, Attached, Damping, Derivative, ForceQuadrature, System};
 pub use time::{
     LARGEST_TOLERANCE, MOST_STEPS, OnEnergyGrowth, OutputOptions, ReportedMomentum,

@@ -7,6 +7,8 @@
 //! | [`simulation`] | the simulation of a scenario; its stability and its energy |
 #![forbid(unsafe_code)]
 
+#[doc(hidden)]
 pub mod column;
+#[doc(hidden)]
 pub mod model;
 pub mod simulation;

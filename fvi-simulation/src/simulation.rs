@@ -1,12 +1,17 @@
 //! Simulation of a scenario: the integrator behind an interface without type parameters.
 
+#[doc(hidden)]
 pub mod adaptive;
 mod breaks;
 mod choice;
+#[doc(hidden)]
 pub mod closed_loop;
+#[doc(hidden)]
 pub mod columns;
+#[doc(hidden)]
 pub mod control;
 mod crossings;
+#[doc(hidden)]
 pub mod energy_guard;
 mod error_budget;
 pub mod events;
@@ -25,10 +30,12 @@ mod mechanism;
 mod mechanism_tests;
 mod memory_energy;
 mod momentum_offset;
+#[doc(hidden)]
 pub mod motion;
 pub(crate) mod not_finite;
 mod piece;
 pub mod response;
+#[doc(hidden)]
 pub mod stability;
 pub mod step_batch;
 mod step_control;
