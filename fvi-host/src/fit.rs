@@ -1,6 +1,7 @@
 //! Fits: the numbers of a scenario for which its prediction agrees best with measured data, and how well the
 //! data determine them.
 
+mod cells;
 mod data;
 mod estimates;
 mod interpolation;

@@ -77,6 +77,32 @@ def test_tables_with_their_own_starts_and_frequencies():
     assert [table.over for table in found.tables] == ["t", "t", "omega"]
 
 
+def test_frames_and_missing_numbers():
+    pandas = pytest.importorskip("pandas")
+    data = record()
+    frame = pandas.DataFrame({"Position [m]": data["q0"], "Time": data["t"], "Remark": "fine"})
+    frame.loc[[4, 9], "Position [m]"] = np.nan
+    columns = {"t": "Time", "q0": "Position [m]"}
+    mixed = {"frame": frame.sample(frac=1, random_state=1), "columns": columns}
+    found = fvi.fit(OSCILLATOR, FREE, mixed)
+    assert near(found) and found.record["tables"][0]["left_out"] == 2
+    assert any("2 of 51 rows are left out" in note for note in found.notes)
+    assert (np.diff(found.tables[0].places) > 0).all()
+    indexed = pandas.DataFrame({"q0": data["q0"]}, index=pandas.Index(data["t"], name="t"))
+    assert near(fvi.fit(OSCILLATOR, FREE, indexed)) and near(fvi.fit(OSCILLATOR, FREE, [indexed, mixed]))
+    with pytest.raises(fvi.InputError, match="there is no column 'Zeit'; there are 'Position"):
+        fvi.fit(OSCILLATOR, FREE, {"frame": frame, "columns": {"t": "Zeit", "q0": "Position [m]"}})
+
+
+def test_frequencies_in_hertz():
+    f = np.geomspace(0.02, 2, 30)
+    omega = 2 * np.pi * f
+    receptance = 1 / (4 - omega**2 + 0.3 * (1j * omega) ** 0.6)
+    assert near(fvi.fit(OSCILLATOR, FREE, {"f": f[::-1], "value": receptance[::-1]}))
+    given = {"omega": f, "value": receptance, "units": {"omega": "Hz"}}
+    assert near(fvi.fit(OSCILLATOR, FREE, given))
+
+
 def test_models_are_compared():
     data = {**record(), "deviation": 0.001}
     models = {"dashpot": {"set": {ORDER: 1.0}}, "spring-pot": {"free": {ORDER: {"bounds": (0.05, 1)}}}}
@@ -115,7 +141,7 @@ def test_large_arrays_come_back_with_the_estimates():
 def test_mistakes_are_refused():
     data = record()
     for free, table, keys, words in [
-        (FREE, {"q0": data["q0"]}, {}, "one of t and omega"),
+        (FREE, {"q0": data["q0"]}, {}, "one of t, omega and f"),
         (FREE, {**data, "q0": data["q0"][1:]}, {}, "the shape of t"),
         (FREE, {**data, "x": data["q0"]}, {}, "unknown column `x`"),
         (FREE, {**data, "deviation": -1.0}, {}, "a number > 0"),

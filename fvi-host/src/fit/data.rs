@@ -1,5 +1,6 @@
 //! Measured data: tables of numbers over time or frequency.
 
+use super::cells::{Cells, DEVIATION, OVER, cells};
 use fvi_core::max_or_nan;
 use fvi_scenario::language::document::{Table, Value};
 use fvi_scenario::language::excerpt::excerpt;
@@ -18,6 +19,8 @@ pub(super) struct Record {
     pub(super) set: Vec<(String, toml::Value)>,
     /// t or ω of each row.
     pub(super) places: Vec<f64>,
+    /// Lines of its file that are left out, since a number is missing in them.
+    pub(super) left_out: Vec<u64>,
     pub(super) columns: Vec<Column>,
     /// What is known about the standard deviations of the data.
     pub(super) deviations: Deviations,
@@ -66,6 +69,8 @@ pub(super) struct Column {
     pub(super) values: Vec<f64>,
     /// Standard deviations, up to a common factor unless they are known.
     pub(super) deviations: Vec<f64>,
+    /// Its unit, where the file says it.
+    pub(super) unit: Option<String>,
 }
 
 /// What a table specifies about its standard deviations.
@@ -132,8 +137,20 @@ impl Observed {
 }
 
 /// Keys of a table of data.
-pub const KEYS: [&str; 9] =
-    ["file", "quantity", "input", "output", "term", "position", "deviation", "relative_deviation", "set"];
+pub const KEYS: [&str; 12] = [
+    "file",
+    "columns",
+    "units",
+    "decimal",
+    "quantity",
+    "input",
+    "output",
+    "term",
+    "position",
+    "deviation",
+    "relative_deviation",
+    "set",
+];
 
 /// Sizes of a scenario that restrict what its data may refer to.
 #[derive(Clone, Copy, Debug)]
@@ -150,99 +167,27 @@ pub(super) struct Extent {
 const SMALLEST: f64 = 1e-70;
 const LARGEST: f64 = 1e70;
 
-/// Suffix of the column with the standard deviations of another one.
-const DEVIATION: &str = "_deviation";
-
-/// The cells of a table, with their places in the file for error messages.
-struct Cells<'v, 'd> {
-    value: &'v Value<'d>,
-    file: String,
-    names: Vec<String>,
-    /// Line number of the header with the column names.
-    header: u64,
-    /// Row by row, with the line in the file.
-    rows: Vec<(u64, Vec<f64>)>,
-}
-
-impl Cells<'_, '_> {
-    fn fault(&self, line: u64, reason: String) -> InputError {
-        self.value.error(Problem::Table { file: self.file.clone(), line, reason })
-    }
-
-    fn column(&self, name: &str) -> Option<usize> {
-        self.names.iter().position(|own| own == name)
-    }
-
-    fn values(&self, column: usize) -> Vec<f64> {
-        self.rows.iter().map(|(_, row)| row[column]).collect()
-    }
-}
-
-fn cells<'v, 'd>(value: &'v Value<'d>) -> Result<Cells<'v, 'd>, InputError> {
-    let document = value.document();
-    let name = value.text()?;
-    let text = document.read_named(name).map_err(|error| value.file_error(error.to_string()))?;
-    let mut read = Cells {
-        value,
-        file: document.resolve(name).display().to_string(),
-        names: Vec::new(),
-        header: 1,
-        rows: Vec::new(),
-    };
-    let mut reader =
-        csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
-    let headers = reader.headers().map_err(|error| value.file_error(error.to_string()))?;
-    read.names = headers.iter().map(str::to_owned).collect();
-    read.header = headers.position().map_or(1, csv::Position::line);
-    for (index, name) in read.names.iter().enumerate() {
-        if read.names[..index].contains(name) {
-            let reason = format!("column {}: `{}` stands there twice", index + 1, excerpt(name));
-            return Err(read.fault(read.header, reason));
-        }
-    }
-    for record in reader.records() {
-        let record = record.map_err(|error| {
-            let line = error.position().map_or(0, csv::Position::line);
-            read.fault(line, error.to_string())
-        })?;
-        let line = record.position().map_or(0, csv::Position::line);
-        let number = |(index, cell): (usize, &str)| {
-            let number = cell.parse::<f64>().ok().filter(|number| number.is_finite());
-            number.ok_or_else(|| {
-                let column = excerpt(&read.names[index]);
-                let cell = excerpt(cell);
-                read.fault(line, format!("column {} ({column}): `{cell}` is not a finite number", index + 1))
-            })
-        };
-        let row = record.iter().enumerate().map(number).collect::<Result<Vec<_>, _>>()?;
-        read.rows.push((line, row));
-    }
-    if read.rows.is_empty() {
-        return Err(read.fault(read.header, "there are no rows".to_owned()));
-    }
-    Ok(read)
-}
-
 impl Record {
     /// Reads one table of `[[data]]`; `plain` is the same without places.
     pub(super) fn read(value: &Value<'_>, plain: &toml::Value, extent: Extent) -> Result<Self, InputError> {
         let table = value.table()?;
         table.allow(&KEYS)?;
         let file = table.required("file")?;
-        let cells = cells(&file)?;
-        let domain = match cells.names.first().map(String::as_str) {
-            Some("t") => {
+        let cells = cells(&file, &table)?;
+        let over = OVER.iter().find_map(|name| cells.column(name));
+        let over = over.ok_or_else(|| file.out_of_range("a file with a column t, omega or f"))?;
+        let domain = match cells.columns[over].name.as_str() {
+            "t" => {
                 for key in ["quantity", "input", "output", "term", "position"] {
                     if let Some(value) = table.optional(key) {
-                        let allowed = "data over frequencies, with a first column omega".to_owned();
+                        let allowed = "data over frequencies, with a column omega or f".to_owned();
                         let with = "data over time".to_owned();
                         return Err(value.key_error(Problem::Incompatible { with, allowed }));
                     }
                 }
                 Domain::Time
             }
-            Some("omega") => frequency(&table, extent)?,
-            _ => return Err(cells.fault(cells.header, "the first column must be t or omega".to_owned())),
+            _ => frequency(&table, extent)?,
         };
         let set = plain.get("set").and_then(toml::Value::as_table);
         let set = set.map_or_else(Vec::new, |set| {
@@ -258,23 +203,28 @@ impl Record {
             name: file.text()?.to_owned(),
             domain,
             set,
-            places: cells.values(0),
+            places: cells.values(over),
+            left_out: cells.left_out.clone(),
             columns: Vec::new(),
             deviations: Deviations::None,
         };
         // A table that sets `time` itself is checked against its own time later.
         let own_time = record.set.iter().any(|(path, _)| path == "time" || path.starts_with("time."));
         let times = if own_time { (0.0, f64::INFINITY) } else { (extent.begin, extent.end) };
-        record.check_places(&cells, times)?;
+        record.check_places(&cells, over, times)?;
         record.read_columns(&cells, extent)?;
         record.read_deviations(&cells, &table)?;
         Ok(record)
     }
 
-    fn check_places(&self, cells: &Cells<'_, '_>, (begin, end): (f64, f64)) -> Result<(), InputError> {
-        let name = &cells.names[0];
-        for (index, (&place, (line, _))) in self.places.iter().zip(&cells.rows).enumerate() {
-            let before = index.checked_sub(1).map(|before| self.places[before]);
+    fn check_places(
+        &self,
+        cells: &Cells<'_, '_>,
+        over: usize,
+        (begin, end): (f64, f64),
+    ) -> Result<(), InputError> {
+        let name = &cells.columns[over].name;
+        for (&place, (line, row)) in self.places.iter().zip(&cells.rows) {
             let reason = match self.domain {
                 Domain::Time if place < begin * (1.0 - 1e-12) => {
                     Some(format!("is before the motion begins, at t = {begin}"))
@@ -283,13 +233,11 @@ impl Record {
                     Some(format!("is after the motion ends, at t = {end}"))
                 }
                 Domain::Frequency { .. } if place <= 0.0 => Some("is not a frequency > 0".to_owned()),
-                _ if before.is_some_and(|before| before > place) => {
-                    Some("comes before the one of the row above: rows ascend".to_owned())
-                }
                 _ => None,
             };
             if let Some(reason) = reason {
-                return Err(cells.fault(*line, format!("column 1 ({name}): {name} = {place} {reason}")));
+                let column = cells.place(over);
+                return Err(cells.fault(*line, format!("{column}: {name} = {} {reason}", row[over])));
             }
         }
         Ok(())
@@ -310,7 +258,11 @@ impl Record {
             Domain::Frequency { .. } => "re and im, or storage and loss".to_owned(),
         };
         let more = format!("a column with {DEVIATION} behind its name, deviation, weight");
-        for (index, name) in cells.names.iter().enumerate().skip(1) {
+        for (index, place) in cells.columns.iter().enumerate() {
+            let name = &place.name;
+            if OVER.contains(&name.as_str()) {
+                continue;
+            }
             let base = name.strip_suffix(DEVIATION).unwrap_or(name);
             let is_of_row = name == "deviation" || name == "weight";
             let what = Observed::of_name(base, &self.domain);
@@ -319,41 +271,70 @@ impl Record {
             if !is_of_row && !is_there {
                 let near = nearest(base, known.iter().map(String::as_str));
                 let near = near.map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
-                let (place, name) = (index + 1, excerpt(name));
+                let (number, name) = (place.number, excerpt(name));
                 let reason =
-                    format!("column {place}: unknown column `{name}`{near}; columns: {allowed}; {more}");
+                    format!("column {number}: unknown column `{name}`{near}; columns: {allowed}; {more}");
                 return Err(cells.fault(cells.header, reason));
             }
             if let (Some(what), false, true) = (what, is_of_row, base == name) {
                 if self.columns.iter().any(|column| column.what == what) {
-                    let reason = format!("column {}: `{name}` says what another column does", index + 1);
+                    let reason = format!("column {}: `{name}` says what another column does", place.number);
                     return Err(cells.fault(cells.header, reason));
                 }
                 let deviations = vec![1.0; cells.rows.len()];
-                self.columns.push(Column {
-                    name: name.clone(),
-                    what,
-                    values: cells.values(index),
-                    deviations,
-                });
+                let (values, unit) = (cells.values(index), place.unit.clone());
+                self.columns.push(Column { name: name.clone(), what, values, deviations, unit });
             }
         }
         if self.columns.is_empty() {
             return Err(cells.fault(cells.header, format!("there is no column of data; columns: {allowed}")));
         }
-        for name in &cells.names {
-            if let Some(base) = name.strip_suffix(DEVIATION)
-                && !self.columns.iter().any(|column| column.name == base)
+        for place in &cells.columns {
+            let Some(base) = place.name.strip_suffix(DEVIATION) else { continue };
+            let Some(own) = cells.column(base) else {
+                return Err(
+                    cells.fault(cells.header, format!("`{}`: there is no column `{base}`", place.name))
+                );
+            };
+            let own = &cells.columns[own];
+            if let (Some(unit), Some(other)) = (&place.unit, &own.unit)
+                && unit != other
             {
-                return Err(cells.fault(cells.header, format!("`{name}`: there is no column `{base}`")));
+                let reason =
+                    format!("{base} is in `{}`, its deviations are in `{}`", excerpt(other), excerpt(unit));
+                return Err(cells.fault(cells.header, reason));
+            }
+        }
+        self.check_units(cells)
+    }
+
+    /// Checks that quantities of one kind have one unit.
+    fn check_units(&self, cells: &Cells<'_, '_>) -> Result<(), InputError> {
+        let with_unit = || self.columns.iter().filter_map(|column| Some((column, column.unit.as_ref()?)));
+        for (column, unit) in with_unit() {
+            let kind = column.what.kind(&self.domain);
+            let same = |other: &Column| other.what.kind(&self.domain) == kind;
+            if let Some((other, own)) = with_unit().find(|(other, own)| same(other) && *own != unit)
+                && cells.factor(&column.name) == cells.factor(&other.name)
+            {
+                let reason = format!(
+                    "{} is in `{}`, and {} in `{}`: `units = {{ {} = … }}` is the number to multiply it by",
+                    column.name,
+                    excerpt(unit),
+                    other.name,
+                    excerpt(own),
+                    column.name
+                );
+                return Err(cells.fault(cells.header, reason));
             }
         }
         Ok(())
     }
 
     fn read_deviations(&mut self, cells: &Cells<'_, '_>, table: &Table<'_>) -> Result<(), InputError> {
+        let names = cells.columns.iter().map(|place| &place.name);
         let of_columns: Vec<&String> =
-            cells.names.iter().filter(|name| name.ends_with(DEVIATION) || *name == "deviation").collect();
+            names.filter(|name| name.ends_with(DEVIATION) || *name == "deviation").collect();
         let by_weight = cells.column("weight");
         let deviation = table.optional("deviation");
         let relative = table.optional("relative_deviation");
@@ -371,10 +352,10 @@ impl Record {
             return Err(cells
                 .fault(cells.header, "columns of deviations and of weights: give one of them".to_owned()));
         }
-        let positive = |name: &str, column: usize| -> Result<Vec<f64>, InputError> {
+        let positive = |column: usize| -> Result<Vec<f64>, InputError> {
             let wrong = cells.rows.iter().find(|(_, row)| row[column] <= 0.0);
             if let Some((line, row)) = wrong {
-                let reason = format!("column {} ({name}): {} is not > 0", column + 1, row[column]);
+                let reason = format!("{}: {} is not > 0", cells.place(column), row[column]);
                 return Err(cells.fault(*line, reason));
             }
             Ok(cells.values(column))
@@ -382,7 +363,7 @@ impl Record {
         self.deviations = if ways.is_empty() { Deviations::None } else { Deviations::Known };
         if let Some(column) = by_weight {
             self.deviations = Deviations::Relative;
-            let weights = positive("weight", column)?;
+            let weights = positive(column)?;
             let deviations: Vec<f64> = weights.iter().map(|weight| weight.sqrt().recip()).collect();
             self.columns.iter_mut().for_each(|column| column.deviations.clone_from(&deviations));
         }
@@ -391,7 +372,11 @@ impl Record {
             let found =
                 [own.as_str(), "deviation"].into_iter().find_map(|name| Some((name, cells.column(name)?)));
             match found {
-                Some((name, index)) => column.deviations = positive(name, index)?,
+                Some((name, index)) => {
+                    // A column `deviation` is in the unit of each column of data.
+                    let factor = if name == "deviation" { cells.factor(&column.name) } else { 1.0 };
+                    column.deviations = positive(index)?.into_iter().map(|one| one * factor).collect();
+                }
                 None if !of_columns.is_empty() => {
                     return Err(cells.fault(cells.header, format!("`{}` has no column `{own}`", column.name)));
                 }
@@ -484,6 +469,22 @@ impl Record {
             }
             _ => Ok(()),
         }
+    }
+
+    /// A sentence about the rows that are left out.
+    pub(super) fn left_out_note(&self) -> Option<String> {
+        const MOST: usize = 10;
+        let lines: Vec<String> = self.left_out.iter().take(MOST).map(u64::to_string).collect();
+        let more = if self.left_out.len() > MOST { " …" } else { "" };
+        let count = self.left_out.len();
+        (count > 0).then(|| {
+            let all = count + self.places.len();
+            let lines = lines.join(", ");
+            format!(
+                "{}: {count} of {all} rows are left out, in which a number is missing: lines {lines}{more}",
+                self.name
+            )
+        })
     }
 
     /// Numbers of data.

@@ -122,6 +122,8 @@ pub struct TableRecord {
     pub columns: Vec<String>,
     /// Its rows.
     pub rows: usize,
+    /// Rows of the file that are left out, since a number is missing in them.
+    pub left_out: usize,
     /// Contribution of this table to χ².
     pub chi2: f64,
     /// The root of the mean of (model − datum)² of each column.
@@ -281,6 +283,7 @@ pub(super) fn estimate(
     }
     notes.extend(resolution_note(search, &predicted, variance));
     notes.extend(starts_note(&starts, chi2));
+    notes.extend(plan.records.iter().filter_map(super::data::Record::left_out_note));
     if plan.records.iter().any(|record| record.domain != Domain::Time) {
         let of =
             "derivatives of data over frequencies are differences of order four of closed forms".to_owned();
@@ -569,6 +572,7 @@ fn tables(plan: &Fit, search: &Search<'_, '_>, best: &Minimum) -> Vec<TableRecor
             file: record.name.clone(),
             columns: record.columns.iter().map(|column| column.name.clone()).collect(),
             rows: record.places.len(),
+            left_out: record.left_out.len(),
             chi2: place.clone().map(|place| residuals[place].powi(2)).sum(),
             rms: (0..columns).map(rms).collect(),
         }

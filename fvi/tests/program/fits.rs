@@ -543,6 +543,100 @@ fn a_receptance_is_fitted() {
     }
 }
 
+/// Storage and loss of K = 1 + K_m with β = 0.5 and τ = 1 at angular frequencies from 0.1 to 10.
+fn moduli() -> Vec<(f64, f64, f64)> {
+    let row = |k: i32| {
+        let omega = 10f64.powf(0.1 * f64::from(k));
+        let modulus = Complex(1.0, 0.0).plus(zener(0.5, 1.0, omega));
+        (omega, modulus.0, modulus.1)
+    };
+    (-10..=10).map(row).collect()
+}
+
+const MATERIAL_FREE: &str = r#"
+scenario = "scenario.toml"
+[[free]]
+path = "system.damping[0].kernel.order"
+start = 0.6
+[[free]]
+path = "system.damping[0].kernel.time"
+start = 2.0
+scale = "log"
+[[data]]
+file = "data.csv"
+quantity = "modulus"
+"#;
+
+/// The same moduli in the files of several instruments give one result.
+#[test]
+fn tables_are_read_as_instruments_write_them() {
+    let rows = moduli();
+    let named = "columns = { omega = \"Angular Frequency\", storage = \"Storage Modulus\", loss = \"Loss Modulus\" }\n";
+    let hertz = "columns = { f = \"Frequency\", storage = \"E'\", loss = \"E''\" }\n";
+    let with = |head: &str, row: &dyn Fn(f64, f64, f64) -> String| {
+        rows.iter()
+            .fold(head.to_owned(), |text, &(omega, storage, loss)| text + &row(omega, storage, loss) + "\n")
+    };
+    let comma = |number: f64| format!("{number:e}").replace('.', ",");
+    let backwards = |head: &str| {
+        let row = |(omega, storage, loss): &(f64, f64, f64)| format!("{omega:e},{storage:e},{loss:e}\n");
+        rows.iter().rev().fold(head.to_owned(), |text, numbers| text + &row(numbers))
+    };
+    let files = [
+        ("", with("omega,storage,loss\n", &|omega, storage, loss| format!("{omega:e},{storage:e},{loss:e}"))),
+        ("", backwards("omega,storage,loss\n")),
+        // A name and a date before the header, tabs, a row of units, and a column of words.
+        (
+            named,
+            with(
+                "Sample 7\t\n\nPoint\tAngular Frequency\tStorage Modulus\tLoss Modulus\tStatus\n\trad/s\tPa\tPa\t\n",
+                &|omega, storage, loss| format!("1\t{omega:e}\t{storage:e}\t{loss:e}\tDy_auto"),
+            ),
+        ),
+        (
+            &format!("{hertz}decimal = \",\"\n"),
+            with("E'';E';Frequency\n", &|omega, storage, loss| {
+                format!("{};{};{}", comma(loss), comma(storage), comma(omega / (2.0 * PI)))
+            }),
+        ),
+        (
+            named,
+            with(
+                "Loss Modulus [MPa];Storage Modulus [MPa];Angular Frequency [Hz];\n",
+                &|omega, storage, loss| format!("{loss:e};{storage:e};{:e};", omega / (2.0 * PI)),
+            ),
+        ),
+        (
+            "units = { storage = 1e3, loss = 1e3, omega = \"Hz\" }\n",
+            with("omega   storage  loss\n", &|omega, storage, loss| {
+                format!("  {:e}  {:e}   {:e}", omega / (2.0 * PI), storage / 1e3, loss / 1e3)
+            }),
+        ),
+    ];
+    for (keys, data) in files {
+        let found = fitted_here(MATERIAL, &format!("{MATERIAL_FREE}{keys}"), &data);
+        let numbers: Vec<f64> = found.parameters.iter().map(|(_, parameter)| parameter.estimate).collect();
+        assert!((numbers[0] - 0.5).abs() < 1e-8 && (numbers[1] - 1.0).abs() < 1e-8, "{data}\n{numbers:?}");
+        assert_eq!((found.data, found.tables[0].left_out), (42, 0), "{data}");
+    }
+}
+
+#[test]
+fn rows_with_missing_numbers_are_left_out_and_counted() {
+    let mut data = "omega,storage,loss\n".to_owned();
+    for (index, (omega, storage, loss)) in moduli().into_iter().enumerate() {
+        match index {
+            3 => data += &format!("{omega},NaN,{loss}\n"),
+            7 => data += &format!("{omega},{storage},\n"),
+            _ => data += &format!("{omega:e},{storage:e},{loss:e}\n"),
+        }
+    }
+    let found = fitted_here(MATERIAL, MATERIAL_FREE, &data);
+    assert_eq!((found.data, found.tables[0].rows, found.tables[0].left_out), (38, 19, 2));
+    let said = "data.csv: 2 of 21 rows are left out, in which a number is missing: lines 5, 9";
+    assert!(found.notes.iter().any(|note| note == said), "{:?}", found.notes);
+}
+
 #[test]
 fn kernels_are_compared() {
     let place = Workplace::new();
@@ -668,14 +762,34 @@ fn bad_files_are_refused_with_their_places() {
             with(""),
             &["data.csv, line 3", "column 2 (q0)", "`abc` is not a finite number"],
         ),
-        ("t,q0\n0.1,0.9\n0.2,NaN\n", with(""), &["line 3", "column 2 (q0)"]),
+        ("t,q0\n0.1,0.9\n0.2,inf\n", with(""), &["line 3", "column 2 (q0)"]),
+        ("t,q0\n0.1,NaN\n0.2,\n", with(""), &["line 1", "there are no rows", "in each of 2"]),
         ("t,q0\n0.1\n", with(""), &["data.csv, line 2"]),
-        ("t,q0\n0.2,0.9\n0.1,0.8\n", with(""), &["line 3", "t = 0.1", "rows ascend"]),
+        ("t;q0\n0,1;0,9\n", with(""), &["line 2", "column 1 (t)", "`0,1`", "`decimal = \",\"`"]),
+        ("t,omega,q0\n0.1,1,0.9\n", with(""), &["line 1", "one column of t, omega and f"]),
+        ("t,q0\nmin,m\n0.1,0.9\n", with(""), &["column 1 (t)", "a time in `min`", "units = { t = … }"]),
+        (
+            "t,q0\n0.1,0.9\n",
+            with("columns = { t = \"Tine\", q0 = \"q0\" }\n"),
+            &["line 1", "no row has all names of `columns`", "`Tine` is missing", "there are t, q0"],
+        ),
+        (
+            "omega [1/s],storage,loss\n1,2,3\n",
+            with("quantity = \"modulus\"\n"),
+            &["column 1 (omega)", "neither rad/s nor Hz"],
+        ),
+        (
+            "omega,storage,loss\nrad/s,MPa,kPa\n1,2,3\n",
+            with("quantity = \"modulus\"\n"),
+            &["storage is in `MPa`, and loss in `kPa`"],
+        ),
+        (good, with("units = { q1 = 2.0 }\n"), &["data[0].units.q1", "unknown key"]),
+        (good, with("units = { t = \"min\" }\n"), &["data[0].units.t", "a number"]),
         ("t,q0\n-0.2,0.9\n", with(""), &["line 2", "t = -0.2", "before the motion begins"]),
         ("t,q0\n7.0,0.9\n", with(""), &["line 2", "t = 7", "after the motion ends, at t = 6"]),
         ("t,q1\n0.1,0.9\n", with(""), &["line 1", "column 2", "unknown column `q1`"]),
         ("t,q0,q0\n0.1,0.9,1\n", with(""), &["column 3", "twice"]),
-        ("time,q0\n0.1,0.9\n", with(""), &["the first column must be t or omega"]),
+        ("time,q0\n0.1,0.9\n", with(""), &["there is no column t, omega (rad/s) or f (Hz)"]),
         ("t,q0\n", with(""), &["there are no rows"]),
         ("t\n0.1\n", with(""), &["there is no column of data"]),
         ("t,q0,q0_deviation\n0.1,0.9,0.0\n", with(""), &["line 2", "column 3 (q0_deviation)", "not > 0"]),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import csv
 import html
+import io
 import json
 import warnings
 from collections.abc import Mapping, Sequence
@@ -202,6 +204,9 @@ class Fit:
         return Picture(axes)
 
 
+Data = Mapping[str, Any] | Any
+"""A table of data: a dictionary, or a DataFrame of pandas."""
+
 Free = Mapping[str, Any] | Sequence[Any]
 """Paths of the numbers that are sought, with what is known of each."""
 
@@ -209,7 +214,7 @@ Free = Mapping[str, Any] | Sequence[Any]
 def fit(
     scenario: Scenario,
     free: Free,
-    data: Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    data: Data | Sequence[Data],
     *,
     models: Mapping[str, Mapping[str, Any]] | None = None,
     starts: int = 1,
@@ -234,12 +239,16 @@ def fit(
         Paths of the free parameters, such as ``"system.damping[0].order"``; as a dictionary with a value for each: None, a start
         value, or a dictionary of `start` (default: the scenario's value), `bounds`, `scale` ("linear" or "log") and `data`, the
         index of the only table that the parameter applies to.
-    data : dict or list of dict
+    data : dict or DataFrame, or list of them
         Tables of data: `t` and any of `q0`, `p0`, `v0`, `a0`, …, `energy`; or `omega` with `re` and `im`, or `storage` and
         `loss`, or a complex `value`: a receptance (`input`, `output`), with ``quantity="modulus"`` the entry of
         K + Σ ρ K(iω), or K(iω) of the damping `term`. `deviation`, a number, an array or a dictionary by columns;
         `relative_deviation`; or `weight`, an array. `set`: values of the scenario for this table, by their paths.
-        `file` names a CSV file in place of the columns.
+        `f`, in Hz, may stand in place of `omega`. `frame`, a DataFrame, whose index counts as a column if it has a name, or
+        `file`, a table with commas, semicolons, tabs or spaces, stand in place of the columns, or a DataFrame in place of the
+        dictionary. `columns`: names of the columns there by those above, such as ``{"omega": "Angular Frequency"}``; `units`:
+        what columns are multiplied by, "Hz" or "rad/s" for frequencies; `decimal`: "," where it stands before the decimals of
+        the file. Rows are brought into order; those with a NaN are left out, as one of the `notes` tells.
     models : dict, optional
         Models to compare by their names: dictionaries of `set`, values by their paths, `scenario`, a path, and `free`, further
         free parameters, as above. The one with the smallest AIC is returned.
@@ -288,7 +297,7 @@ def fit(
     scenario, changed = scenario_of(scenario, keys)
     given = source(scenario, by_path(overrides, changed))
     files: dict[str, bytes] = {}
-    if isinstance(data, Mapping):
+    if isinstance(data, Mapping) or _is_frame(data):
         data = [data]
     plan: dict[str, Any] = {
         "scenario": "the one at hand",
@@ -374,8 +383,10 @@ def _model(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 def _table(index: int, given: Mapping[str, Any], files: dict[str, bytes]) -> dict[str, Any]:
     place = f"data[{index}]"
+    if _is_frame(given):
+        given = {"frame": given}
     if not isinstance(given, Mapping):
-        raise InputError(f"{place}: a dictionary is needed", place, repr(given))
+        raise InputError(f"{place}: a dictionary or a table of pandas is needed", place, repr(given))
     keys = {key: given[key] for key in _fvi.DATA_KEYS if given.get(key) is not None}
     columns: dict[str, Any] = {key: value for key, value in given.items() if key not in _fvi.DATA_KEYS}
     if "file" in keys:
@@ -383,6 +394,11 @@ def _table(index: int, given: Mapping[str, Any], files: dict[str, bytes]) -> dic
             message = f"{place}.file: cannot stand beside columns; here there are {', '.join(columns)}"
             raise InputError(message, f"{place}.file", str(keys["file"]))
         return {**keys, "file": str(Path(keys["file"]).absolute())}
+    if "frame" in columns:
+        columns = {**_frame(place, columns.pop("frame"), keys.get("columns")), **columns}
+    elif isinstance(keys.get("columns"), Mapping):
+        columns = _named(place, columns, keys["columns"])
+    keys.pop("columns", None)
     if "value" in columns:
         value = np.asarray(columns.pop("value"))
         columns.update(re=value.real, im=value.imag)
@@ -395,21 +411,50 @@ def _table(index: int, given: Mapping[str, Any], files: dict[str, bytes]) -> dic
                 columns[f"{name}_deviation"] = entry if np.ndim(entry) else np.full(sizes.get(name, 1), entry)
     elif deviation is not None and np.ndim(deviation) > 0:
         columns["deviation"] = keys.pop("deviation")
-    order: list[str] = [name for name in ("t", "omega") if name in columns]
+    order: list[str] = [name for name in ("t", "omega", "f") if name in columns]
     if len(order) != 1:
-        message = f"{place}: one of t and omega is needed; here there are {', '.join(columns) or 'no columns'}"
+        message = f"{place}: one of t, omega and f is needed; here there are {', '.join(map(str, columns)) or 'no columns'}"
         raise InputError(message, place)
     order += [name for name in columns if name not in order]
-    arrays = [np.atleast_1d(_arrays.numbers(f"{place}.{name}", columns[name])) for name in order]
+    arrays = [np.atleast_1d(_arrays.numbers(f"{place}.{name}", columns[name], missing=True)) for name in order]
     for name, array in zip(order, arrays):
         if array.shape != arrays[0].shape or array.ndim != 1:
             message = f"{place}.{name}: {array.shape} instead of {arrays[0].shape}, the shape of {order[0]}"
             raise InputError(message, f"{place}.{name}", str(array.shape))
-    rows = [",".join(order)]
-    rows += [",".join(map(repr, row)) for row in zip(*(array.tolist() for array in arrays))]
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(order)
+    table.writerows(map(repr, row) for row in zip(*(array.tolist() for array in arrays)))
     keys["file"] = f"{place}.csv"
-    files[keys["file"]] = ("\n".join(rows) + "\n").encode()
+    files[keys["file"]] = text.getvalue().encode()
     return keys
+
+
+def _is_frame(given: Any) -> bool:
+    """Whether an object is a table of pandas or of a library like it."""
+    return all(hasattr(given, name) for name in ("columns", "to_numpy", "__getitem__")) and not isinstance(given, Mapping)
+
+
+def _frame(place: str, frame: Any, named: Any) -> dict[str, Any]:
+    """The columns of a table of pandas; its index is one of them where it has a name."""
+    if not _is_frame(frame):
+        raise InputError(f"{place}.frame: a table of pandas is needed", f"{place}.frame", repr(frame)[:60])
+    if any(name is not None for name in getattr(getattr(frame, "index", None), "names", ())):
+        frame = frame.reset_index()
+    columns = {name: frame[name] for name in frame.columns}
+    if len(columns) != len(frame.columns):
+        raise InputError(f"{place}.frame: two columns have one name", f"{place}.frame", str(list(frame.columns))[:60])
+    columns = _named(place, columns, named) if isinstance(named, Mapping) else columns
+    return {name: np.asarray(column) for name, column in columns.items()}
+
+
+def _named(place: str, columns: Mapping[Any, Any], named: Mapping[str, Any]) -> dict[str, Any]:
+    """The columns under the names by which a fit knows them."""
+    for name in named.values():
+        if name not in columns:
+            message = f"{place}.columns: there is no column {name!r}; there are {', '.join(map(repr, columns))}"
+            raise InputError(message, f"{place}.columns", repr(name))
+    return {own: columns[name] for own, name in named.items()}
 
 
 def _estimate(entry: dict[str, Any]) -> Estimate:
