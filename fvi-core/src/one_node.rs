@@ -156,8 +156,8 @@ impl<T: Real> OneNode<T> {
         Ok(iterations)
     }
 
-    /// Writes the first guess of e: zero `from_rest`, h v if the node `drifts` with the start, and otherwise the
-    /// displacement that the restoring force of the last step leaves of h v.
+    /// Writes the first guess of e: zero `from_rest`, h v if the node `drifts` with the start, and otherwise
+    /// what the restoring force of the last step leaves of h v.
     #[inline(always)]
     fn guess<X, Y, G>(
         &self,
@@ -257,7 +257,7 @@ where
         }
     }
 
-    /// As [`evaluate`](Self::evaluate), without the contribution of the increments if they are zero.
+    /// [`evaluate`](Self::evaluate) for the first iteration, where the increments are often zero.
     #[inline(always)]
     fn evaluate_first(&mut self, increments: &[T], are_zero: bool, linearise: bool) {
         if !are_zero {

@@ -592,7 +592,7 @@ fn a_whole_derivative_looks_back_as_far_as_its_order() {
     }
 }
 
-/// Whether a damping term takes a memory with this leading weight for one of the kernel.
+/// True if a damping term takes a memory with this leading weight for one of the kernel.
 fn takes<const S: usize>(kernel: Kernel, leading: &[f64]) -> bool {
     let rings = [const { Deque::<f64, 4>::new() }; S];
     let memory = Direct::new(leading, S, 1.0, rings, Overflow::Refuse).unwrap();

@@ -178,7 +178,7 @@ fn second_of_three<T: Engines, P: Engines>(
     OneOf { leading: [memory.leading()[1]], kernel: 1, terms: Vec::new(), memory }
 }
 
-/// Whether the exponentials of a kernel are its own or serve two others.
+/// Whose the exponentials of a kernel are: its own, or those of two others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Sharing {
     Alone,

@@ -92,7 +92,7 @@ const RATIO: usize = 4;
 /// A level is the top if the whole run has at most this many of its blocks.
 const TOP_BLOCKS: usize = 16;
 
-/// Excess of the budget over the cost of the jobs, in percent.
+/// Margin of the per-step budget over the mean cost of the jobs, in percent.
 const RESERVE: Work = 5;
 
 impl<T: Scalar> RealTime<T> {

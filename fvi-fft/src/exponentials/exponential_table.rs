@@ -602,7 +602,7 @@ struct Cut {
     on_increments: bool,
 }
 
-/// A discrete positive measure: exponentials up to a common sign.
+/// Exponentials whose coefficients all have one sign.
 type Nodes = Vec<Exponential>;
 
 impl Source for Cut {

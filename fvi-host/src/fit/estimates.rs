@@ -43,7 +43,7 @@ pub struct FittedModel {
     pub deviation_factor: Option<f64>,
     /// Numbers of data.
     pub data: usize,
-    /// ln of the likelihood of normal deviations.
+    /// Gaussian log-likelihood.
     pub log_likelihood: f64,
     /// 2k − 2 ln L, k the number of parameters, one more where the size of deviations is estimated.
     pub aic: f64,

@@ -30,7 +30,7 @@ impl From<InputError> for NoPrediction {
     }
 }
 
-/// Relative change of a parameter for differences of runs.
+/// Relative step of a parameter in finite differences of runs.
 const RUN_CHANGE: f64 = 3e-5;
 
 /// Relative change of a parameter for differences of closed forms.
@@ -357,7 +357,7 @@ impl<'f> Predictions<'f> {
         Ok(())
     }
 
-    /// Makes the run of a group, and writes the predictions for its tables.
+    /// Runs one group and writes the predictions for its tables.
     fn run(
         &mut self,
         group: usize,

@@ -56,7 +56,7 @@ pub(super) fn flag_of_steps(begun: &Arc<AtomicBool>) -> Arc<AtomicBool> {
     stop
 }
 
-/// Whether the program was started with hang-ups ignored, where the system provides this information.
+/// True if the program was started with hang-ups ignored, where the system provides this information.
 #[cfg(unix)]
 fn hang_up_is_ignored() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();

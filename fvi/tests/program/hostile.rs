@@ -195,7 +195,7 @@ fn lines(place: &Workplace) -> Vec<String> {
     lines
 }
 
-/// Whether a program has ended by itself, with one of its exit codes, or was ended after its time.
+/// True if a program has ended by itself, with one of its exit codes, or was ended after its time.
 fn is_orderly(output: &Output) -> bool {
     let code = output.status.code();
     let said = text(&output.stderr);

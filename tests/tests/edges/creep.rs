@@ -21,7 +21,7 @@ struct Kernel {
     keys: String,
     symbol: Symbol,
     unrelaxed: Option<f64>,
-    /// Whether Runge–Kutta families take it.
+    /// True if Runge–Kutta families take it.
     is_for_stages: bool,
 }
 

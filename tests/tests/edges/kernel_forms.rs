@@ -13,7 +13,7 @@ pub(super) struct Drawn {
     pub(super) symbol: Symbol,
     /// K(s) ~ s^µ.
     pub(super) growth: f64,
-    /// Whether its cut is too narrow for an integral: then weights from transforms alone take it.
+    /// True if its cut is too narrow for an integral: then weights from transforms alone take it.
     pub(super) is_narrow: bool,
 }
 

@@ -100,7 +100,7 @@ pub struct Exchanged<T: Scalar> {
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"strm";
 
-/// Excess of the budget over the cost of the jobs, in percent.
+/// Margin of the per-step budget over the mean cost of the jobs, in percent.
 const RESERVE: Work = 5;
 
 /// Most samples in a saved state: three centuries at a gigahertz.

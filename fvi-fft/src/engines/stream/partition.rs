@@ -26,7 +26,7 @@ const LARGEST_LATENCY: usize = 1 << 24;
 pub(crate) struct Partition {
     /// Samples of a block of the near part and of the finest stage.
     pub(crate) first: usize,
-    /// Whether the finest stage does the whole work of a block at once when it has come.
+    /// True if the finest stage does the whole work of a block at once when it has come.
     pub(crate) at_once: bool,
     /// The stages, finest first; there may be none.
     pub(crate) stages: Vec<StagePlan>,

@@ -15,8 +15,7 @@ pub struct RoughArguments {
     values: Program<f64>,
 }
 
-/// Smallest distance of two zeros of an argument, as a fraction of the searched range, 10⁻¹⁰, at which both
-/// are certainly found.
+/// Zeros of an argument closer than this fraction of the searched range, 10⁻¹⁰, may be found as one.
 const CLOSEST: f64 = 1.0 / (1_u64 << 33) as f64;
 
 /// Largest number of enclosures in a search.

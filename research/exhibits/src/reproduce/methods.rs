@@ -107,7 +107,7 @@ pub(super) const NODES: [Method; 5] = [
 ];
 
 impl Method {
-    /// Whether the damping acts at the stages of a Runge–Kutta method.
+    /// True if the damping acts at the stages of a Runge–Kutta method.
     pub(super) fn is_at_stages(&self) -> bool {
         !matches!(self.family, ConvolutionFamily::Bdf { .. })
     }

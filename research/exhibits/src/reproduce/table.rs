@@ -11,7 +11,7 @@ pub struct Table {
     pub columns: Vec<Column>,
     /// Its rows, a cell for each column.
     pub rows: Vec<Vec<Cell>>,
-    /// Whether the page shows it, or only links to its file.
+    /// True if the page shows it, or only links to its file.
     pub shown: bool,
 }
 

@@ -99,7 +99,7 @@ fn exhibit(stop: &AtomicBool) -> Result<Findings, ReproduceError> {
     }
     table.shown = false;
     Ok(findings.with_table(table).with_remark(
-        "Loops are those in continuous time, with e^(−Ls) as it is; every one is stable by the argument principle. The rules of [PV11] are \
+        "All loops are in continuous time with an exact dead time; their stability was verified by the argument principle. The rules of [PV11] are \
          their 36 constants in `rule = \"padula-visioli\"`; the Ms that they lead to is compared with the range that an independent \
          evaluation found over the same dead times.",
     ))
