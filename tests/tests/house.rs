@@ -210,6 +210,19 @@ fn what_users_link_knows_nothing_of_the_research_wing() {
     }
 }
 
+/// A crate or a folder more is a decision, not an accident.
+#[test]
+fn the_house_has_eight_crates_and_fifteen_folders() {
+    let entries = fs::read_dir(workspace()).unwrap().map(|entry| entry.unwrap());
+    let folders: Vec<String> = entries
+        .filter(|entry| entry.path().is_dir())
+        .map(|entry| entry.file_name().into_string().unwrap())
+        .filter(|name| !name.starts_with('.') && !["target", "out"].contains(&name.as_str()))
+        .collect();
+    let crates = folders.iter().filter(|name| name.starts_with("fvi")).count();
+    assert!(crates <= 8 && folders.len() <= 15, "{crates} crates, {} folders: {folders:?}", folders.len());
+}
+
 /// The names behind `mod` in a file.
 fn modules(path: &Path) -> BTreeSet<String> {
     names_after(&fs::read_to_string(path).unwrap(), "\nmod ")

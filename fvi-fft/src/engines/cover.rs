@@ -95,8 +95,8 @@ impl Cover {
         }
     }
 
-    /// Number of lags covered by the blocks of a run. The last ones may lie beyond the run and meet no sample;
-    /// they are kept so that the spectra are bit-identical for every length of run.
+    /// Number of lags covered by the blocks of a run. The last ones may lie beyond the run and meet no
+    /// sample; they are kept so that the spectra are bit-identical for every length of run.
     pub(crate) fn lags(&self, length: usize) -> usize {
         let ends = (0..self.levels()).map(|level| (self.reach(level, length), self.block(level)));
         let ends = ends.take_while(|&(reach, _)| reach >= 2).map(|(reach, block)| (reach + 1) * block);

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike
 
 from fvi import _arrays
 from fvi._errors import InputError
+from fvi._keyed import Keyed, keys_of
 
 if TYPE_CHECKING:
     from fvi._response import KernelCurves
 
 
 @final
-class Kernel:
+class Kernel(Keyed):
     """A kernel K(s) in place of s^β: the damping force is −ρ K(D) q.
 
     Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol`, `relaxation`, `relaxation_matrix` or `weights`;
@@ -32,14 +33,6 @@ class Kernel:
     >>> fvi.weights(kernel=fvi.Kernel.prony([1.0], [1.0]), step=1.0, count=3)
     array([ 0.5  , -0.25 , -0.125])
     """
-
-    def __init__(self, **keys: Any) -> None:
-        self._keys = keys
-
-    @property
-    def keys(self) -> dict[str, Any]:
-        """The keys of `kernel` in a scenario."""
-        return dict(self._keys)
 
     @staticmethod
     def power(order: float) -> Kernel:
@@ -199,15 +192,6 @@ class Kernel:
 
     def __hash__(self) -> int:
         return hash(repr(self))
-
-
-def keys_of(name: str, given: Any) -> dict[str, Any]:
-    """The keys of a kernel, or of a mapping with the keys of one."""
-    if isinstance(given, Kernel):
-        return given.keys
-    if isinstance(given, Mapping):
-        return dict(given)
-    raise InputError(f"{name} = {given!r}: a fvi.Kernel is needed", name, repr(given))
 
 
 def exponent_or_kernel(exponent: float | None, kernel: Any) -> tuple[float | None, dict[str, Any] | None]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from fvi import _arrays
 from fvi._errors import InputError
-from fvi._kernel import keys_of
+from fvi._keyed import keys_of
 from fvi._scenario import SEVERAL, Files, symmetric
 from fvi._sparsity import sparse_hessian
 from fvi._types import Action, Derivative, Direction

@@ -16,7 +16,8 @@ from petsc4py import PETSc
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
 from fvi._terms import Damping
-from fvi._kernel import Kernel, keys_of
+from fvi._kernel import Kernel
+from fvi._keyed import keys_of
 from fvi._types import FloatArray
 from fvi.petsc._together import Together, text_of
 

@@ -1,0 +1,29 @@
+"""Values that stand for a table of a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from fvi._errors import InputError
+
+
+class Keyed:
+    """A value that is a table of a scenario, as a kernel is."""
+
+    def __init__(self, **keys: Any) -> None:
+        self._keys = keys
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """The keys of the table in a scenario."""
+        return dict(self._keys)
+
+
+def keys_of(name: str, given: Any) -> dict[str, Any]:
+    """The keys of a kernel, or of a mapping with the keys of one."""
+    if isinstance(given, Keyed):
+        return given.keys
+    if isinstance(given, Mapping):
+        return dict(given)
+    raise InputError(f"{name} = {given!r}: a fvi.Kernel is needed", name, repr(given))
