@@ -595,15 +595,15 @@ impl<'s, 't> RunBuilder<'s, 't> {
 }
 
 impl<'s> Run<'s> {
-    /// A run of a scenario, all its load cases together, in double precision and with tables of its own unless
-    /// the builder is told otherwise.
+    /// A run of a scenario, all its load cases together, in double precision and with tables of its own
+    /// unless the builder is told otherwise.
     pub fn of(scenario: &'s Scenario) -> RunBuilder<'s, 'static> {
         RunBuilder { scenario, precision: Precision::F64, tables: None, seconds: 0.0 }
     }
 
-    /// Makes all steps, or until one fails, or until the end of the current portion when `stop` is set. `take`
-    /// receives them in portions, beginning with the initial state; the last one has no states but a row, that
-    /// of the last state, where `[output] every` has passed over it.
+    /// Makes all steps, or until one fails, or until the end of the current portion when `stop` is set.
+    /// `take` receives them in portions, beginning with the initial state; the last one has no states but a
+    /// row, that of the last state, where `[output] every` has passed over it.
     ///
     /// # Errors
     /// Errors of `take`. A failing step is not an error but an end, see [`RunEnd`].

@@ -1,9 +1,11 @@
-//! Further frequencies where a response is sharp: between those that were asked for a resonance can lie unseen.
+//! Further frequencies where a response is sharp: between those that were asked for a resonance can lie
+//! unseen.
 
 use nalgebra::Complex;
 use std::collections::BinaryHeap;
 
-/// Change of the phase in radians and of ln |H| between neighbours, from which on a point is put between them.
+/// Change of the phase in radians and of ln |H| between neighbours, from which on a point is put between
+/// them.
 const COARSE: f64 = 0.15;
 /// Neighbours are not closer than this in ln ω.
 const CLOSEST: f64 = 1e-9;
@@ -48,9 +50,9 @@ impl Ord for Pair {
 
 /// At most `most` points of a response H between those that are known, ascending in ω.
 ///
-/// The first ones are the `resonances`, frequencies near poles, which neighbours that are further apart do not
-/// show. Each further one halves, on the logarithmic scale, the pair of neighbours between which H changes most,
-/// until it changes by less than 0.15 (in ln |H| and radians) between any two.
+/// The first ones are the `resonances`, frequencies near poles, which neighbours that are further apart do
+/// not show. Each further one halves, on the logarithmic scale, the pair of neighbours between which H
+/// changes most, until it changes by less than 0.15 (in ln |H| and radians) between any two.
 ///
 /// # Errors
 /// The first error of `response`.

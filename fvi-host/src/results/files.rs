@@ -101,8 +101,8 @@ pub(crate) fn replaced_permissions(destination: &Path) -> io::Result<Option<fs::
     }
 }
 
-/// Opens a file of an output directory to read and write it where it lies, creating it if it is not there. What
-/// has its name but is no regular file, a link for instance, is replaced by a new file.
+/// Opens a file of an output directory to read and write it where it lies, creating it if it is not there.
+/// What has its name but is no regular file, a link for instance, is replaced by a new file.
 pub(crate) fn open_in_place(path: &Path) -> io::Result<File> {
     replaced_permissions(path)?;
     if fs::symlink_metadata(path).is_ok_and(|there| there.is_symlink()) {

@@ -45,8 +45,8 @@ impl Portion<'_> {
         })
     }
 
-    /// Hands on the rows that `[output]` selects, with its coordinates, each with the index of its load case, 0
-    /// without load cases. Rows of a case come in order.
+    /// Hands on the rows that `[output]` selects, with its coordinates, each with the index of its load case,
+    /// 0 without load cases. Rows of a case come in order.
     ///
     /// # Errors
     /// Errors of `take`.

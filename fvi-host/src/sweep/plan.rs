@@ -202,8 +202,8 @@ impl Sweep {
         Ok(())
     }
 
-    /// Checks an axis: its path must be a key of the scenario, and each of its values valid with the other axes
-    /// at their first values.
+    /// Checks an axis: its path must be a key of the scenario, and each of its values valid with the other
+    /// axes at their first values.
     fn check_axis(&self, index: usize, place: &Value<'_>) -> Result<(), InputError> {
         let axis = &self.axes[index];
         // Parameters may be unused in a scenario, but an axis over one that it does not define is a mistake.

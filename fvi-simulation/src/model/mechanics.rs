@@ -105,8 +105,8 @@ enum InverseMass<T> {
     Factor(Arc<Factor>, Vec<T>),
 }
 
-/// Entries of the stiffness −∂F/∂q + ∂²U and of the resistance −∂F/∂v of a system: the constant ones with their
-/// numbers, and the places of those that change.
+/// Entries of the stiffness −∂F/∂q + ∂²U and of the resistance −∂F/∂v of a system: the constant ones with
+/// their numbers, and the places of those that change.
 struct Entries<T> {
     /// Of the quadratic parts of the potential and of elements, above or on the diagonal.
     springs: Vec<(usize, usize, T)>,

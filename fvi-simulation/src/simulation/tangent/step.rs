@@ -284,8 +284,8 @@ impl Tangent {
         }
     }
 
-    /// δp_{k+1}: of collocation from the derivatives of the accelerations, else from δG_i; and the kick at the
-    /// main nodes.
+    /// δp_{k+1}: of collocation from the derivatives of the accelerations, else from δG_i; and the kick at
+    /// the main nodes.
     fn change_momentum(&mut self, step: &Step<'_>) {
         let (n, c, h, nodes) = (self.size, self.size * self.count, self.step, step.fractions.len());
         let shape = step.shape;
