@@ -745,27 +745,19 @@ fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, toleranc
     let weights: Vec<(usize, Vec<f64>)> = lags(head, horizon)
         .map(|n| (n, rules.iter().map(|nodes| sum_of_exponentials(nodes, n)).collect()))
         .collect();
-    let agrees = |groups: &[&[Exponential]], rules: &[Nodes]| {
-        weights.iter().all(|(n, weights)| {
-            groups.iter().zip(rules).zip(weights).all(|((group, rule), weight)| {
-                let difference = sum_of_exponentials(group, *n) - sum_of_exponentials(rule, *n);
-                // Rates are rounded to double precision too.
-                let rounding = f64::EPSILON * slowest * *n as f64;
-                difference.abs() <= (allowed + rounding) * weight
-            })
-        })
-    };
+    // Rates are rounded to double precision too.
+    let bound = |n: usize, weight: f64| (allowed + f64::EPSILON * slowest * n as f64) * weight;
     let part = |range: Range<usize>| -> Vec<&[Exponential]> {
         rules.iter().map(|nodes| nodes.get(range.clone()).unwrap_or(&[])).collect()
     };
     let slow = |reach: f64| {
         let groups = part(0..nodes.partition_point(|node| (node.rate - slowest) * horizon as f64 <= reach));
-        shortest_rules(&groups, slow_gauss_rules(&groups, slowest), &agrees)
+        shortest_rules(&groups, slow_gauss_rules(&groups, slowest), &weights, bound)
     };
     let fast = |reach: f64| {
         let groups =
             part(nodes.partition_point(|node| (node.rate - slowest) * head as f64 <= reach)..nodes.len());
-        shortest_rules(&groups, fast_gauss_rules(&groups, head), &agrees)
+        shortest_rules(&groups, fast_gauss_rules(&groups, head), &weights, bound)
     };
     // Of the candidates the one that saves most nodes.
     let most = |rules: Vec<(usize, Vec<Nodes>)>| {
@@ -785,15 +777,35 @@ fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, toleranc
     cuts.iter().enumerate().map(joined).collect()
 }
 
-/// Number of nodes replaced and the shortest Gauss rules that agree with them, or the nodes themselves.
+/// Number of nodes replaced and the shortest Gauss rules that agree with them, or the nodes themselves. They
+/// agree if at the lags of `weights` their sums differ by at most `bound` of lag and weight.
 fn shortest_rules(
     groups: &[&[Exponential]],
     gauss_rules: impl Fn(usize) -> Vec<Nodes>,
-    agrees: &impl Fn(&[&[Exponential]], &[Nodes]) -> bool,
+    weights: &[(usize, Vec<f64>)],
+    bound: impl Fn(usize, f64) -> f64,
 ) -> (usize, Vec<Nodes>) {
     let count = groups.first().map_or(0, |group| group.len());
+    let mut sums: Vec<Option<Vec<f64>>> = vec![None; weights.len()];
+    // A rule most likely fails at the lag where the one before it failed: that lag comes first.
+    let mut order: Vec<usize> = (0..weights.len()).collect();
+    let mut agree = |rules: &Vec<Nodes>| {
+        let fails = order.iter().position(|&place| {
+            let (n, weights) = &weights[place];
+            let of_groups = || groups.iter().map(|group| sum_of_exponentials(group, *n)).collect();
+            let sums = sums[place].get_or_insert_with(of_groups);
+            let mut each = sums.iter().zip(rules).zip(weights);
+            !each.all(|((sum, rule), &weight)| {
+                (sum - sum_of_exponentials(rule, *n)).abs() <= bound(*n, weight)
+            })
+        });
+        if let Some(position) = fails {
+            order[..=position].rotate_right(1);
+        }
+        fails.is_none()
+    };
     let sizes = 1..count.min(LONGEST_RULE + 1);
-    let rules = sizes.map(gauss_rules).find(|rules| agrees(groups, rules));
+    let rules = sizes.map(gauss_rules).find(|rules| agree(rules));
     (count, rules.unwrap_or_else(|| groups.iter().map(|group| group.to_vec()).collect()))
 }
 
