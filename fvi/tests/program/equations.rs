@@ -50,6 +50,25 @@ fn errors_stay_within_ten_tolerances_from_three_digits_to_twelve() {
     assert!(seen >= 40, "{seen}");
 }
 
+#[test]
+fn published_test_problems_stay_within_ten_tolerances() {
+    let mut seen = 0;
+    for entry in std::fs::read_dir(folder().join("published")).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        if !name.ends_with(".toml") {
+            continue;
+        }
+        // 64 oscillations take thousands of steps.
+        let tolerances: &[f64] = if name == "fhbvm-oscillating.toml" { &[1e-5] } else { &[1e-5, 1e-10] };
+        for &tolerance in tolerances {
+            let error = error_in_tolerances(&format!("published/{name}"), tolerance);
+            assert!(error <= 10.0, "{name} to {tolerance:e}: {error:.1} tolerances");
+            seen += 1;
+        }
+    }
+    assert!(seen >= 23, "{seen}");
+}
+
 fn equation(keys: Value, time: Value) -> String {
     toml::to_string(&json!({ "equation": keys, "time": time })).unwrap()
 }
