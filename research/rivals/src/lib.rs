@@ -12,12 +12,16 @@
 //! | [`FilterCascade`] | O(poles) | s^β, as a rational function ([`oustaloup`], [`matsuda`]) |
 //! | [`ExponentialModes`] | O(log N) | s^β by the L1 formula ([`jiang`], [`kernel_compression`]) |
 //! | [`ObliviousQuadrature`] | O(log N) | K(s) with singularities on the negative real axis, BDF of order 1 |
+//!
+//! [`FixedStep`] has the literature's methods for fractional differential equations on such sums.
 #![forbid(unsafe_code)]
 
 mod claims;
 mod dyadic_exponentials;
 mod exponential_modes;
 mod filter_cascade;
+mod fixed_step;
+mod fractional_equation;
 mod frame;
 mod gauss_jacobi;
 mod growth;
@@ -38,6 +42,8 @@ mod textbook_hls;
 pub use claims::{Claim, Relation, claims};
 pub use exponential_modes::ExponentialModes;
 pub use filter_cascade::{FilterCascade, Section};
+pub use fixed_step::FixedStep;
+pub use fractional_equation::{EquationError, FractionalEquation};
 pub use fvi_fft::Vectorised;
 pub use growth::{Growth, fitted_exponent, growths};
 pub use jiang::jiang;
