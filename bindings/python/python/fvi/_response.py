@@ -158,8 +158,8 @@ class Response:
             (places, np.concatenate([self.response, self.between])[order], "-", label)
         ]
         if self.discrete is not None:
-            name = "discrete" if label is None else f"{label}, discrete"
-            curves.append((self.omega[: len(self.discrete)], self.discrete, "--", name))
+            of_scheme = "discrete" if label is None else f"{label}, discrete"
+            curves.append((self.omega[: len(self.discrete)], self.discrete, "--", of_scheme))
         if kind == "nyquist":
             (plane,) = axes = new_axes(axes, 1, 1, (5.0, 5.0))
             for _, values, line, name in curves:
