@@ -9,7 +9,7 @@ use crate::exponential_sum::ExponentialSum;
 use crate::memory::Memory;
 use crate::memoryless::Memoryless;
 use crate::operator::{FractionalOperator, OperatorError, Pending, Start};
-use crate::pid_law::{AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw};
+use crate::pid_law::{AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw, PidSettings};
 use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
 
@@ -187,6 +187,18 @@ impl<T: Real> PidInputs<T> {
     pub fn new(setpoint: T, measured: T) -> Self {
         let rate = T::of(f64::NAN);
         Self { setpoint, measured, rate, feed_forward: T::zero(), actuator: Actuator::Followed }
+    }
+
+    /// Refuses numbers that are not finite, the rate apart.
+    #[inline(always)]
+    fn check(&self) -> Result<(), PidError> {
+        finite("the setpoint", self.setpoint)?;
+        finite("the measured value", self.measured)?;
+        finite("the feed-forward", self.feed_forward)?;
+        match self.actuator {
+            Actuator::Applied(applied) => finite("what the actuator applied", applied),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -383,13 +395,8 @@ where
         let Self { law, integral, derivative, filter, state } = self;
         let law: &PidLaw<T> = (*law).borrow();
         let settings = law.settings();
-        let &PidInputs { setpoint, measured, rate, feed_forward, actuator } = inputs;
-        finite("the setpoint", setpoint)?;
-        finite("the measured value", measured)?;
-        finite("the feed-forward", feed_forward)?;
-        if let Actuator::Applied(applied) = actuator {
-            finite("what the actuator applied", applied)?;
-        }
+        let &PidInputs { setpoint, measured, feed_forward, actuator, .. } = inputs;
+        inputs.check()?;
         let (stride, share) = match interval {
             None if settings.sample.is_some() => (law.stride, law.filter_share),
             Some(interval) if settings.sample.is_none() && interval > T::zero() => {
@@ -400,49 +407,15 @@ where
         };
         let error = setpoint - measured;
         finite("the control error", error)?;
-        // The signals that the gains multiply, and the pending samples of the operators.
-        let mut pending_derivative = None;
-        let mut pending_filter = None;
-        let mut filtered = state.filtered;
-        let (in_proportion, derived) = match settings.gains {
-            PidGains::Parallel { .. } => {
-                let [b, c] = settings.setpoint_weights;
-                if let Some(derivative) = derivative {
-                    let signal = match settings.derivative_of {
-                        DerivativeOf::MeasuredRate => {
-                            finite("the measured rate", rate)?;
-                            -rate
-                        }
-                        DerivativeOf::Values | DerivativeOf::ValuesFromRest => c * setpoint - measured,
-                    };
-                    let pending = prepare(derivative, interval, signal)?;
-                    filtered = match (settings.derivative_filter, filter) {
-                        (DerivativeFilter::FirstOrder { .. }, _) => {
-                            state.filtered.plus(share * (pending.value() - state.filtered.sum))
-                        }
-                        (DerivativeFilter::Fractional { .. }, Some(filter)) => {
-                            let (behind, pending) =
-                                relaxed(filter, interval, law.filter_time, pending.value())?;
-                            pending_filter = Some(pending);
-                            CompensatedSum { sum: behind, ..filtered }
-                        }
-                        _ => CompensatedSum { sum: pending.value(), ..filtered },
-                    };
-                    pending_derivative = Some(pending);
-                }
-                (b * setpoint - measured, filtered.sum)
-            }
-            PidGains::Series { derivative_time, filter_ratio, .. } => match derivative {
-                Some(derivative) => {
-                    // (1 + T_d s^μ)/(1 + (T_d/N) s^μ) = N − (N − 1)/(1 + (T_d/N) s^μ)
-                    let (behind, pending) =
-                        relaxed(derivative, interval, derivative_time / filter_ratio, error)?;
-                    pending_derivative = Some(pending);
-                    (error, behind)
-                }
-                None => (error, error),
-            },
-        };
+        let signals = Signals::of(
+            law,
+            (derivative.as_mut(), filter.as_mut()),
+            state.filtered,
+            (interval, share),
+            inputs,
+            error,
+        )?;
+        let Signals { in_proportion, derived, filtered, pending_derivative, pending_filter } = signals;
         let now = Terms::of(&settings.gains, in_proportion, derived, error);
         let [lower, upper] = settings.limits;
         let lowest = within(state.output - stride, lower, upper);
@@ -471,12 +444,7 @@ where
                 && settings.bumpless != Bumpless::Nothing =>
             {
                 let old = Terms::of(&state.gains, in_proportion, derived, error);
-                let series = matches!(settings.gains, PidGains::Series { .. });
-                let proportional = match settings.bumpless {
-                    Bumpless::ExceptProportional if !series => T::zero(),
-                    _ => old.proportional - now.proportional,
-                };
-                proportional + (old.derivative - now.derivative) + leading * (old.sample - now.sample)
+                old.without_bump(&now, settings, leading)
             }
             _ => T::zero(),
         };
@@ -488,53 +456,9 @@ where
         let mut raw = beside + value;
         finite("the output before its limits", raw)?;
         if integrates {
-            let sample = match (settings.anti_windup, actuator) {
-                (_, Actuator::Limited) => {
-                    let least = if start < T::zero() { start } else { T::zero() };
-                    let most = if start > T::zero() { start } else { T::zero() };
-                    let shrunk = within(value, least, most);
-                    raw = beside + shrunk;
-                    (shrunk != value).then(|| now.sample + (shrunk - value) / leading)
-                }
-                (AntiWindup::BackCalculation { .. }, _) => {
-                    let missed = match actuator {
-                        Actuator::Applied(applied) => applied - state.output,
-                        _ => T::zero(),
-                    };
-                    // f = (missed − w f)/τ^λ: what is fed back is part of the output that it corrects.
-                    let feedback = law.tracking * missed / (T::one() + leading * law.tracking);
-                    raw += leading * feedback;
-                    let limit = within(raw, lowest, highest);
-                    // u* = a + w (u − u*)/τ^λ beyond a limit.
-                    let beyond = (raw - limit) / (T::one() + leading * law.tracking);
-                    raw = limit + beyond;
-                    let changed = missed != T::zero() || beyond != T::zero();
-                    changed.then(|| now.sample + feedback - law.tracking * beyond)
-                }
-                (AntiWindup::Conditional, _) => {
-                    let (least, most) = match actuator {
-                        Actuator::Applied(applied) => {
-                            let low = if applied > state.output { applied } else { lowest };
-                            let high = if applied < state.output { applied } else { highest };
-                            (low, high)
-                        }
-                        _ => (lowest, highest),
-                    };
-                    // Value of the integral without the present sample.
-                    let alone = value - leading * now.sample;
-                    let (falling, rising) = if alone < start { (alone, start) } else { (start, alone) };
-                    let held = if raw > most {
-                        smaller(value, max_or_nan(most - beside, falling))
-                    } else if raw < least {
-                        max_or_nan(value, smaller(least - beside, rising))
-                    } else {
-                        value
-                    };
-                    raw = beside + held;
-                    (held != value).then(|| now.sample + (held - value) / leading)
-                }
-                (AntiWindup::None, _) => None,
-            };
+            let term = IntegralTerm { beside, value, start, leading, sample: now.sample };
+            let (limited, sample) = term.limited(law, actuator, state.output, [lowest, highest], raw);
+            raw = limited;
             if let Some(sample) = sample {
                 pending = pending.instead(sample)?;
                 (kept, value) = base.with(step, pending.value());
@@ -765,7 +689,164 @@ impl<T: Real> Terms<T> {
             }
         }
     }
+
+    /// What is added to the integral so that other gains, `now`, leave the output where these would have it.
+    #[inline(always)]
+    fn without_bump(&self, now: &Self, settings: &PidSettings<T>, leading: T) -> T {
+        let series = matches!(settings.gains, PidGains::Series { .. });
+        let proportional = match settings.bumpless {
+            Bumpless::ExceptProportional if !series => T::zero(),
+            _ => self.proportional - now.proportional,
+        };
+        proportional + (self.derivative - now.derivative) + leading * (self.sample - now.sample)
+    }
 }
+
+/// The signals that the gains multiply, and the pending samples of the operators.
+struct Signals<'a, T: Real, D: Memory<T>, F: Memory<T>> {
+    in_proportion: T,
+    derived: T,
+    filtered: CompensatedSum<T>,
+    pending_derivative: Option<Pending<'a, T, D>>,
+    pending_filter: Option<Pending<'a, T, F>>,
+}
+
+impl<'a, T: Real, D: Memory<T>, F: Memory<T>> Signals<'a, T, D, F> {
+    /// Of a law with these operators of derivative and filter; `share` is that of a sample in the filter of
+    /// first order.
+    #[inline(always)]
+    fn of(
+        law: &PidLaw<T>,
+        (derivative, filter): (Operator<'a, T, D>, Operator<'a, T, F>),
+        before: CompensatedSum<T>,
+        (interval, share): (Option<T>, T),
+        &PidInputs { setpoint, measured, rate, .. }: &PidInputs<T>,
+        error: T,
+    ) -> Result<Self, PidError> {
+        let settings = law.settings();
+        let (mut pending_derivative, mut pending_filter) = (None, None);
+        let mut filtered = before;
+        let (in_proportion, derived) = match settings.gains {
+            PidGains::Parallel { .. } => {
+                let [b, c] = settings.setpoint_weights;
+                if let Some(derivative) = derivative {
+                    let signal = match settings.derivative_of {
+                        DerivativeOf::MeasuredRate => {
+                            finite("the measured rate", rate)?;
+                            -rate
+                        }
+                        DerivativeOf::Values | DerivativeOf::ValuesFromRest => c * setpoint - measured,
+                    };
+                    let pending = prepare(derivative, interval, signal)?;
+                    filtered = match (settings.derivative_filter, filter) {
+                        (DerivativeFilter::FirstOrder { .. }, _) => {
+                            before.plus(share * (pending.value() - before.sum))
+                        }
+                        (DerivativeFilter::Fractional { .. }, Some(filter)) => {
+                            let (behind, pending) =
+                                relaxed(filter, interval, law.filter_time, pending.value())?;
+                            pending_filter = Some(pending);
+                            CompensatedSum { sum: behind, ..before }
+                        }
+                        _ => CompensatedSum { sum: pending.value(), ..before },
+                    };
+                    pending_derivative = Some(pending);
+                }
+                (b * setpoint - measured, filtered.sum)
+            }
+            PidGains::Series { derivative_time, filter_ratio, .. } => match derivative {
+                Some(derivative) => {
+                    // (1 + T_d s^μ)/(1 + (T_d/N) s^μ) = N − (N − 1)/(1 + (T_d/N) s^μ)
+                    let (behind, pending) =
+                        relaxed(derivative, interval, derivative_time / filter_ratio, error)?;
+                    pending_derivative = Some(pending);
+                    (error, behind)
+                }
+                None => (error, error),
+            },
+        };
+        Ok(Self { in_proportion, derived, filtered, pending_derivative, pending_filter })
+    }
+}
+
+/// The integral and what stands beside it in the output, before the limits.
+struct IntegralTerm<T> {
+    beside: T,
+    /// With the present sample, and before it.
+    value: T,
+    start: T,
+    /// ∂value/∂sample, and the sample.
+    leading: T,
+    sample: T,
+}
+
+impl<T: Real> IntegralTerm<T> {
+    /// The output that integrates on, from `raw` without regard to windup, and the sample that leads there in
+    /// place of the present one; `output` was the last one, and the next lies within `limits`.
+    #[inline(always)]
+    fn limited(
+        &self,
+        law: &PidLaw<T>,
+        actuator: Actuator<T>,
+        output: T,
+        limits: [T; 2],
+        raw: T,
+    ) -> (T, Option<T>) {
+        let &Self { beside, value, start, leading, sample } = self;
+        match (law.settings().anti_windup, actuator) {
+            (_, Actuator::Limited) => {
+                let least = if start < T::zero() { start } else { T::zero() };
+                let most = if start > T::zero() { start } else { T::zero() };
+                self.held_at(within(value, least, most))
+            }
+            (AntiWindup::BackCalculation { .. }, _) => {
+                let missed = match actuator {
+                    Actuator::Applied(applied) => applied - output,
+                    _ => T::zero(),
+                };
+                // f = (missed − w f)/τ^λ: what is fed back is part of the output that it corrects.
+                let feedback = law.tracking * missed / (T::one() + leading * law.tracking);
+                let raw = raw + leading * feedback;
+                let limit = within(raw, limits[0], limits[1]);
+                // u* = a + w (u − u*)/τ^λ beyond a limit.
+                let beyond = (raw - limit) / (T::one() + leading * law.tracking);
+                let changed = missed != T::zero() || beyond != T::zero();
+                (limit + beyond, changed.then(|| sample + feedback - law.tracking * beyond))
+            }
+            (AntiWindup::Conditional, _) => {
+                let [least, most] = match actuator {
+                    Actuator::Applied(applied) => [
+                        if applied > output { applied } else { limits[0] },
+                        if applied < output { applied } else { limits[1] },
+                    ],
+                    _ => limits,
+                };
+                // Value of the integral without the present sample.
+                let alone = value - leading * sample;
+                let (falling, rising) = if alone < start { (alone, start) } else { (start, alone) };
+                let held = if raw > most {
+                    smaller(value, larger(most - beside, falling))
+                } else if raw < least {
+                    larger(value, smaller(least - beside, rising))
+                } else {
+                    value
+                };
+                self.held_at(held)
+            }
+            (AntiWindup::None, _) => (raw, None),
+        }
+    }
+
+    /// The output with another value of the integral, and the sample for it.
+    #[inline(always)]
+    fn held_at(&self, held: T) -> (T, Option<T>) {
+        let sample = || self.sample + (held - self.value) / self.leading;
+        (self.beside + held, (held != self.value).then(sample))
+    }
+}
+
+/// The operator of a part of the law that has one.
+type Operator<'a, T, M> = Option<&'a mut FractionalOperator<T, M>>;
 
 #[inline(always)]
 fn prepare<T: Real, M: Memory<T>>(
@@ -806,7 +887,7 @@ fn finite<T: Real>(what: &'static str, number: T) -> Result<(), PidError> {
 }
 
 #[inline(always)]
-fn max_or_nan<T: Real>(a: T, b: T) -> T {
+fn larger<T: Real>(a: T, b: T) -> T {
     if a > b { a } else { b }
 }
 
