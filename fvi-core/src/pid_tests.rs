@@ -76,11 +76,12 @@ impl Reference {
         (signal - time * past) / (1.0 + time * leading)
     }
 
-    fn tick(&mut self, inputs: &PidInputs<f64>) -> f64 {
+    /// The derivative, filtered, or the lag of the series form.
+    fn derived(&mut self, inputs: &PidInputs<f64>) -> f64 {
         let settings = self.settings;
         let (r, y) = (inputs.setpoint, inputs.measured);
-        let [b, c] = settings.setpoint_weights;
-        let derived = match settings.gains {
+        let [_, c] = settings.setpoint_weights;
+        match settings.gains {
             PidGains::Series { derivative_time, filter_ratio, .. } => {
                 let order = settings.derivative_order;
                 let behind = self.relax(order, derivative_time / filter_ratio, r - y);
@@ -113,7 +114,14 @@ impl Reference {
                     }
                 }
             }
-        };
+        }
+    }
+
+    fn tick(&mut self, inputs: &PidInputs<f64>) -> f64 {
+        let settings = self.settings;
+        let (r, y) = (inputs.setpoint, inputs.measured);
+        let [b, _] = settings.setpoint_weights;
+        let derived = self.derived(inputs);
         // The output without the integral, and the sample of the integral.
         let terms = |gains: PidGains<f64>| match gains {
             PidGains::Parallel { proportional, integral, derivative } => {
