@@ -594,6 +594,10 @@ impl<'a> Search<'a> {
             },
         };
         let missed = missed(&self.bounds_with(&law, &self.sampled.margins(&law), [self.ms, self.mt]));
+        if missed.is_empty() && stable(&law) {
+            // Between the points of the grid, where the search had only guessed.
+            return Ok(law);
+        }
         let [kp, ki, kd] = law.three();
         Err(format!(
             "no law with this crossover and phase margin meets all bounds; of those tried the nearest one (kp = {kp:.5}, ki = {ki:.5}, lambda \

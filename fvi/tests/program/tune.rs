@@ -41,6 +41,12 @@ impl Complex {
         let (size, phase) = (self.size().powf(exponent), exponent * self.phase());
         Self(size * phase.cos(), size * phase.sin())
     }
+
+    /// Its power, for a number of size 1.
+    pub(crate) fn power_of_a_turn(self, exponent: i32) -> Self {
+        let phase = f64::from(exponent) * self.phase();
+        Self(phase.cos(), phase.sin())
+    }
 }
 
 const ONE: Complex = Complex(1.0, 0.0);
