@@ -6,6 +6,7 @@
 
 mod accuracy;
 mod any_length;
+mod equations;
 mod error_curve;
 mod exact_oscillator;
 mod findings;
@@ -143,6 +144,7 @@ pub fn exhibits() -> Vec<Exhibit> {
         tuning::EXHIBITS.as_slice(),
         accuracy::EXHIBITS.as_slice(),
         materials::EXHIBITS.as_slice(),
+        equations::EXHIBITS.as_slice(),
     ]
     .concat()
 }

@@ -24,6 +24,7 @@ mod strategy;
 pub use front::Agreement;
 pub use fvi_core;
 pub use lab::{Lab, LabError, Summary};
+pub use machine::Machine;
 pub use plan::Plan;
 pub use precision::Precision;
 pub use race::Disqualified;

@@ -21,7 +21,7 @@ pub struct Machine {
 
 impl Machine {
     /// The current machine.
-    pub(crate) fn here() -> Self {
+    pub fn here() -> Self {
         let processors = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
         let model = processors.lines().find_map(|line| line.strip_prefix("model name"));
         let model = model.map(|rest| rest.trim_start_matches([' ', '\t', ':']).trim().to_owned());

@@ -1,7 +1,7 @@
 //! The files of a reproduction: pictures, CSV files and the page with comparisons.
 
 use super::table::markdown_table;
-use super::{Comparison, Exhibit, Findings, accuracy, materials};
+use super::{Comparison, Exhibit, Findings, accuracy, equations, materials};
 use fvi_host::results::files::{FileError, write_picture, write_text};
 use fvi_host::results::output_directory::OutputDirectory;
 
@@ -22,7 +22,12 @@ pub fn write(found: &[(Exhibit, Findings)], directory: &OutputDirectory) -> Resu
             write_text(&directory.join(file_name(exhibit, table.name, "csv")), &table.csv())?;
         }
     }
-    for (name, head) in [(PAGE, HEAD), (accuracy::PAGE, accuracy::HEAD), (materials::PAGE, materials::HEAD)] {
+    for (name, head) in [
+        (PAGE, HEAD),
+        (accuracy::PAGE, accuracy::HEAD),
+        (materials::PAGE, materials::HEAD),
+        (equations::PAGE, equations::HEAD),
+    ] {
         let on_page: Vec<_> = found.iter().filter(|(exhibit, _)| exhibit.page == name).collect();
         if !on_page.is_empty() {
             let sections = on_page.iter().map(|(exhibit, findings)| section(exhibit, findings));
