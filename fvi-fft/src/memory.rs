@@ -670,21 +670,12 @@ impl MemoryRequest<'_> {
             }
             return self.variable_steps(method, tables);
         }
-        if !self.transfer.is_relaxation() {
-            if self
-                .transfer
-                .fractions()
-                .is_none_or(|fractions| fractions.poles.iter().any(|p| p.place.re >= 0.0))
-            {
-                let reason = "this kernel has singularities off the negative real axis and is no quotient of polynomials with \
-                              poles in Re s < 0: take `convolution.family` = \"bdf\"";
-                return Err(EngineError::Unsuited { engine, reason });
-            }
-            if matches!(engine, Engine::ExponentialSum | Engine::ExponentialSumCore) {
-                let reason = "this kernel has poles in complex pairs, or multiple ones: take the engine \"direct\", \"block-fft\" \
-                              or \"real-time\", or `convolution.family` = \"bdf\"";
-                return Err(EngineError::Unsuited { engine, reason });
-            }
+        if !self.transfer.is_relaxation()
+            && matches!(engine, Engine::ExponentialSum | Engine::ExponentialSumCore)
+        {
+            let reason = "this kernel is not made up by decaying exponentials: take the engine \"direct\", \"block-fft\" \
+                          or \"real-time\", or `convolution.family` = \"bdf\"";
+            return Err(EngineError::Unsuited { engine, reason });
         }
         let count = match engine {
             Engine::Direct => self.kept().saturating_add(1),

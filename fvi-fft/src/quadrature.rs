@@ -7,6 +7,7 @@ mod kernel_defects;
 #[doc(hidden)]
 pub mod multistep_weights;
 pub(crate) mod principal_cut;
+mod runge_kutta_circle;
 #[doc(hidden)]
 pub mod runge_kutta_derivative;
 #[doc(hidden)]

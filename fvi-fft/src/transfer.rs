@@ -8,6 +8,8 @@ pub mod derivative;
 #[doc(hidden)]
 pub mod dual;
 #[doc(hidden)]
+pub mod estimate;
+#[doc(hidden)]
 pub mod fractions;
 #[doc(hidden)]
 pub mod given_weights;
@@ -94,6 +96,10 @@ enum Form {
 pub trait Formula: fmt::Debug + Send + Sync {
     /// K(s) for a complex s off the negative real axis, or on its upper side.
     fn value(&self, s: Complex<f64>) -> Complex<f64>;
+    /// Bound of the rounding error of [`value`](Self::value), where it is known.
+    fn rounding(&self, _s: Complex<f64>) -> f64 {
+        0.0
+    }
     /// K of a power series; its coefficients are not numbers if K has no such series.
     fn series(&self, s: &Series) -> Series;
     /// Source text: an expression, or the name of the file that it comes from.
@@ -288,16 +294,8 @@ impl TransferFunction {
     /// # Errors
     /// If it is not a real finite number for positive s, or grows like s² or faster.
     pub fn formula(formula: Arc<dyn Formula>) -> Result<Self, ParameterError> {
-        for exponent in -60..=60 {
-            let s = libm::exp10(f64::from(exponent));
-            let value = formula.value(Complex::new(s, 0.0));
-            let real = value.re.is_finite() && value.im.abs() <= 1e-9 * value.re.abs();
-            check(real, "symbol at a positive s", s, "a real number for every s > 0")?;
-        }
-        let size = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).norm();
-        let slope = (libm::log10(size(60.0)) - libm::log10(size(50.0))) / 10.0;
-        // The growth to as many digits as are reliable for a formula without a power law at infinity.
-        let growth = (slope * 1e6).round() / 1e6;
+        check_positive_axis(&*formula)?;
+        let growth = growth_of(&*formula);
         let allowed = "a symbol that grows more slowly than s²";
         check(growth.is_finite() && growth < 2.0, "growth of the symbol", growth, allowed)?;
         let allowed = "a symbol that does not vanish like an integral for large s";
@@ -340,6 +338,11 @@ impl TransferFunction {
     /// Weights in place of a transfer function: K(s) is then [`GivenWeights::value`].
     pub fn weights(table: GivenWeights) -> Self {
         Self { form: Form::Weights(Arc::new(table)) }
+    }
+
+    /// True for a formula whose series may lose digits: one that is not rational, without weights of its own.
+    pub(crate) fn is_rounded_formula(&self) -> bool {
+        matches!(&self.form, Form::Formula { formula, fractions: None, .. } if formula.0.form() == "symbol")
     }
 
     /// The weights, if it is given by weights.
@@ -738,8 +741,11 @@ impl TransferFunction {
             } else {
                 Complex::new(size * libm::cos(angle), size * libm::sin(angle))
             };
-            let ratio = self.value(s) / s;
-            (s, ratio.re / ratio.norm())
+            let value = self.value(s);
+            let ratio = value / s;
+            // Of K(s) − K(0) the rounding of K(0) is left.
+            let rounding = 4.0 * f64::EPSILON * self.spring().abs() / value.norm();
+            (s, ratio.re / ratio.norm() + rounding)
         };
         const DECADES: i32 = 30;
         // Rounding error of formulas with cancellation.
@@ -906,6 +912,55 @@ fn sampled_once(key: Vec<u64>, sample: impl FnOnce() -> Sampled) -> Sampled {
     }
     remembered.push((key, found));
     found
+}
+
+/// Refuses a formula that is not a real number for every s > 0, or loses all its digits there.
+fn check_positive_axis(formula: &dyn Formula) -> Result<(), ParameterError> {
+    /// Largest rounding error relative to the value, and to values of moderate s.
+    const MOST_LOST: f64 = 1e-6;
+    let at = |exponent: i32| Complex::new(libm::exp10(f64::from(exponent)), 0.0);
+    let size = |exponent: i32| formula.value(at(exponent)).norm();
+    let moderate = (-3..=3).map(size).filter(|size| size.is_finite()).fold(0.0, max_or_nan);
+    for exponent in -60..=60 {
+        let (s, parameter) = (at(exponent), "symbol at a positive s");
+        let (value, error) = (formula.value(s), formula.rounding(s));
+        let allowed = "a finite number for every s > 0: this one divides by 0 there, or overflows (sinh(x)/cosh(x) is tanh(x), \
+                       1/exp(x) is exp(-x))";
+        check(value.is_finite(), parameter, s.re, allowed)?;
+        let allowed = "a real number for every s > 0";
+        check(value.im.abs() <= 1e-9 * value.re.abs() + error, parameter, s.re, allowed)?;
+        let allowed = "a symbol whose terms do not cancel: rounding exceeds its value there, which is to be written without \
+                       the difference, such as 1/(sqrt(1 + s) + 1) in place of (sqrt(1 + s) - 1)/s";
+        check(error <= MOST_LOST * value.norm().max(moderate), parameter, s.re, allowed)?;
+    }
+    Ok(())
+}
+
+/// μ with K(s) ~ s^μ for large s in the right half-plane.
+///
+/// It is taken on the positive axis, and on the imaginary axis where K underflows there or grows faster, as
+/// with a factor e^{−s}. What underflows on both, like e^{−√s}, falls faster than any power; its memory is
+/// that of a kernel with a bound, μ = 0.
+fn growth_of(formula: &dyn Formula) -> f64 {
+    /// Of a periodic factor on the imaginary axis.
+    const SWINGS: f64 = 0.25;
+    let slope = |near: f64, far: f64| {
+        let slope = (libm::log10(far) - libm::log10(near)) / 10.0;
+        // To as many digits as are reliable for a formula without a power law at infinity.
+        (slope * 1e6).round() / 1e6
+    };
+    let real = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).norm();
+    // The largest of several places, since a factor may be periodic.
+    let imaginary = |exponent: f64| {
+        let at = |k: i32| Complex::new(0.0, libm::exp10(exponent) * (1.0 + 0.1 * f64::from(k)));
+        (0..16).map(|k| formula.value(at(k)).norm()).filter(|size| !size.is_nan()).fold(0.0, max_or_nan)
+    };
+    let along = slope(imaginary(50.0), imaginary(60.0));
+    let growth = slope(real(50.0), real(60.0));
+    if real(60.0) == 0.0 {
+        return if imaginary(60.0) == 0.0 { 0.0 } else { along };
+    }
+    if along > growth + SWINGS { along } else { growth }
 }
 
 /// Places 10^{±(10 + 5k)} from which limits of a formula are taken.

@@ -32,6 +32,7 @@ mod scheme;
 mod scheme_descriptor;
 mod sensitivity;
 mod sparse_matrix;
+mod symbol;
 mod system;
 mod time;
 mod warnings;

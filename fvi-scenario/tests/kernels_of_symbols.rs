@@ -7,6 +7,7 @@ use fvi_fft::exponentials::rate_table::{RateTableError, rate_table_of};
 use fvi_fft::memory::{Engine, History, MemoryRequest, States};
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::quadrature::multistep_weights::multistep_weights;
+use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
 use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::TransferFunction;
 use fvi_fft::transfer::given_weights::GivenWeights;
@@ -241,4 +242,132 @@ fn weights_of_a_resonator_that_outlasts_their_table_are_passive() {
     let weights = multistep_weights(&transfer, bdf(2), 0.1, false, 300).unwrap();
     let made = GivenWeights::new("w.csv", weights).unwrap().at_step(0.1).unwrap();
     assert_eq!(made.active(), None);
+}
+
+/// ∫₀¹ f(β) dβ by Gauss and Legendre's rule with 5 points on each of 8 pieces.
+fn integral<T: std::iter::Sum<T> + std::ops::Mul<f64, Output = T>>(f: impl Fn(f64) -> T) -> T {
+    let (near, far) = (0.538_469_310_105_683_1, 0.906_179_845_938_664);
+    let rule = [
+        (0.0, 128.0 / 225.0),
+        (near, 0.478_628_670_499_366_47),
+        (-near, 0.478_628_670_499_366_47),
+        (far, 0.236_926_885_056_189_08),
+        (-far, 0.236_926_885_056_189_08),
+    ];
+    let points = (0..8).flat_map(|piece| rule.map(|(place, weight)| (f64::from(piece), place, weight)));
+    points.map(|(piece, place, weight)| f((piece + 0.5 + 0.5 * place) / 8.0) * (weight / 16.0)).sum()
+}
+
+#[test]
+fn distributed_order_is_the_integral_of_powers_also_where_its_logarithm_vanishes() {
+    let transfer = kernel_of_symbol("(s - 1)/log(s)").unwrap();
+    assert_eq!((transfer.active(), transfer.spring()), (None, 0.0));
+    let places = [0.0, 1e-16, 1e-14, -1e-12, 1e-9, 1e-5, 0.3, 7.0, -0.999];
+    for s in places.into_iter().flat_map(|beside| [0.0, 1e-13, 0.4].map(|im| Complex::new(1.0 + beside, im)))
+    {
+        let known = integral(|order| (s.ln() * order).exp());
+        let error = (transfer.value(s) - known).norm() / known.norm();
+        assert!(error < 1e-11, "{s}: {error:e}");
+    }
+    // The relaxation function ∫ t^{−β}/Γ(1 − β) dβ.
+    for time in [0.05, 1.0, 20.0] {
+        let known = integral(|order: f64| libm::pow(time, -order) / libm::tgamma(1.0 - order));
+        let found = fvi_fft::transfer::laplace::relaxation(&transfer, time).unwrap();
+        assert!((found / known - 1.0).abs() < 1e-9, "{time}: {found} {known}");
+    }
+}
+
+#[test]
+fn weights_of_every_symbol_are_the_series_of_its_value() {
+    type Known = fn(Complex<f64>) -> Complex<f64>;
+    let cases: [(&str, Known); 7] = [
+        ("exp(-s)", |s| (-s).exp()),
+        ("s*exp(-s)", |s| s * (-s).exp()),
+        ("exp(-sqrt(s))", |s| (-s.sqrt()).exp()),
+        ("s^0.5*exp(-0.1*s^0.5)", |s| s.sqrt() * (s.sqrt() * -0.1).exp()),
+        ("s^0.5/tanh(s^0.5)", |s| s.sqrt() / s.sqrt().tanh()),
+        ("(s - 1)/log(s)", |s| integral(|order| (s.ln() * order).exp())),
+        ("(s - 1)/(sqrt(s) - 1)", |s| s.sqrt() + 1.0),
+    ];
+    // With h = 1 and 1.5 the first coefficient of γ(z)/h is 1, where s − 1 and ln s vanish.
+    for ((text, known), step) in
+        cases.into_iter().flat_map(|case| [0.02, 0.4, 1.0, 1.5].map(|step| (case, step)))
+    {
+        let transfer = kernel_of_symbol(text).unwrap_or_else(|error| panic!("{text}: {error:?}"));
+        for rule in [bdf(1), bdf(2), MultistepRule::Trapezoidal] {
+            let weights = multistep_weights(&transfer, rule, step, false, 900).unwrap();
+            for z in [Complex::new(0.9, 0.0), Complex::new(-0.7, 0.3), Complex::new(0.1, 0.93)] {
+                let series: Complex<f64> =
+                    weights.iter().rev().fold(Complex::ZERO, |sum, &weight| sum * z + weight);
+                let value = known(rule.symbol(z) / step) - transfer.spring();
+                let error = (series - value).norm() / (1.0 + value.norm() + weights[0].abs());
+                assert!(error < 1e-10, "{text}, h = {step}, {rule}, {z}: {error:e}");
+            }
+        }
+    }
+}
+
+/// K(D) u at t = `steps`·h by the last stage of Radau IIA with 3 stages.
+fn by_radau(transfer: &TransferFunction, step: f64, steps: usize, u: impl Fn(f64) -> f64) -> f64 {
+    let method = radau();
+    let weights = RungeKuttaWeights::of_transfer(&method, transfer, false, step, steps).unwrap();
+    let planes = weights.planes();
+    let nodes: Vec<f64> = method.matrix().iter().map(|row| row.iter().sum()).collect();
+    let entry = |n: usize, j: usize| planes[(6 + j) * steps + n];
+    let sum = (0..steps).flat_map(|k| (0..3).map(move |j| (k, j)));
+    sum.map(|(k, j)| entry(steps - 1 - k, j) * u(step * (k as f64 + nodes[j]))).sum::<f64>()
+        + transfer.spring() * u(step * steps as f64)
+}
+
+#[test]
+fn runge_kutta_families_take_every_kernel_that_is_analytic_in_the_right_half_plane() {
+    // u = t⁵ at t = 3: derivatives Γ(6) t^{5−β}/Γ(6 − β), a dead time (t − 1)⁵, and with e^{−√s} the
+    // inverse of 120 e^{−√s}/s⁶ (mpmath, Talbot's contour, 30 digits).
+    let u = |time: f64| libm::pow(time, 5.0);
+    let diffusion = 61.924_596_165_742_37;
+    let orders = integral(|order: f64| 120.0 * libm::pow(3.0, 5.0 - order) / libm::tgamma(6.0 - order));
+    for (text, known, tolerance) in [
+        ("exp(-s)", 32.0, 1e-6),
+        ("s*exp(-s)", 80.0, 1e-6),
+        ("(s - 1)/log(s)", orders, 1e-8),
+        ("exp(-sqrt(s))", diffusion, 1e-10),
+    ] {
+        let transfer = kernel_of_symbol(text).unwrap();
+        let found = by_radau(&transfer, 0.01, 300, u);
+        assert!((found / known - 1.0).abs() < tolerance, "{text}: {found} {known}");
+    }
+    // A pole in the right half-plane is refused.
+    let growing = kernel_of_symbol("s^0.5 + 1/((s - 1)^2 + 1)").unwrap();
+    let refused = RungeKuttaWeights::<3>::of_transfer(&radau(), &growing, false, 0.1, 100).unwrap_err();
+    assert!(refused.allowed.contains("analytic for Re s > 0"), "{refused}");
+    assert!(multistep_weights(&growing, bdf(2), 0.1, false, 100).is_err());
+}
+
+#[test]
+fn delays_are_refused_where_backward_differentiation_amplifies_them() {
+    let delay = kernel_of_symbol("exp(-s)").unwrap();
+    assert_eq!((delay.spring(), delay.growth(), delay.unrelaxed()), (1.0, 0.0, Some(0.0)));
+    assert!(delay.active().is_some());
+    for order in 1..=2 {
+        let weights = multistep_weights(&delay, bdf(order), 1e-3, false, 3000).unwrap();
+        // Σ w_n is K(0) − K(0).
+        assert!(weights.iter().sum::<f64>().abs() < 1e-11, "{order}");
+    }
+    let refused = multistep_weights(&delay, bdf(3), 1e-3, false, 3000).map(|_| ()).unwrap_err();
+    assert!(refused.allowed.contains("order 1 or 2"), "{refused}");
+}
+
+#[test]
+fn symbols_that_lose_their_digits_are_refused_with_the_reason() {
+    for (text, reason) in [
+        ("(sqrt(1 + s) - 1)/s", "terms do not cancel"),
+        ("s^0.5*sinh(s^0.5)/cosh(s^0.5)", "tanh"),
+        ("1/(s - 1)", "divides by 0"),
+        ("s^3*exp(-s)", "grows more slowly than s²"),
+    ] {
+        let error = kernel_of_symbol(text).unwrap_err();
+        let help = miette::Diagnostic::help(&error).map(|help| help.to_string()).unwrap_or_default();
+        assert!(help.contains(reason), "{text}: {help}");
+    }
+    assert!(kernel_of_symbol("s^0.5*tanh(s^0.5)").is_ok() && kernel_of_symbol("1/(sqrt(1 + s) + 1)").is_ok());
 }

@@ -373,7 +373,7 @@ const TRUE_VALUES: [(&str, usize, &str); 50] = [
     ("fvi-sparse/src/product.rs", 2, PADDING),
     ("fvi-sparse/src/solve.rs", 1, PADDING),
     ("fvi-scenario/src/scenario/gyroscopic.rs", 1, BEYOND),
-    ("fvi-scenario/src/scenario/kernel.rs", 2, REFUSED),
+    ("fvi-scenario/src/scenario/symbol.rs", 2, REFUSED),
     ("fvi-scenario/src/scenario/load.rs", 1, NONE),
     ("fvi-scenario/src/scenario/matrix.rs", 1, BEYOND),
     ("fvi-scenario/src/scenario/sampled_input.rs", 1, NONE),

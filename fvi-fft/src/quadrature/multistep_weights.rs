@@ -73,23 +73,8 @@ pub fn multistep_weights(
     if let Some(weights) = transfer.own_weights(rule, step_size, count) {
         return Ok(if on_increments { partial_sums(&weights) } else { weights });
     }
-    let series = transfer.series(&rule.series(step_size, count.min(HEAD)));
-    let mut weights = if on_increments { series.sums() } else { series.to_numbers() };
-    let first = weights.first().map_or(0.0, |first| first.abs());
-    let refused = |value| ParameterError {
-        parameter: "weight of the kernel",
-        value,
-        allowed: "finite and bounded: K(s) must be analytic for Re s > 0",
-    };
-    if let Some(&weight) = weights.iter().find(|weight| !weight.is_finite()) {
-        return Err(refused(weight));
-    }
-    // If K(s) = O(s^μ), μ < 2, is analytic in the right half-plane, no weight is more than a few times the
-    // first.
-    let largest = weights.iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
-    if largest > GROWN * first {
-        return Err(refused(largest));
-    }
+    let head = Head { transfer, rule, step_size, on_increments };
+    let mut weights = head.weights(count.min(HEAD))?;
     if count > HEAD {
         let tail = match rule {
             MultistepRule::Bdf(order) if transfer.narrow().is_none() => {
@@ -98,18 +83,116 @@ pub fn multistep_weights(
             }
             _ => Vec::new(),
         };
+        let first = weights[0].abs();
         let agrees = |(found, known): (&f64, &f64)| {
             (found - known).abs() <= AGREEMENT * known.abs().max(NOTHING * first)
         };
-        if !tail.is_empty() && tail.iter().zip(&weights[HEAD - COMPARED..]).all(agrees) {
+        // Beside singularities elsewhere the last weights of the series may agree because they vanish: those
+        // of a delay of more steps. Then all of them are compared with a transform.
+        let circle = if transfer.is_relaxation() { None } else { Some(head.circle(count)?) };
+        let is_confirmed = |tail: &[f64]| match &circle {
+            None => true,
+            Some(circle) => {
+                let known = &circle.weights[HEAD - COMPARED..];
+                tail.iter().zip(known).all(|(found, known)| (found - known).abs() <= circle.bound())
+            }
+        };
+        let agrees_there = tail.iter().zip(&weights[HEAD - COMPARED..]).all(agrees);
+        if !tail.is_empty() && agrees_there && is_confirmed(&tail) {
             weights.extend_from_slice(&tail[COMPARED..]);
         } else {
-            let function = |s| transfer.value(s);
-            let all = transform((&function, transfer.growth()), rule, step_size, on_increments, count);
-            weights.extend_from_slice(&all[HEAD..]);
+            let circle = circle.map_or_else(|| head.circle(count), Ok)?;
+            weights.extend_from_slice(&circle.weights[HEAD..]);
         }
+        head.check(&weights)?;
     }
     Ok(weights)
+}
+
+/// The first weights of a kernel.
+struct Head<'a> {
+    transfer: &'a TransferFunction,
+    rule: MultistepRule,
+    step_size: f64,
+    on_increments: bool,
+}
+
+impl Head<'_> {
+    /// The first weights, from the power series where it can be trusted.
+    ///
+    /// The series of a quotient has the zeros of its divisor inside |z| < 1 as poles, up to rounding, also
+    /// where the quotient has none: that of (s − 1)/log(s) grows like |ζ|⁻ⁿ from rounding, with γ(ζ)/h = 1.
+    /// So the weights of symbols that are not rational are compared with a transform on a circle, and
+    /// replaced by it where they begin to differ.
+    fn weights(&self, count: usize) -> Result<Vec<f64>, ParameterError> {
+        let series = self.transfer.series(&self.rule.series(self.step_size, count));
+        let mut weights = if self.on_increments { series.sums() } else { series.to_numbers() };
+        if self.transfer.is_rounded_formula() {
+            // Of the same number of points for any count, so that the same weights are the same numbers.
+            let circle = self.circle(HEAD)?;
+            let bound = circle.bound();
+            let differs = |(found, known): (&f64, &f64)| {
+                let apart = (found - known).abs();
+                apart.is_nan() || apart > bound
+            };
+            if let Some(from) = weights.iter().zip(&circle.weights).position(differs) {
+                weights.truncate(from);
+                weights.extend_from_slice(&circle.weights[from..count]);
+            }
+        }
+        self.check(&weights)?;
+        Ok(weights)
+    }
+
+    /// Refuses weights that are no numbers, or grow.
+    fn check(&self, weights: &[f64]) -> Result<(), ParameterError> {
+        if let Some(&weight) = weights.iter().find(|weight| !weight.is_finite()) {
+            return Err(self.refused(weight));
+        }
+        // If K(s) = O(s^μ), μ < 2, is analytic in the right half-plane, no weight is more than a few times
+        // the largest |K(γ(z)/h)| on the circle, which the first weight may be far below: that of a delay.
+        let largest = weights.iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
+        let first = weights.first().map_or(0.0, |first| first.abs());
+        if largest > GROWN * first && largest > GROWN * self.largest_on_the_right() {
+            return Err(self.refused(largest));
+        }
+        Ok(())
+    }
+
+    /// The largest |K| on the circle, at places that are moved to the imaginary axis where they lie to the
+    /// left of it, as with backward differentiation of order 3 and more.
+    fn largest_on_the_right(&self) -> f64 {
+        const PLACES: usize = 256;
+        let size = |k: usize| {
+            let angle = PI * (k as f64 + 0.5) / PLACES as f64;
+            let z = Complex::new(libm::cos(angle), libm::sin(angle)) * (1.0 - 1e-3);
+            let s = self.rule.symbol(z) / self.step_size;
+            let size = self.transfer.value(Complex::new(s.re.clamp(0.0, f64::MAX), s.im)).norm();
+            if self.on_increments { size / (Complex::new(1.0, 0.0) - z).norm() } else { size }
+        };
+        (0..PLACES).map(size).filter(|size| size.is_finite()).fold(0.0, max_or_nan)
+    }
+
+    /// The weights by a transform on a circle.
+    fn circle(&self, count: usize) -> Result<Circle, ParameterError> {
+        let function = |s| self.transfer.value(s);
+        let growth = self.transfer.growth();
+        let circle = transform((&function, growth), self.rule, self.step_size, self.on_increments, count);
+        if circle.weights.iter().all(|weight| weight.is_finite()) && circle.is_analytic() {
+            return Ok(circle);
+        }
+        Err(self.refused(circle.behind))
+    }
+
+    fn refused(&self, value: f64) -> ParameterError {
+        let allowed = if self.rule.order() > 2 {
+            "finite and bounded: K(s) must be analytic for Re s > 0, and with backward differentiation of order 3 and more \
+             also bounded beside the imaginary axis to the left of it, where a delay e^(−sT) grows: take order 1 or 2 for it"
+        } else {
+            "finite and bounded: K(s) must be analytic for Re s > 0"
+        };
+        ParameterError { parameter: "weight of the kernel", value, allowed }
+    }
 }
 
 /// The first of the given weights.
@@ -162,7 +245,7 @@ pub fn derivative_weights(
         let function = |s| derivative.value(s);
         let growth = derivative.growth();
         let all = transform((&function, growth), rule, step_size, on_increments, count);
-        weights.extend_from_slice(&all[HEAD..]);
+        weights.extend_from_slice(&all.weights[HEAD..]);
     }
     match weights.iter().find(|weight| !weight.is_finite()) {
         Some(&weight) => refused("derivative of a weight", weight, "finite"),
@@ -287,6 +370,37 @@ fn power(x: DoubleDouble, n: usize) -> DoubleDouble {
     power
 }
 
+/// Weights by a transform on a circle.
+struct Circle {
+    weights: Vec<f64>,
+    /// The largest value on the circle.
+    largest: f64,
+    /// The largest coefficient of z⁻¹, z⁻², …, times powers of the radius.
+    behind: f64,
+    /// Factors 1 + z by which the series was divided.
+    factors: i32,
+}
+
+impl Circle {
+    /// Coefficients of negative powers of an analytic function, relative to its largest value: rounding.
+    const NEGATIVE: f64 = 1e-12;
+    /// Error of a weight relative to the largest value.
+    const ROUNDING: f64 = 1e-12;
+
+    /// True if the function has no singularity inside the circle, as far as its coefficients show.
+    fn is_analytic(&self) -> bool {
+        self.behind <= Self::NEGATIVE * self.largest
+    }
+
+    /// Bound of the error of a weight.
+    fn bound(&self) -> f64 {
+        Self::ROUNDING * self.largest * (self.weights.len() as f64).powi(self.factors)
+    }
+}
+
+/// Last coefficients of a transform that belong to negative powers.
+const LAST: usize = 16;
+
 /// All weights by Cauchy's integral on a circle inside |z| = 1.
 ///
 /// With the trapezoidal rule a kernel that grows like s^μ is large near z = −1: the transformed function is
@@ -297,7 +411,7 @@ fn transform(
     step_size: f64,
     on_increments: bool,
     count: usize,
-) -> Vec<f64> {
+) -> Circle {
     let length = (POINTS * count).next_power_of_two();
     // Aliasing from beyond the end is r^length of a weight.
     let radius = libm::exp(libm::log(1e-20) / length as f64);
@@ -317,11 +431,14 @@ fn transform(
     for end in [0, length / 2] {
         values[end].im = 0.0;
     }
+    let largest = values.iter().map(|value| value.norm()).fold(0.0, max_or_nan);
     let mut weights = vec![0.0; length];
     let (_, inverse) = real_transforms(length);
     if inverse.process(&mut values, &mut weights).is_err() {
-        return vec![f64::NAN; count];
+        return Circle { weights: vec![f64::NAN; count], largest, behind: f64::NAN, factors };
     }
+    let behind = weights[length - LAST..].iter().map(|weight| weight.abs() / length as f64);
+    let behind = behind.fold(0.0, max_or_nan);
     let scaled =
         |(n, weight): (usize, &f64)| weight / length as f64 * libm::exp(-(n as f64) * libm::log(radius));
     let mut weights: Vec<f64> = weights.iter().enumerate().take(count).map(scaled).collect();
@@ -332,7 +449,7 @@ fn transform(
             *weight = before.to_f64();
         }
     }
-    weights
+    Circle { weights, largest, behind, factors }
 }
 
 #[cfg(test)]
@@ -400,7 +517,7 @@ mod tests {
             for rule in [MultistepRule::Bdf(BdfOrder::new(2).unwrap()), MultistepRule::Trapezoidal] {
                 let series = transfer.series(&rule.series(0.05, 300)).to_numbers();
                 let function = |s| transfer.value(s);
-                let found = transform((&function, transfer.growth()), rule, 0.05, false, 300);
+                let found = transform((&function, transfer.growth()), rule, 0.05, false, 300).weights;
                 let error = series.iter().zip(&found).map(|(a, b)| (a - b).abs()).fold(0.0, max_or_nan);
                 // The weights of the trapezoidal rule do not decay: the error is relative to their sum.
                 let size = match rule {

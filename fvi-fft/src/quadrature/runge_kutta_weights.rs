@@ -6,6 +6,7 @@ use std::ops::Range;
 
 use crate::Aligned;
 use crate::quadrature::inverse::inverse;
+use crate::quadrature::runge_kutta_circle::on_circle;
 use crate::transfer::fractions::{Fractions, PoleOfOrder};
 use crate::transfer::{Pole, TransferFunction};
 use fvi_core::{ExponentialTable, ParameterError, Real, RungeKutta};
@@ -38,6 +39,12 @@ const EXPONENTIALS_IN_BLOCK: usize = 4;
 /// Decrement below which running sums are kept in two parts: they would accumulate the rounding errors of
 /// many steps.
 const SLOW_DECREMENT: f64 = 1.0 / 32.0;
+
+/// Number of weights by a transform from which the first are taken.
+const NEAR: usize = 64;
+
+/// Coefficients of negative powers of an analytic function, relative to its largest value: rounding.
+const NEGATIVE: f64 = 1e-11;
 
 /// Number of powers between two exact evaluations of an exponential in [`RungeKuttaWeights::planes`].
 const RESTART: usize = 16;
@@ -144,12 +151,14 @@ impl<const R: usize> RungeKuttaWeights<R> {
         Ok(weights)
     }
 
-    /// Weights of any transfer function K that is determined by its cut and poles, or rational, on values, or
-    /// on rises if `on_rises` is set: Σ W_n zⁿ = K(Δ(z)/h), or K(Δ(z)/h) (Δ(z)/h)⁻¹ times A⁻¹/h.
+    /// Weights of any transfer function K on values, or on rises if `on_rises` is set: Σ W_n zⁿ = K(Δ(z)/h),
+    /// or K(Δ(z)/h) (Δ(z)/h)⁻¹ times A⁻¹/h. Each is right relative to itself where K is determined by its cut
+    /// and poles, or rational; otherwise they come from a transform on a circle, with errors relative to the
+    /// largest |K(Δ(z)/h)| there.
     ///
     /// # Errors
-    /// As [`new`](RungeKuttaWeights::new) and [`on_rises`](RungeKuttaWeights::on_rises); and if K has
-    /// singularities off the negative real axis that are not poles of a rational function in Re s < 0.
+    /// As [`new`](RungeKuttaWeights::new) and [`on_rises`](RungeKuttaWeights::on_rises); and if K is singular
+    /// in Re s > 0.
     pub fn of_transfer(
         method: &RungeKutta<R>,
         transfer: &TransferFunction,
@@ -164,11 +173,6 @@ impl<const R: usize> RungeKuttaWeights<R> {
         let refuse = |parameter, value, allowed| Err(ParameterError { parameter, value, allowed });
         if let Some(narrow) = transfer.narrow() {
             return Err(narrow);
-        }
-        if !transfer.is_relaxation() && oscillating(transfer).is_none() {
-            let allowed = "one whose singularities lie on the negative real axis, or a quotient of polynomials with \
-                           poles in Re s < 0";
-            return refuse("kernel", f64::NAN, allowed);
         }
         if !(step_size > 0.0 && step_size.is_finite()) {
             return refuse("step size", step_size, "positive and finite");
@@ -186,8 +190,15 @@ impl<const R: usize> RungeKuttaWeights<R> {
             let value = transfer.value(s);
             if on_rises { value / s } else { value }
         };
-        let near = contour_weights_of(&matrix, &weights, function, first);
         let range = first..count.max(first + 1);
+        if !transfer.is_relaxation() && oscillating(transfer).is_none() {
+            // The first weights from the same points for any count, so that they are the same numbers.
+            let of = |count| weights_on_circle(method, transfer, on_rises, step_size, count);
+            let near = of(NEAR)?[..first].to_vec();
+            let far = if count > first { of(count)?.split_off(first) } else { Vec::new() };
+            return Ok(Self { count, step_size, near, exponentials: Vec::new(), far });
+        }
+        let near = contour_weights_of(&matrix, &weights, function, first);
         let (exponentials, far) = match oscillating(transfer).filter(|_| !transfer.is_relaxation()) {
             Some(fractions) => {
                 let poles = if on_rises { fractions.poles_over_s() } else { fractions.poles };
@@ -443,6 +454,26 @@ fn contour_integrals(
         near[2] -= (product * stability).map(|entry| entry.re);
     }
     near
+}
+
+/// The first `count` weights of a K that is analytic in the right half-plane, where the spectrum of Δ(z) is,
+/// by a transform on a circle.
+fn weights_on_circle<const R: usize>(
+    method: &RungeKutta<R>,
+    transfer: &TransferFunction,
+    on_rises: bool,
+    step_size: f64,
+    count: usize,
+) -> Result<Vec<SMatrix<f64, R, R>>, ParameterError> {
+    let found = on_circle(method, &|s| transfer.value(s), step_size, on_rises, count)?;
+    if found.behind.is_nan() || found.behind > NEGATIVE {
+        return Err(ParameterError {
+            parameter: "weight of the kernel",
+            value: found.behind,
+            allowed: "bounded: K(s) must be analytic for Re s > 0",
+        });
+    }
+    Ok((0..count).map(|n| SMatrix::from_fn(|i, j| found.planes[(i * R + j) * count + n])).collect())
 }
 
 /// The partial fractions of a rational K whose poles lie in Re s < 0.

@@ -45,6 +45,13 @@ pub trait Algebra: Clone {
     /// (1 + x)^e − 1, accurate to rounding near x = 0.
     #[must_use]
     fn power_beside_one(&self, exponent: f64) -> Self;
+
+    /// eˣ − 1, accurate to rounding near x = 0.
+    #[must_use]
+    fn exponential_beside_one(&self) -> Self;
+
+    /// True if x, or the first coefficient of a series, lies in the left half-plane.
+    fn is_left(&self) -> bool;
 }
 
 impl Algebra for Complex<f64> {
@@ -82,7 +89,13 @@ impl Algebra for Complex<f64> {
     }
 
     fn logarithm(&self) -> Self {
-        Self::new(libm::log(self.norm()), libm::atan2(self.im, self.re))
+        let angle = libm::atan2(self.im, self.re);
+        // Near 1 from |x|² − 1, which does not cancel: ln x keeps its digits there.
+        let beside = self.re - 1.0;
+        if beside.abs() < 0.25 && self.im.abs() < 0.25 {
+            return Self::new(0.5 * libm::log1p(beside * (2.0 + beside) + self.im * self.im), angle);
+        }
+        Self::new(libm::log(self.norm()), angle)
     }
 
     fn scale(&self, factor: f64) -> Self {
@@ -96,6 +109,15 @@ impl Algebra for Complex<f64> {
         let half = libm::sin(0.5 * im);
         let grown = libm::expm1(re);
         Self::new(grown * libm::cos(im) - 2.0 * half * half, (1.0 + grown) * libm::sin(im))
+    }
+
+    fn exponential_beside_one(&self) -> Self {
+        let (grown, half) = (libm::expm1(self.re), libm::sin(0.5 * self.im));
+        Self::new(grown * libm::cos(self.im) - 2.0 * half * half, (1.0 + grown) * libm::sin(self.im))
+    }
+
+    fn is_left(&self) -> bool {
+        self.re < 0.0
     }
 }
 
@@ -260,6 +282,22 @@ impl Algebra for Series {
             *first = power_beside_one(self.at(0), exponent);
         }
         power
+    }
+
+    fn exponential_beside_one(&self) -> Self {
+        let mut grown = self.exponential().add(&self.constant(-1.0));
+        let first = self.at(0);
+        if first.to_f64().abs() < 0.3 {
+            match grown.coefficients.first_mut() {
+                Some(place) => *place = small_exponential(first),
+                None => return Self::of(vec![small_exponential(first)], self.count),
+            }
+        }
+        grown
+    }
+
+    fn is_left(&self) -> bool {
+        self.at(0).to_f64() < 0.0
     }
 }
 

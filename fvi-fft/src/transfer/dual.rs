@@ -67,6 +67,14 @@ impl<A: Algebra> Algebra for Dual<A> {
         let below = self.value.add(&one).power(DoubleDouble::exact(exponent - 1.0));
         self.chain(self.value.power_beside_one(exponent), &below.scale(exponent))
     }
+
+    fn exponential_beside_one(&self) -> Self {
+        self.chain(self.value.exponential_beside_one(), &self.value.exponential())
+    }
+
+    fn is_left(&self) -> bool {
+        self.value.is_left()
+    }
 }
 
 #[cfg(test)]

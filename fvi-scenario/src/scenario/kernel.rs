@@ -1,19 +1,15 @@
 //! `order` and `kernel` of a damping term, from which its transfer function is built.
 
 use super::parameters::{read_parameters, symbols_of};
+use super::symbol::{Symbol, unsuited};
 use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
-use crate::language::expression::{Expression, Function, Kind, LARGEST_MULTIPLIED, Node, Operator, Symbols};
+use crate::language::expression::Symbols;
 use crate::language::number_table::NumberTable;
-use fvi_core::{DoubleDouble, ParameterError};
-use fvi_fft::transfer::algebra::{Algebra, Series};
-use fvi_fft::transfer::derivative::TransferDerivative;
-use fvi_fft::transfer::dual::Dual;
-use fvi_fft::transfer::fractions::{Fractions, Quotient};
+use fvi_core::ParameterError;
+use fvi_fft::transfer::TransferFunction;
 use fvi_fft::transfer::given_weights::GivenWeights;
 use fvi_fft::transfer::relaxation::Relaxation;
-use fvi_fft::transfer::{Formula, TransferFunction};
-use nalgebra::Complex;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -356,240 +352,13 @@ fn read_symbol(
     })
 }
 
-/// A function in the expression that is not analytic, or has no power series here.
-pub(super) fn unsuited(node: &Node) -> Option<String> {
-    match node.kind() {
-        Kind::Number(_) | Kind::Variable(_) => None,
-        Kind::Time | Kind::SidedTime => Some("the time".to_owned()),
-        Kind::Negation(inner) => unsuited(inner),
-        Kind::Chain(first, operands) => {
-            unsuited(first).or_else(|| operands.iter().find_map(|(_, operand)| unsuited(operand)))
-        }
-        Kind::Power(sides) => sides.iter().find_map(unsuited),
-        Kind::Choice(function, _) if function.selects() => Some("min or max".to_owned()),
-        Kind::Choice(function, _) => Some(function.name().to_owned()),
-        Kind::Call(function, argument) => match function {
-            Function::Sqrt
-            | Function::Exp
-            | Function::Log
-            | Function::Sinh
-            | Function::Cosh
-            | Function::Tanh => unsuited(argument),
-            other => Some(format!("{other:?}").to_lowercase()),
-        },
-    }
-}
-
-/// An expression in s.
-#[derive(Debug)]
-struct Symbol {
-    expression: Expression,
-    /// Its numbers, those of its parameters included, which the text only names.
-    numbers: Vec<f64>,
-}
-
-impl Symbol {
-    fn new(expression: Expression) -> Self {
-        let mut numbers = Vec::new();
-        add_numbers(expression.root(), &mut numbers);
-        Self { expression, numbers }
-    }
-}
-
-/// Appends the numbers of an expression that is suited to a symbol.
-fn add_numbers(node: &Node, numbers: &mut Vec<f64>) {
-    match node.kind() {
-        Kind::Number(value) => numbers.push(*value),
-        Kind::Negation(inner) | Kind::Call(_, inner) => add_numbers(inner, numbers),
-        Kind::Chain(first, operands) => {
-            add_numbers(first, numbers);
-            operands.iter().for_each(|(_, operand)| add_numbers(operand, numbers));
-        }
-        Kind::Power(sides) => sides.iter().for_each(|side| add_numbers(side, numbers)),
-        Kind::Variable(_) | Kind::Time | Kind::SidedTime | Kind::Choice(..) => {}
-    }
-}
-
-impl Formula for Symbol {
-    fn value(&self, s: Complex<f64>) -> Complex<f64> {
-        evaluate(self.expression.root(), &s)
-    }
-
-    fn series(&self, s: &Series) -> Series {
-        evaluate(self.expression.root(), s)
-    }
-
-    fn text(&self) -> &str {
-        self.expression.text()
-    }
-
-    fn numbers(&self) -> &[f64] {
-        &self.numbers
-    }
-
-    fn fractions(&self) -> Option<Fractions> {
-        fractions_of(self.expression.root())
-    }
-}
-
-/// Partial fractions of an expression in s, of sums term by term; `None` if it is not a quotient of
-/// polynomials.
-fn fractions_of(node: &Node) -> Option<Fractions> {
-    match node.kind() {
-        Kind::Negation(inner) => Some(fractions_of(inner)?.scale(-1.0)),
-        Kind::Chain(first, operands) if operands.iter().all(|(operator, _)| operator.is_additive()) => {
-            operands.iter().try_fold(fractions_of(first)?, |sum, (operator, operand)| {
-                let sign = if *operator == Operator::Subtract { -1.0 } else { 1.0 };
-                Some(sum.plus(fractions_of(operand)?.scale(sign)))
-            })
-        }
-        // A number times a sum is the sum of its terms.
-        Kind::Chain(first, operands) => match (first.as_number(), operands.as_slice()) {
-            (Some(number), [(Operator::Multiply, operand)]) => Some(fractions_of(operand)?.scale(number)),
-            _ => quotient(node)?.fractions(),
-        },
-        _ => quotient(node)?.fractions(),
-    }
-}
-
-/// An expression in s as a quotient of polynomials.
-fn quotient(node: &Node) -> Option<Quotient> {
-    let found = match node.kind() {
-        Kind::Number(value) => Quotient::constant(*value),
-        Kind::Variable(0) => Quotient::variable(),
-        Kind::Negation(inner) => quotient(inner)?.multiply(&Quotient::constant(-1.0)),
-        Kind::Chain(first, operands) => {
-            operands.iter().try_fold(quotient(first)?, |joined, (operator, operand)| {
-                let operand = quotient(operand)?;
-                let joined = match operator {
-                    Operator::Add => joined.plus(&operand),
-                    Operator::Subtract => joined.plus(&operand.multiply(&Quotient::constant(-1.0))),
-                    Operator::Multiply => joined.multiply(&operand),
-                    Operator::Divide => joined.multiply(&operand.inverse()?),
-                };
-                joined.is_readable().then_some(joined)
-            })?
-        }
-        Kind::Power(sides) => {
-            let [base, exponent] = sides.as_ref();
-            quotient(base)?.power(exponent.as_number()?)?
-        }
-        _ => return None,
-    };
-    found.is_readable().then_some(found)
-}
-
-/// The derivative of an expression in s and a constant, which follows s as a variable, by that constant at
-/// its value.
-#[derive(Debug)]
-struct SymbolSlope {
-    expression: Expression,
-    at: f64,
-}
-
-impl SymbolSlope {
-    fn of<A: Algebra>(&self, s: &A) -> A {
-        let constant = Dual { value: s.constant(self.at), slope: s.constant(1.0) };
-        evaluate_at(self.expression.root(), &Dual::constant_in(s), &constant).slope
-    }
-}
-
-impl Formula for SymbolSlope {
-    fn value(&self, s: Complex<f64>) -> Complex<f64> {
-        self.of(&s)
-    }
-
-    fn series(&self, s: &Series) -> Series {
-        self.of(s)
-    }
-
-    fn text(&self) -> &str {
-        self.expression.text()
-    }
-}
-
-/// The derivative of a symbol by a constant, which is the variable after s in its expression.
-///
-/// # Errors
-/// A message: the part of the symbol in which the constant may not occur.
-pub(super) fn symbol_derivative(
-    transfer: &TransferFunction,
-    expression: Expression,
-    at: f64,
-) -> Result<TransferDerivative, String> {
-    if let Some(function) = unsuited(expression.root()) {
-        return Err(format!("a constant that a symbol does not have in {function}"));
-    }
-    TransferDerivative::of_formula(transfer, Arc::new(SymbolSlope { expression, at }))
-        .map_err(|error| format!("{}; {} is {:e} here", error.allowed, error.parameter, error.value))
-}
-
-/// The value of an expression in s.
-pub(super) fn evaluate<A: Algebra>(node: &Node, s: &A) -> A {
-    evaluate_at(node, s, s)
-}
-
-/// The value of an expression in s and a constant, which is the variable after s.
-fn evaluate_at<A: Algebra>(node: &Node, s: &A, constant: &A) -> A {
-    let of = |node: &Node| evaluate_at(node, s, constant);
-    match node.kind() {
-        Kind::Number(value) => s.constant(*value),
-        Kind::Variable(0) => s.clone(),
-        Kind::Variable(_) => constant.clone(),
-        Kind::Negation(inner) => of(inner).negate(),
-        Kind::Chain(first, operands) => {
-            operands.iter().fold(of(first), |joined, (operator, operand)| match operator {
-                Operator::Add => joined.add(&of(operand)),
-                Operator::Subtract => joined.add(&of(operand).negate()),
-                Operator::Multiply => joined.multiply(&of(operand)),
-                Operator::Divide => joined.divide(&of(operand)),
-            })
-        }
-        Kind::Power(sides) => {
-            let [base, exponent] = sides.as_ref();
-            match exponent.as_number() {
-                Some(exponent) => power(&of(base), exponent),
-                None => of(base).logarithm().multiply(&of(exponent)).exponential(),
-            }
-        }
-        Kind::Call(function, argument) => {
-            let argument = of(argument);
-            let half = |sum: A| sum.scale(0.5);
-            match function {
-                Function::Sqrt => power(&argument, 0.5),
-                Function::Exp => argument.exponential(),
-                Function::Log => argument.logarithm(),
-                Function::Sinh => half(argument.exponential().add(&argument.negate().exponential().negate())),
-                Function::Cosh => half(argument.exponential().add(&argument.negate().exponential())),
-                Function::Tanh => {
-                    // For arguments in the right half-plane, such as roots of s, the exponential is small.
-                    let small = argument.scale(-2.0).exponential();
-                    let one = s.constant(1.0);
-                    one.add(&small.negate()).divide(&one.add(&small))
-                }
-                // Refused during reading.
-                _ => s.constant(f64::NAN),
-            }
-        }
-        // Refused during reading.
-        Kind::Time | Kind::SidedTime | Kind::Choice(..) => s.constant(f64::NAN),
-    }
-}
-
-/// Small integer powers by multiplication, which has no branch cut.
-fn power<A: Algebra>(base: &A, exponent: f64) -> A {
-    let whole = exponent.abs();
-    if exponent.fract() != 0.0 || whole > f64::from(LARGEST_MULTIPLIED) {
-        return base.power(DoubleDouble::exact(exponent));
-    }
-    let product = (0..whole as usize).fold(base.constant(1.0), |product, _| product.multiply(base));
-    if exponent < 0.0 { base.constant(1.0).divide(&product) } else { product }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fvi_core::DoubleDouble;
     use fvi_fft::sums::max_or_nan;
+    use fvi_fft::transfer::algebra::Series;
+    use nalgebra::Complex;
 
     fn symbol(text: &str) -> TransferFunction {
         kernel_of_symbol(text).unwrap_or_else(|error| panic!("{text}: {error}"))

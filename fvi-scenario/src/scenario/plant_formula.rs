@@ -1,7 +1,7 @@
 //! Transfer functions of plants, written as expressions in s: as fractions whose parts are analytic.
 
-use super::kernel::{evaluate, unsuited};
 use super::parameters::symbols_of;
+use super::symbol::{evaluate, unsuited};
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Function, Kind, Node, Operator};

@@ -2,9 +2,9 @@
 
 use super::Scenario;
 use super::element::Element;
-use super::kernel::symbol_derivative;
 use super::load::Amplitude;
 use super::matrix::SymmetricMatrix;
+use super::symbol::symbol_derivative;
 use super::system::Derivative;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
