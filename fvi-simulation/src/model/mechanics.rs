@@ -54,7 +54,7 @@ pub struct Model<T> {
     /// forces alone decide what the iteration ends at.
     leaves_out_slopes: bool,
     /// Forces that are rough in time, with exact moments.
-    rough: Option<RoughForces>,
+    rough: Option<Box<RoughForces>>,
     /// Potentials and forces supplied as code.
     own: Option<Callbacks>,
     /// The jumps and kinks of potential and force in the position, if steps end at them.
@@ -237,7 +237,7 @@ impl<T: Elementary> Model<T> {
     }
 
     fn with_moduli(scenario: &Scenario, modulus: Modulus) -> Result<Self, MatrixError> {
-        let rough = RoughForces::of(scenario);
+        let rough = RoughForces::of(scenario).map(Box::new);
         let unbounded = UnboundedForces::of(scenario);
         let scenario = unbounded.as_ref().map_or(scenario, |unbounded| &unbounded.rest);
         let system = &scenario.system;
@@ -350,12 +350,12 @@ impl<T: Elementary> Model<T> {
 
     /// Time from which rough points in time may have been overlooked.
     pub fn unresolved_since(&self) -> Option<f64> {
-        self.rough.as_ref().and_then(RoughForces::unresolved_since)
+        self.rough.as_ref().and_then(|rough| rough.unresolved_since())
     }
 
     /// Input that controllers change inside the next step.
     pub(crate) fn live(&mut self) -> Option<&mut SampledInput> {
-        self.rough.as_mut().and_then(RoughForces::live)
+        self.rough.as_mut().and_then(|rough| rough.live())
     }
 
     /// The energies of the motions under load cases, as of the last computation; empty without cases.

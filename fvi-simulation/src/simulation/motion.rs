@@ -18,13 +18,14 @@ use fvi_scenario::scenario::{Feature, SampledInput, Scenario};
 /// Run of a scenario from grid point to grid point.
 ///
 /// The common loop body of all runs of scenarios: a batch of steps with their sampled inputs, followed by
-/// checks that the states are finite and of their energies.
+/// checks that the states are finite and of their energies. Large parts are boxed, since a short run is moved
+/// more often than it steps.
 pub struct Motion<'s> {
     scenario: &'s Scenario,
     simulation: Simulation,
-    guard: EnergyGuard,
+    guard: Box<EnergyGuard>,
     /// Adaptive steps, if any.
-    adaptive: Option<AdaptiveSteps<'s>>,
+    adaptive: Option<Box<AdaptiveSteps<'s>>>,
     steps: usize,
     /// The state after these steps.
     state: GridState,
@@ -41,8 +42,8 @@ pub struct Motion<'s> {
     energies: Vec<f64>,
     /// Warning about forces of time.
     notes: Vec<String>,
-    tangent: Option<Tangent>,
-    memory_energy: Option<MemoryEnergy>,
+    tangent: Option<Box<Tangent>>,
+    memory_energy: Option<Box<MemoryEnergy>>,
     /// Derivatives of a state on their way to the batch.
     slopes: Vec<f64>,
 }
@@ -88,7 +89,7 @@ impl<'s> Motion<'s> {
         }
         let memory_energy = match scenario.is_mechanism() {
             true => None,
-            false => MemoryEnergy::new(scenario)?,
+            false => MemoryEnergy::new(scenario)?.map(Box::new),
         };
         if let Some(memory_energy) = &memory_energy {
             memory_energy.write(&mut state.columns[columns.places(Source::Memories)]);
@@ -98,8 +99,8 @@ impl<'s> Motion<'s> {
         let inside = acts_inside_steps(scenario);
         let drive =
             Drive { inside: inside.then(|| SampledInput::of(Vec::new(), Vec::new())), ..Drive::default() };
-        let guard = EnergyGuard::new(scenario, &state);
-        let adaptive = AdaptiveSteps::new(scenario, precision, &mut simulation, &state)?;
+        let guard = Box::new(EnergyGuard::new(scenario, &state));
+        let adaptive = AdaptiveSteps::new(scenario, precision, &mut simulation, &state)?.map(Box::new);
         let mut energies = Vec::new();
         simulation.read_energies(&mut energies);
         // Steps are made in batches if nothing needs states inside them or each state separately.
@@ -146,7 +147,7 @@ impl<'s> Motion<'s> {
         if self.simulation.precision() == Precision::F32 {
             self.scenario.check_use(Feature::SinglePrecision)?;
         }
-        self.tangent = Tangent::new(self.scenario, tables)?;
+        self.tangent = Tangent::new(self.scenario, tables)?.map(Box::new);
         if let Some(tangent) = &self.tangent {
             tangent.write(&mut self.state.sensitivities);
             self.batch.take_sensitivities(0, &self.state.sensitivities);
