@@ -2,10 +2,12 @@
 //! data determine them.
 
 mod cells;
+mod closed;
 mod data;
 mod estimates;
 mod interpolation;
 mod least_squares;
+mod no_prediction;
 mod output;
 #[cfg(feature = "pictures")]
 mod pictures;
@@ -19,7 +21,8 @@ pub use estimates::{Estimate, FittedModel, Profiled, StartRecord, TableRecord};
 pub use plan::Fit;
 
 use estimates::estimate;
-use prediction::{NoPrediction, Predictions};
+use no_prediction::NoPrediction;
+use prediction::Predictions;
 use search::Search;
 use std::sync::atomic::AtomicBool;
 
@@ -42,6 +45,9 @@ pub enum FitError {
     /// The grid of the scenario is too coarse for the times of the data.
     #[error("{0}")]
     Unresolved(String),
+    /// No datum changes with a parameter.
+    #[error("{0}")]
+    Untouched(String),
     /// It was stopped.
     #[error("stopped")]
     Stopped,
@@ -98,6 +104,7 @@ fn of_model(name: Option<&str>, error: FitError) -> FitError {
     match error {
         FitError::Start(reason) => FitError::Start(format!("model \"{name}\": {reason}")),
         FitError::Unresolved(reason) => FitError::Unresolved(format!("model \"{name}\": {reason}")),
-        error => error,
+        FitError::Untouched(reason) => FitError::Untouched(format!("model \"{name}\": {reason}")),
+        FitError::Stopped => FitError::Stopped,
     }
 }

@@ -58,6 +58,9 @@ pub(crate) fn fit<'py>(
                 FitError::Unresolved(message) => {
                     Failure::Input { key: "time.step".to_owned(), value: String::new(), message }
                 }
+                FitError::Untouched(message) => {
+                    Failure::Input { key: "free".to_owned(), value: String::new(), message }
+                }
                 other => Failure::Failed(other.to_string()),
             })?;
             Ok((plan, found))

@@ -94,6 +94,30 @@ def test_frames_and_missing_numbers():
         fvi.fit(OSCILLATOR, FREE, {"frame": frame, "columns": {"t": "Zeit", "q0": "Position [m]"}})
 
 
+def test_a_parameter_that_touches_nothing_stops():
+    system = {**OSCILLATOR["system"], "parameters": {"k": 4.0, "unused": 1.0}}
+    with pytest.raises(fvi.InputError, match="no datum changes with system.parameters.unused"):
+        fvi.fit({**OSCILLATOR, "system": system}, [STIFFNESS, "system.parameters.unused"], record())
+
+
+def test_relaxation_and_creep():
+    solid = {
+        "system": {
+            "mass": [1.0],
+            "stiffness": [[1.0]],
+            "damping": [{"coefficient": [1.0], "kernel": {"form": "prony", "strengths": [1.0], "times": [1.0]}}],
+        },
+        "time": {"step": 0.1, "steps": 10},
+    }
+    free = {path: {"scale": "log"} for path in ("system.stiffness[0][0]", "system.damping[0].coefficient[0]", "system.damping[0].kernel.times[0]")}
+    t = np.geomspace(0.01, 10, 40)
+    relaxation = {"t": t, "relaxation": 2 + 5 * np.exp(-t / 0.3), "relative_deviation": 0.01}
+    creep = {"t": t, "creep": (1 - 5 / 7 * np.exp(-t * 2 / (0.3 * 7))) / 2, "relative_deviation": 0.01}
+    for data in (relaxation, creep, [relaxation, creep]):
+        found = fvi.fit(solid, free, data)
+        assert np.allclose(list(found.estimates.values()), [2, 5, 0.3], rtol=1e-8)
+
+
 def test_frequencies_in_hertz():
     f = np.geomspace(0.02, 2, 30)
     omega = 2 * np.pi * f

@@ -38,6 +38,12 @@ fn invert(
     value.is_finite().then_some(value)
 }
 
+/// The inverse of a transform whose singularities lie on the negative real axis, at a time t > 0: to about
+/// 11 digits. \[TWS06\]
+pub fn on_talbots_contour(time: f64, image: impl Fn(Complex<f64>) -> Complex<f64>) -> f64 {
+    talbot(time, image)
+}
+
 /// The inverse of a transform whose singularities lie on the negative real axis, on Talbot's contour with
 /// the constants of \[TWS06\].
 fn talbot(time: f64, image: impl Fn(Complex<f64>) -> Complex<f64>) -> f64 {

@@ -31,16 +31,24 @@ pub(super) struct Record {
 pub(super) enum Domain {
     /// Time; the data are quantities of the motion.
     Time,
-    /// Frequency; the data are responses of the system linearised about `position`, by default the initial
-    /// position.
-    Frequency { answer: Answer, position: Option<Vec<f64>> },
+    /// Data in closed form: responses of the system linearised about `position`, by default the initial
+    /// position, over frequencies; creep and relaxation of its moduli over time.
+    Closed { over: Over, answer: Answer, position: Option<Vec<f64>> },
+}
+
+/// What closed forms are functions of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Over {
+    Time,
+    Frequency,
 }
 
 /// A complex function of the frequency.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Answer {
-    /// The displacement of a coordinate under a force on another one.
-    Receptance { input: usize, output: usize },
+    /// The displacement of a coordinate under a force on another one, or its time derivative of this order:
+    /// receptance, mobility, accelerance.
+    Receptance { input: usize, output: usize, derivative: u8 },
     /// The entry of K + Σ ρ_m K_m(iω) of two coordinates: the modulus of a material without its mass.
     Modulus { input: usize, output: usize },
     /// K_m(iω) of a damping term.
@@ -59,6 +67,13 @@ pub(super) enum Observed {
     Energy,
     Real,
     Imaginary,
+    Magnitude,
+    /// tan δ, the imaginary part over the real part.
+    LossFactor,
+    /// G(t) = L⁻¹\[K/s\].
+    Relaxation,
+    /// J(t) = L⁻¹\[1/(s K)\].
+    Creep,
 }
 
 /// A column of data.
@@ -88,9 +103,15 @@ impl Observed {
     /// Name of the kind of quantity; quantities of one kind have the same unit.
     pub(super) fn kind(self, domain: &Domain) -> &'static str {
         match (self, domain) {
-            (_, Domain::Frequency { answer: Answer::Receptance { .. }, .. }) => "a receptance",
-            (_, Domain::Frequency { answer: Answer::Modulus { .. }, .. }) => "a modulus",
-            (_, Domain::Frequency { answer: Answer::Kernel { .. }, .. }) => "a kernel",
+            (Self::LossFactor, _) => "loss factors",
+            (Self::Creep, _) => "creep",
+            (_, Domain::Closed { answer: Answer::Receptance { derivative, .. }, .. }) => match derivative {
+                0 => "a receptance",
+                1 => "a mobility",
+                _ => "an accelerance",
+            },
+            (_, Domain::Closed { answer: Answer::Modulus { .. }, .. }) => "a modulus",
+            (_, Domain::Closed { answer: Answer::Kernel { .. }, .. }) => "a kernel",
             (Self::Position(_), _) => "positions",
             (Self::Momentum(_), _) => "momenta",
             (Self::Velocity(_), _) => "velocities",
@@ -100,12 +121,17 @@ impl Observed {
     }
 
     fn of_name(name: &str, domain: &Domain) -> Option<Self> {
-        if let Domain::Frequency { .. } = domain {
-            return match name {
-                "re" | "storage" => Some(Self::Real),
-                "im" | "loss" => Some(Self::Imaginary),
-                _ => None,
+        if let Domain::Closed { .. } = domain {
+            let found = match name {
+                "re" | "storage" => Self::Real,
+                "im" | "loss" => Self::Imaginary,
+                "magnitude" => Self::Magnitude,
+                "tan_delta" => Self::LossFactor,
+                "relaxation" => Self::Relaxation,
+                "creep" => Self::Creep,
+                _ => return None,
             };
+            return domain.names().contains(&name).then_some(found);
         }
         if name == "energy" {
             return Some(Self::Energy);
@@ -131,13 +157,28 @@ impl Observed {
         match self {
             Self::Position(index) | Self::Momentum(index) | Self::Velocity(index) => Some(index),
             Self::Acceleration(index) => Some(index),
-            Self::Energy | Self::Real | Self::Imaginary => None,
+            _ => None,
+        }
+    }
+}
+
+/// Columns of data that only a modulus or a kernel has: those over time, then those over frequencies.
+const OF_MATERIALS: [&str; 5] = ["relaxation", "creep", "storage", "loss", "tan_delta"];
+
+impl Domain {
+    /// Names of the columns of closed forms.
+    fn names(&self) -> &'static [&'static str] {
+        match self {
+            Self::Time => &[],
+            Self::Closed { over: Over::Time, .. } => &OF_MATERIALS[..2],
+            Self::Closed { answer: Answer::Receptance { .. }, .. } => &["re", "im", "magnitude"],
+            Self::Closed { .. } => &["storage", "loss", "re", "im", "magnitude", "tan_delta"],
         }
     }
 }
 
 /// Keys of a table of data.
-pub const KEYS: [&str; 12] = [
+pub const KEYS: [&str; 13] = [
     "file",
     "columns",
     "units",
@@ -149,6 +190,7 @@ pub const KEYS: [&str; 12] = [
     "position",
     "deviation",
     "relative_deviation",
+    "relative_to",
     "set",
 ];
 
@@ -177,17 +219,19 @@ impl Record {
         let over = OVER.iter().find_map(|name| cells.column(name));
         let over = over.ok_or_else(|| file.out_of_range("a file with a column t, omega or f"))?;
         let domain = match cells.columns[over].name.as_str() {
-            "t" => {
+            "t" if !OF_MATERIALS[..2].iter().any(|name| cells.column(name).is_some()) => {
                 for key in ["quantity", "input", "output", "term", "position"] {
                     if let Some(value) = table.optional(key) {
-                        let allowed = "data over frequencies, with a column omega or f".to_owned();
-                        let with = "data over time".to_owned();
+                        let allowed =
+                            "data over frequencies, with a column omega or f, and relaxation or creep"
+                                .to_owned();
+                        let with = "data of a motion over time".to_owned();
                         return Err(value.key_error(Problem::Incompatible { with, allowed }));
                     }
                 }
                 Domain::Time
             }
-            _ => frequency(&table, extent)?,
+            over => closed(&table, extent, if over == "t" { Over::Time } else { Over::Frequency }, &cells)?,
         };
         let set = plain.get("set").and_then(toml::Value::as_table);
         let set = set.map_or_else(Vec::new, |set| {
@@ -232,7 +276,12 @@ impl Record {
                 Domain::Time if place > end * (1.0 + 1e-12) => {
                     Some(format!("is after the motion ends, at t = {end}"))
                 }
-                Domain::Frequency { .. } if place <= 0.0 => Some("is not a frequency > 0".to_owned()),
+                Domain::Closed { over: Over::Frequency, .. } if place <= 0.0 => {
+                    Some("is not a frequency > 0".to_owned())
+                }
+                Domain::Closed { over: Over::Time, .. } if place <= 0.0 => {
+                    Some("is not a time > 0 after the step".to_owned())
+                }
                 _ => None,
             };
             if let Some(reason) = reason {
@@ -249,13 +298,13 @@ impl Record {
                 let of = |letter: char| (0..extent.coordinates).map(move |index| format!("{letter}{index}"));
                 "qpva".chars().flat_map(of).chain(["energy".to_owned()]).collect()
             }
-            Domain::Frequency { .. } => ["re", "im", "storage", "loss"].map(str::to_owned).to_vec(),
+            Domain::Closed { .. } => self.domain.names().iter().map(|name| (*name).to_owned()).collect(),
         };
         let allowed = match self.domain {
             Domain::Time => {
                 format!("q0, p0, v0, a0 and so on to {}, energy", extent.coordinates.saturating_sub(1))
             }
-            Domain::Frequency { .. } => "re and im, or storage and loss".to_owned(),
+            Domain::Closed { .. } => self.domain.names().join(", "),
         };
         let more = format!("a column with {DEVIATION} behind its name, deviation, weight");
         for (index, place) in cells.columns.iter().enumerate() {
@@ -341,9 +390,11 @@ impl Record {
         let mut ways: Vec<String> = Vec::new();
         ways.extend(of_columns.first().map(|name| format!("the column {name}")));
         ways.extend(by_weight.map(|_| "the column weight".to_owned()));
+        // As tables both may stand there, each for columns of its own.
+        let both = [&deviation, &relative].iter().all(|value| value.as_ref().is_some_and(Value::is_table));
         let keys = [("deviation", &deviation), ("relative_deviation", &relative)];
         for (key, value) in keys {
-            if let (Some(value), Some(other)) = (value, ways.first()) {
+            if let (Some(value), Some(other), false) = (value, ways.first(), both && ways.len() == 1) {
                 return Err(value.key_error(Problem::Conflict { other: other.clone() }));
             }
             ways.extend(value.as_ref().map(|_| key.to_owned()));
@@ -383,40 +434,76 @@ impl Record {
                 None => {}
             }
         }
-        if let Some(value) = &deviation {
-            if value.is_table() {
-                let table = value.table()?;
-                let names: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
-                table.allow(&names)?;
-                for column in &mut self.columns {
-                    let one = table.required(&column.name)?.positive()?;
-                    column.deviations.fill(one);
-                }
-            } else {
-                let one = value.positive()?;
-                self.columns.iter_mut().for_each(|column| column.deviations.fill(one));
-            }
-        }
-        if let Some(value) = &relative {
-            let share = value.positive()?;
-            for row in 0..self.places.len() {
-                // For a complex number its magnitude is decisive, so that its real or imaginary part may be
-                // zero.
-                let whole = self.columns.iter().map(|column| column.values[row].powi(2)).sum::<f64>().sqrt();
-                for column in &mut self.columns {
-                    let size = match self.domain {
-                        Domain::Time => column.values[row].abs(),
-                        Domain::Frequency { .. } => whole,
-                    };
-                    if size == 0.0 {
-                        let reason = format!("{} = 0 has no deviation relative to it", column.name);
-                        return Err(cells.fault(cells.rows[row].0, reason));
-                    }
-                    column.deviations[row] = share * size;
-                }
-            }
-        }
+        self.read_deviation_keys(cells, table, [deviation.as_ref(), relative.as_ref()])?;
         self.check_sizes(cells, &ways)
+    }
+
+    /// `deviation` and `relative_deviation`, each a number or a table by columns.
+    fn read_deviation_keys(
+        &mut self,
+        cells: &Cells<'_, '_>,
+        table: &Table<'_>,
+        [deviation, relative]: [Option<&Value<'_>>; 2],
+    ) -> Result<(), InputError> {
+        let names: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
+        let of_column = |value: Option<&Value<'_>>, name: &str| -> Result<Option<f64>, InputError> {
+            let Some(value) = value else { return Ok(None) };
+            if !value.is_table() {
+                return value.positive().map(Some);
+            }
+            value.table()?.optional(name).map(|value| value.positive()).transpose()
+        };
+        for value in [deviation, relative].into_iter().flatten().filter(|value| value.is_table()) {
+            value.table()?.allow(&names)?;
+        }
+        let to = table.optional("relative_to");
+        let to_magnitude = match (&to, relative) {
+            (Some(value), None) => {
+                let allowed = "it beside `relative_deviation`".to_owned();
+                return Err(
+                    value.key_error(Problem::Incompatible { with: "no such deviation".to_owned(), allowed })
+                );
+            }
+            (Some(value), _) => Some(value.choice(&[("datum", false), ("magnitude", true)])?),
+            (None, _) => None,
+        };
+        let mut shares = Vec::new();
+        for name in &names {
+            let (one, share) = (of_column(deviation, name)?, of_column(relative, name)?);
+            match (deviation.or(relative), one, share) {
+                (Some(value), Some(_), Some(_)) => {
+                    return Err(value.out_of_range(format!(
+                        "one deviation of {name}, in `deviation` or in `relative_deviation`"
+                    )));
+                }
+                (Some(value), None, None) => {
+                    return Err(
+                        value.out_of_range(format!("a deviation of each column: that of {name} is missing"))
+                    );
+                }
+                _ => shares.push((one, share)),
+            }
+        }
+        let is_part = |column: &Column| matches!(column.what, Observed::Real | Observed::Imaginary);
+        for row in 0..self.places.len() {
+            // Of a complex number, so that its real or imaginary part may be zero.
+            let parts = self.columns.iter().filter(|column| is_part(column));
+            let whole = parts.map(|column| column.values[row].powi(2)).sum::<f64>().sqrt();
+            for (column, (one, share)) in self.columns.iter_mut().zip(&shares) {
+                if let Some(one) = one {
+                    column.deviations[row] = *one;
+                }
+                let Some(share) = share else { continue };
+                let of_whole = to_magnitude.unwrap_or(matches!(column.name.as_str(), "re" | "im"));
+                let size = if is_part(column) && of_whole { whole } else { column.values[row].abs() };
+                if size == 0.0 {
+                    let reason = format!("{} = 0 has no deviation relative to it", column.name);
+                    return Err(cells.fault(cells.rows[row].0, reason));
+                }
+                column.deviations[row] = share * size;
+            }
+        }
+        Ok(())
     }
 
     /// Checks that the squares of data over deviations neither overflow nor underflow.
@@ -454,8 +541,8 @@ impl Record {
     pub(super) fn check_extent(&self, extent: Extent) -> Result<(), String> {
         let highest = self.columns.iter().filter_map(|column| column.what.coordinate()).max();
         let highest = match self.domain {
-            Domain::Frequency {
-                answer: Answer::Receptance { input, output } | Answer::Modulus { input, output },
+            Domain::Closed {
+                answer: Answer::Receptance { input, output, .. } | Answer::Modulus { input, output },
                 ..
             } => Some(input.max(output)),
             _ => highest,
@@ -464,7 +551,7 @@ impl Record {
             return Err(format!("data of coordinate {highest} of {}", extent.coordinates));
         }
         match self.domain {
-            Domain::Frequency { answer: Answer::Kernel { term }, .. } if term >= extent.terms => {
+            Domain::Closed { answer: Answer::Kernel { term }, .. } if term >= extent.terms => {
                 Err(format!("data of damping term {term} of {}", extent.terms))
             }
             _ => Ok(()),
@@ -494,17 +581,41 @@ impl Record {
 
     /// Name of the independent variable.
     pub(super) fn over(&self) -> &'static str {
-        if self.domain == Domain::Time { "t" } else { "omega" }
+        match self.domain {
+            Domain::Time | Domain::Closed { over: Over::Time, .. } => "t",
+            Domain::Closed { over: Over::Frequency, .. } => "omega",
+        }
     }
 }
 
-/// Reads what the data of a table over frequencies are.
-fn frequency(table: &Table<'_>, extent: Extent) -> Result<Domain, InputError> {
+/// Quantities of `quantity`.
+const QUANTITIES: [(&str, usize); 5] =
+    [("receptance", 0), ("mobility", 1), ("accelerance", 2), ("modulus", 3), ("kernel", 4)];
+const MODULUS: usize = 3;
+const KERNEL: usize = 4;
+
+/// Reads what the data of a table of closed forms are.
+fn closed(
+    table: &Table<'_>,
+    extent: Extent,
+    over: Over,
+    cells: &Cells<'_, '_>,
+) -> Result<Domain, InputError> {
     let (input, output, term) = (table.optional("input"), table.optional("output"), table.optional("term"));
-    let names = [("receptance", 0), ("modulus", 1), ("kernel", 2)];
+    let of_material = OF_MATERIALS.iter().find(|name| cells.column(name).is_some());
     let quantity = match table.optional("quantity") {
-        Some(value) => value.choice(&names)?,
-        None if term.is_some() => 2,
+        Some(value) => {
+            let quantity = value.choice(&QUANTITIES)?;
+            if let (Some(name), true) = (of_material, quantity < MODULUS) {
+                let allowed = "\"modulus\" or \"kernel\"".to_owned();
+                return Err(
+                    value.error(Problem::Incompatible { with: format!("the column {name}"), allowed })
+                );
+            }
+            quantity
+        }
+        None if term.is_some() => KERNEL,
+        None if of_material.is_some() => MODULUS,
         None => 0,
     };
     let index = |value: &Option<Value<'_>>, count: usize| match value {
@@ -513,13 +624,13 @@ fn frequency(table: &Table<'_>, extent: Extent) -> Result<Domain, InputError> {
     };
     let belongs = |value: &Option<Value<'_>>, to: &str| match value {
         Some(value) => Err(value.key_error(Problem::Incompatible {
-            with: format!("the quantity \"{}\"", names[quantity].0),
+            with: format!("the quantity \"{}\"", QUANTITIES[quantity].0),
             allowed: to.to_owned(),
         })),
         None => Ok(()),
     };
     let position = table.optional("position");
-    let answer = if quantity == 2 {
+    let answer = if quantity == KERNEL {
         belongs(&input, "`term`")?;
         belongs(&output, "`term`")?;
         belongs(&position, "`term`")?;
@@ -533,8 +644,11 @@ fn frequency(table: &Table<'_>, extent: Extent) -> Result<Domain, InputError> {
     } else {
         belongs(&term, "`input` and `output`; a damping term's own K(iω) is the quantity \"kernel\"")?;
         let (input, output) = (index(&input, extent.coordinates)?, index(&output, extent.coordinates)?);
-        if quantity == 0 { Answer::Receptance { input, output } } else { Answer::Modulus { input, output } }
+        match quantity {
+            MODULUS => Answer::Modulus { input, output },
+            derivative => Answer::Receptance { input, output, derivative: derivative as u8 },
+        }
     };
     let position = position.map(|value| value.vector(extent.coordinates)).transpose()?;
-    Ok(Domain::Frequency { answer, position })
+    Ok(Domain::Closed { over, answer, position })
 }

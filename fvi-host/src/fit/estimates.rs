@@ -3,9 +3,10 @@
 use super::FitError;
 use super::data::{Deviations, Domain};
 use super::least_squares::{End, Minimum, Refusal, gradient, held};
+use super::no_prediction::NoPrediction;
 use super::plan::{Fit, Free, Model, Profile, Scale};
-use super::prediction::{NoPrediction, Predicted};
-use super::search::{Search, Stopped};
+use super::prediction::Predicted;
+use super::search::{Ended, Search};
 use super::statistics::{Covariance, excess, half_width};
 use fvi_fft::sums::max_or_nan;
 use serde::Serialize;
@@ -157,11 +158,12 @@ const NEARLY_TOGETHER: f64 = 0.99;
 /// estimate.
 const FAR: f64 = 1000.0;
 
-impl From<Refusal<Stopped>> for FitError {
-    fn from(refusal: Refusal<Stopped>) -> Self {
+impl From<Refusal<Ended>> for FitError {
+    fn from(refusal: Refusal<Ended>) -> Self {
         match refusal {
             Refusal::Point(reason) => Self::Start(reason),
-            Refusal::End(Stopped) => Self::Stopped,
+            Refusal::End(Ended::Stopped) => Self::Stopped,
+            Refusal::End(Ended::Untouched(reason)) => Self::Untouched(reason),
         }
     }
 }
@@ -286,7 +288,7 @@ pub(super) fn estimate(
     notes.extend(plan.records.iter().filter_map(super::data::Record::left_out_note));
     if plan.records.iter().any(|record| record.domain != Domain::Time) {
         let of =
-            "derivatives of data over frequencies are differences of order four of closed forms".to_owned();
+            "derivatives of data over frequencies, of creep and of relaxation are differences of order four of closed forms".to_owned();
         notes.push(of);
     }
     let logarithms: f64 = search.deviations.iter().map(|deviation| libm::log(*deviation)).sum();

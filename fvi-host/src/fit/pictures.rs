@@ -1,7 +1,7 @@
 //! The pictures of a fit: data with model, and residuals.
 
 use super::FittedModel;
-use super::data::{Column, Deviations, Domain, Record};
+use super::data::{Column, Deviations, Domain, Over, Record};
 use super::plan::Fit;
 use crate::results::picture::{Axis, Chart, Series, Style};
 
@@ -16,7 +16,10 @@ pub(super) fn charts(plan: &Fit, fitted: &FittedModel) -> Vec<(String, Chart)> {
         let values = || record.columns.iter().flat_map(|column| &column.values).chain(told.iter().flatten());
         let over = || match record.domain {
             Domain::Time => Axis::linear("time t").in_units(&appearance.units.time),
-            Domain::Frequency { .. } => Axis::logarithmic("angular frequency ω"),
+            Domain::Closed { over: Over::Time, .. } => {
+                Axis::logarithmic("time t").in_units(&appearance.units.time)
+            }
+            Domain::Closed { over: Over::Frequency, .. } => Axis::logarithmic("angular frequency ω"),
         };
         // Moduli span decades; parts of a receptance have either sign.
         let is_positive = record.domain != Domain::Time && values().all(|&value| value > 0.0);

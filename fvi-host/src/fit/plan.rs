@@ -1,6 +1,6 @@
 //! The file of a fit: a scenario, which of its numbers are free, and the data.
 
-use super::data::{Deviations, Extent, Record};
+use super::data::{Deviations, Domain, Extent, Record};
 use fvi_scenario::language::document::{Document, Table, Value};
 use fvi_scenario::language::{InputError, Problem, put, value_at};
 #[cfg(feature = "pictures")]
@@ -504,13 +504,13 @@ impl Model {
         scenario.check_use(Feature::Fit)?;
         let own = extent(&scenario);
         let highest = record.places.last().copied().unwrap_or(0.0);
-        if record.over() == "t" && highest > own.end * (1.0 + 1e-12) {
+        if record.domain == Domain::Time && highest > own.end * (1.0 + 1e-12) {
             let end = own.end;
             let reason = format!("data up to t = {highest}: the motion ends at t = {end}");
             return Err(refused(place, &self.base, &reason));
         }
         let lowest = record.places.first().copied().unwrap_or(f64::INFINITY);
-        if record.over() == "t" && lowest < own.begin * (1.0 - 1e-12) {
+        if record.domain == Domain::Time && lowest < own.begin * (1.0 - 1e-12) {
             let reason = format!("data from t = {lowest} on: the motion begins at t = {}", own.begin);
             return Err(refused(place, &self.base, &reason));
         }

@@ -1,34 +1,19 @@
 //! Predictions of a model for the data, and their derivatives with respect to its parameters.
 
-use super::data::{Answer, Domain, Observed, Record};
+use super::closed::Closed;
+use super::data::{Domain, Observed, Record};
 use super::interpolation::{Sought, Stencil};
+use super::no_prediction::NoPrediction;
 use super::plan::{Free, Model, put_number, said};
-use fvi_core::{Instant, Mechanics};
+use fvi_core::Mechanics;
 use fvi_fft::memory::Tables;
-use fvi_fft::transfer::laplace::whole;
 use fvi_scenario::language::{InputError, put};
 use fvi_scenario::scenario::{KnownMatrices, Quantity, Scenario};
-use fvi_simulation::model::{Matrix, Model as System};
+use fvi_simulation::model::Model as System;
 use fvi_simulation::simulation::motion::Motion;
-use fvi_simulation::simulation::response::Linearised;
 use fvi_simulation::simulation::{GridState, Precision};
-use nalgebra::{Complex, DMatrix, DVector};
+use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// Why there is no prediction.
-#[derive(Debug)]
-pub(super) enum NoPrediction {
-    /// The scenario is invalid with these values, or its run fails.
-    Refused(String),
-    /// It was stopped.
-    Stopped,
-}
-
-impl From<InputError> for NoPrediction {
-    fn from(error: InputError) -> Self {
-        Self::Refused(said(&error))
-    }
-}
 
 /// Relative step of a parameter in finite differences of runs.
 const RUN_CHANGE: f64 = 3e-5;
@@ -210,7 +195,7 @@ impl<'f> Predictions<'f> {
     }
 
     /// A neighbouring point, each parameter moved in the direction in which its bound is farther away.
-    fn nudged(&self, point: &[f64]) -> Vec<f64> {
+    pub(super) fn nudged(&self, point: &[f64]) -> Vec<f64> {
         let nudge = |(free, &value): (&Free, &f64)| {
             let change = NUDGE * size(free, value);
             let middle = 0.5 * (free.bounds.0 + free.bounds.1);
@@ -325,6 +310,7 @@ impl<'f> Predictions<'f> {
         let change = relative * size(&self.model.free[parameter], point[parameter]);
         let mut attempt = |shares: &[(f64, f64)]| -> Result<DVector<f64>, NoPrediction> {
             let mut sum = DVector::zeros(predicted.values.len());
+            let mut first: Option<DVector<f64>> = None;
             for &(offset, share) in shares {
                 let mut beside = point.to_vec();
                 beside[parameter] += offset * change;
@@ -334,7 +320,12 @@ impl<'f> Predictions<'f> {
                     jacobian: None,
                 };
                 compute(self, &beside, &mut other)?;
-                sum.axpy(share / change, &other.values, 1.0);
+                // The shares sum to 0: with differences from one of the points the sum is exactly 0 where
+                // nothing changes.
+                match &first {
+                    Some(first) => sum.axpy(share / change, &(other.values - first), 1.0),
+                    None => first = Some(other.values),
+                }
             }
             Ok(sum)
         };
@@ -460,46 +451,13 @@ impl<'f> Predictions<'f> {
         }
         let scenario = self.scenario(record, point, &[])?;
         let table = &self.records[record];
-        let Domain::Frequency { answer, position } = &table.domain else { return Ok(()) };
+        let Domain::Closed { over, answer, position } = &table.domain else { return Ok(()) };
         let position = position.as_ref().unwrap_or(&scenario.initial.position);
-        let linearised = match answer {
-            Answer::Receptance { .. } => Some(Linearised::new(&scenario, position)?),
-            _ => None,
-        };
-        let stiffness = match answer {
-            Answer::Modulus { .. } => static_stiffness(&scenario, position)?,
-            _ => DMatrix::zeros(0, 0),
-        };
-        for (row, &omega) in table.places.iter().enumerate() {
-            let s = Complex::new(0.0, omega);
-            let value = match *answer {
-                Answer::Receptance { input, output } => {
-                    let Some(linearised) = &linearised else { continue };
-                    linearised.response(omega, input).map_err(NoPrediction::Refused)?[output]
-                }
-                Answer::Kernel { term } => match scenario.system.damping.get(term) {
-                    Some(term) => whole(&term.transfer, s),
-                    None => continue,
-                },
-                Answer::Modulus { input, output } => {
-                    let mut sum = Complex::new(stiffness[(output, input)], 0.0);
-                    for term in &scenario.system.damping {
-                        let entry = fvi_simulation::model::matrix::<f64>(&term.coefficient)
-                            .entries()
-                            .into_iter()
-                            .filter(|&(row, column, _)| (row, column) == (output, input))
-                            .map(|(.., entry)| entry)
-                            .sum::<f64>();
-                        // The kernel's spring is already part of the stiffness matrix.
-                        sum += (whole(&term.transfer, s) - term.transfer.spring()) * entry;
-                    }
-                    sum
-                }
-            };
-            for (column, data) in table.columns.iter().enumerate() {
-                let place = self.begins[record] + row * table.columns.len() + column;
-                predicted.values[place] = if data.what == Observed::Real { value.re } else { value.im };
-            }
+        let closed = Closed::new(&scenario, *answer, position)?;
+        for (row, &place) in table.places.iter().enumerate() {
+            let begin = self.begins[record] + row * table.columns.len();
+            let columns = table.columns.iter().map(|column| column.what);
+            closed.write(*over, place, columns, &mut predicted.values.as_mut_slice()[begin..])?;
         }
         Ok(())
     }
@@ -510,35 +468,6 @@ fn size(free: &Free, value: f64) -> f64 {
     let typical =
         if free.scale == super::plan::Scale::Logarithmic { value.abs() } else { free.typical(value) };
     value.abs().max(typical)
-}
-
-/// K = ∂²U/∂q² − ∂F/∂q at t = 0, with the springs of kernels.
-fn static_stiffness(scenario: &Scenario, position: &[f64]) -> Result<DMatrix<f64>, NoPrediction> {
-    if scenario.system.has_forces_of_velocity() {
-        return Err(NoPrediction::Refused(
-            "system.force: a modulus of a system with forces of the velocity, which it leaves out; linear damping is \
-             `[[system.damping]]` with `order` = 1"
-                .to_owned(),
-        ));
-    }
-    if scenario.system.gyroscopic.is_some() {
-        return Err(NoPrediction::Refused(
-            "system.gyroscopic: a modulus of a system with gyroscopic forces, which it leaves out; give the \
-             modulus by a scenario without them"
-                .to_owned(),
-        ));
-    }
-    let size = scenario.coordinates();
-    let mut system =
-        System::<f64>::new(scenario).map_err(|error| NoPrediction::Refused(error.to_string()))?;
-    let mut stiffness = system.stiffness();
-    let mut pull = vec![0.0; size];
-    system.linearise(Instant::in_step(0.0, 0.5, 0.0), &position.to_vec(), &mut pull, &mut stiffness);
-    let mut dense = DMatrix::zeros(size, size);
-    for (row, column, entry) in Matrix::entries(&stiffness) {
-        dense[(row, column)] = entry;
-    }
-    Ok(dense)
 }
 
 /// A system with a changed value of one parameter, and the change.
@@ -683,7 +612,7 @@ impl Derived {
             Observed::Momentum(index) => self.momentum[index],
             Observed::Velocity(index) | Observed::Acceleration(index) => self.velocity[index],
             Observed::Energy => self.energy,
-            Observed::Real | Observed::Imaginary => f64::NAN,
+            _ => f64::NAN,
         }
     }
 
@@ -694,7 +623,7 @@ impl Derived {
             Observed::Momentum(index) => self.momentum_slopes[at + index],
             Observed::Velocity(index) | Observed::Acceleration(index) => self.velocity_slopes[at + index],
             Observed::Energy => self.energy_slopes[column],
-            Observed::Real | Observed::Imaginary => f64::NAN,
+            _ => f64::NAN,
         }
     }
 }

@@ -2,9 +2,10 @@
 
 use super::data::Record;
 use super::least_squares::{Evaluation, Minimum, Refusal, Region, Residuals, minimise};
+use super::no_prediction::NoPrediction;
 use super::plan::{Fit, Free, Model, Scale};
-use super::prediction::{NoPrediction, Predicted, Predictions};
-use nalgebra::DVector;
+use super::prediction::{Predicted, Predictions};
+use nalgebra::{DMatrix, DVector};
 
 /// The residuals of a model's predictions.
 pub(super) struct Search<'p, 'f> {
@@ -13,25 +14,40 @@ pub(super) struct Search<'p, 'f> {
     pub(super) data: DVector<f64>,
     pub(super) deviations: DVector<f64>,
     most_iterations: usize,
+    /// True once it is known that some datum changes with each parameter.
+    are_touched: bool,
 }
 
 /// Rounding errors of residuals, relative to the largest datum.
 const ROUNDING: f64 = 1e-13;
 
-/// The search was stopped.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Stopped;
+/// Why a search ended without a result.
+#[derive(Clone, Debug)]
+pub(super) enum Ended {
+    /// It was stopped.
+    Stopped,
+    /// No datum changes with a parameter: a sentence that names it.
+    Untouched(String),
+}
+
+impl From<NoPrediction> for Refusal<Ended> {
+    fn from(reason: NoPrediction) -> Self {
+        match reason {
+            NoPrediction::Refused(reason) => Self::Point(reason),
+            NoPrediction::Stopped => Self::End(Ended::Stopped),
+        }
+    }
+}
 
 impl Residuals for Search<'_, '_> {
-    type End = Stopped;
+    type End = Ended;
 
-    fn evaluate(&mut self, point: &[f64], derivatives: bool) -> Result<Evaluation, Refusal<Stopped>> {
+    fn evaluate(&mut self, point: &[f64], derivatives: bool) -> Result<Evaluation, Refusal<Ended>> {
         let values = self.outside(point);
-        let Predicted { values: told, jacobian, .. } =
-            self.predictions.at(&values, derivatives).map_err(|reason| match reason {
-                NoPrediction::Refused(reason) => Refusal::Point(reason),
-                NoPrediction::Stopped => Refusal::End(Stopped),
-            })?;
+        let Predicted { values: told, jacobian, .. } = self.predictions.at(&values, derivatives)?;
+        if let (Some(jacobian), false) = (&jacobian, self.are_touched) {
+            self.check_touched(&values, jacobian)?;
+        }
         let residuals = (told - &self.data).component_div(&self.deviations);
         let jacobian = jacobian.map(|mut jacobian| {
             for (index, mut column) in jacobian.column_iter_mut().enumerate() {
@@ -70,7 +86,31 @@ impl<'p, 'f> Search<'p, 'f> {
             data: all(|column| &column.values),
             deviations: all(|column| &column.deviations),
             most_iterations: plan.most_iterations,
+            are_touched: false,
         }
+    }
+
+    /// Refuses a parameter with which no datum changes, neither at these values nor beside them, where a
+    /// derivative that vanishes by chance does not.
+    fn check_touched(&mut self, values: &[f64], jacobian: &DMatrix<f64>) -> Result<(), Refusal<Ended>> {
+        let untouched = |jacobian: &DMatrix<f64>| -> Vec<usize> {
+            (0..jacobian.ncols())
+                .filter(|&index| jacobian.column(index).iter().all(|&slope| slope == 0.0))
+                .collect()
+        };
+        let here = untouched(jacobian);
+        if !here.is_empty() {
+            let beside = self.predictions.at(&self.predictions.nudged(values), true)?.jacobian;
+            let beside = beside.map_or_else(Vec::new, |jacobian| untouched(&jacobian));
+            if let Some(&index) = here.iter().find(|index| beside.contains(index)) {
+                return Err(Refusal::End(Ended::Untouched(format!(
+                    "no datum changes with {}: leave it out of `free`, or give data that depend on it",
+                    self.free[index].key()
+                ))));
+            }
+        }
+        self.are_touched = true;
+        Ok(())
     }
 
     /// The values of the parameters at a point of the search.
@@ -96,7 +136,7 @@ impl<'p, 'f> Search<'p, 'f> {
     }
 
     /// Minimises the sum of squares from a start; the parameter `hold`, if any, keeps its value.
-    pub(super) fn from(&mut self, start: &[f64], hold: Option<usize>) -> Result<Minimum, Refusal<Stopped>> {
+    pub(super) fn from(&mut self, start: &[f64], hold: Option<usize>) -> Result<Minimum, Refusal<Ended>> {
         let mut region = self.region(&self.outside(start));
         if let Some(index) = hold {
             (region.lower[index], region.upper[index]) = (start[index], start[index]);

@@ -32,7 +32,7 @@ impl FitArguments {
             FitError::Start(reason) => {
                 CommandError::Unsuited(format!("there is no motion where the parameters start: {reason}"))
             }
-            FitError::Unresolved(reason) => CommandError::Unsuited(reason),
+            FitError::Unresolved(reason) | FitError::Untouched(reason) => CommandError::Unsuited(reason),
             FitError::Stopped => CommandError::Stopped("stopped; nothing was written".to_owned()),
             other => CommandError::Failed(other.to_string()),
         })?;

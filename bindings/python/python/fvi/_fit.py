@@ -240,10 +240,12 @@ def fit(
         value, or a dictionary of `start` (default: the scenario's value), `bounds`, `scale` ("linear" or "log") and `data`, the
         index of the only table that the parameter applies to.
     data : dict or DataFrame, or list of them
-        Tables of data: `t` and any of `q0`, `p0`, `v0`, `a0`, …, `energy`; or `omega` with `re` and `im`, or `storage` and
-        `loss`, or a complex `value`: a receptance (`input`, `output`), with ``quantity="modulus"`` the entry of
-        K + Σ ρ K(iω), or K(iω) of the damping `term`. `deviation`, a number, an array or a dictionary by columns;
-        `relative_deviation`; or `weight`, an array. `set`: values of the scenario for this table, by their paths.
+        Tables of data: `t` and any of `q0`, `p0`, `v0`, `a0`, …, `energy`; or `omega` with `re` and `im`, a complex
+        `value`, or `magnitude`: a receptance (`input`, `output`), or with `quantity` a "mobility" or "accelerance"; or `omega`
+        with `storage`, `loss`, `magnitude`, `tan_delta`, or `t` with `relaxation` or `creep`: those of the modulus
+        K + Σ ρ K(s), or of K(s) of the damping `term`. `deviation`, a number, an array or a dictionary by columns;
+        `relative_deviation`, a fraction of each datum, a number or a dictionary by columns, for `re` and `im` of their
+        magnitude unless `relative_to` is "datum" or "magnitude"; or `weight`, an array. `set`: values of the scenario for this table, by their paths.
         `f`, in Hz, may stand in place of `omega`. `frame`, a DataFrame, whose index counts as a column if it has a name, or
         `file`, a table with commas, semicolons, tabs or spaces, stand in place of the columns, or a DataFrame in place of the
         dictionary. `columns`: names of the columns there by those above, such as ``{"omega": "Angular Frequency"}``; `units`:

@@ -1,0 +1,19 @@
+//! Why there is no prediction.
+
+use super::plan::said;
+use fvi_scenario::language::InputError;
+
+/// Why there is no prediction.
+#[derive(Debug)]
+pub(super) enum NoPrediction {
+    /// The scenario is invalid with these values, or its run fails.
+    Refused(String),
+    /// It was stopped.
+    Stopped,
+}
+
+impl From<InputError> for NoPrediction {
+    fn from(error: InputError) -> Self {
+        Self::Refused(said(&error))
+    }
+}
