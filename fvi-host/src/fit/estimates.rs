@@ -2,7 +2,7 @@
 
 use super::FitError;
 use super::data::{Deviations, Domain};
-use super::least_squares::{End, Minimum, Refusal, gradient, held};
+use super::least_squares::{End, Minimum, Refusal, Region, gradient, held};
 use super::no_prediction::NoPrediction;
 use super::plan::{Fit, Free, Model, Profile, Scale};
 use super::prediction::Predicted;
@@ -185,98 +185,24 @@ pub(super) fn estimate(
     let predicted = search.predictions.at(&search.outside(&best.point), false)?;
     check_resolution(plan, search, &predicted)?;
     let values = search.outside(&best.point);
-    let region = search.region(&values);
-    let count = model.free.len();
-    let at_bounds = held(&best.point, &region, &gradient(&best.evaluation));
-    let free: Vec<usize> = (0..count).filter(|&index| !at_bounds[index]).collect();
-    let chi2 = 2.0 * best.evaluation.cost();
-    let data = plan.data();
-    let is_exact = search.predictions.are_all_exact();
-    let typical: Vec<f64> = free.iter().map(|&index| region.typical[index]).collect();
-    let jacobian = best.evaluation.jacobian.as_ref().map(|jacobian| jacobian.select_columns(&free));
-    let jacobian = jacobian.unwrap_or_else(|| nalgebra::DMatrix::zeros(data, free.len()));
-    let covariance = Covariance::of(&jacobian, if is_exact { EXACT } else { DIFFERENCES }, &typical);
-    let determined = free.len().saturating_sub(covariance.undetermined.len());
-    let degrees_of_freedom = data.saturating_sub(determined);
-    let reduced_chi2 = (degrees_of_freedom > 0).then(|| chi2 / degrees_of_freedom as f64);
     let known = plan.deviations == Deviations::Known;
-    let variance = if known { Some(1.0) } else { reduced_chi2 };
-    let width = half_width((!known).then_some(degrees_of_freedom));
-    let error_of = |column: usize| {
-        let is_known = !covariance.is_undetermined(column);
-        let variance = variance.filter(|_| is_known)?;
-        Some((covariance.matrix[(column, column)].max(0.0) * variance).sqrt())
-    };
-    let mut undetermined: Vec<String> =
-        covariance.undetermined.iter().map(|direction| in_words(direction, &free, &model.free)).collect();
-    if variance.is_none() {
-        undetermined.push(format!(
-            "there are {data} data for {determined} parameters: nothing is left from which the size of their deviations, and so \
-             any standard error, could be told"
-        ));
-    }
-    let mut notes = Vec::new();
-    let mut parameters = Vec::new();
-    for (index, sought) in model.free.iter().enumerate() {
-        let column = free.iter().position(|&own| own == index);
-        let error = column.and_then(error_of).filter(|error| error.is_finite());
-        let (x, value) = (best.point[index], values[index]);
-        let mut interval = None;
-        if let Some(error) = error {
-            let half = width * error;
-            match too_wide(sought, value, half) {
-                Some(sentence) => undetermined.push(sentence),
-                None => interval = Some([x - half, x + half].map(|end| sought.scale.outside(end))),
-            }
-        }
-        let at_bound = at_bounds[index].then(|| if x <= region.lower[index] { "lower" } else { "upper" });
-        if let Some(bound) = at_bound {
-            notes.push(format!(
-                "{} is at its {bound} bound {value}: the data would have it beyond, so it has no interval, and those of the \
-                 others are with it there",
-                sought.key()
-            ));
-        }
-        let reason = search.predictions.reason(index).map(str::to_owned);
-        let bounds = [sought.bounds.0, sought.bounds.1];
-        let stretch = if sought.scale == Scale::Logarithmic { value } else { 1.0 };
-        let estimate = Estimate {
-            start: sought.start,
-            estimate: value,
-            standard_error: error.map(|error| error * stretch),
-            interval,
-            bounds: bounds.map(|bound| bound.is_finite().then_some(bound)),
-            scale: if sought.scale == Scale::Logarithmic { "log" } else { "linear" },
-            at_bound,
-            derivative: if reason.is_none() { "exact" } else { "differences" },
-            derivative_note: reason,
-            profile: None,
-        };
-        parameters.push((sought.key(), estimate));
-    }
-    let place = |index: usize| free.iter().position(|&own| own == index);
-    let correlation_of = |row: usize, column: usize| {
-        let (a, b) = (place(row)?, place(column)?);
-        let (one, other) = (error_of(a)?, error_of(b)?);
-        let both = covariance.matrix[(a, b)] * variance?;
-        let found = if row == column { 1.0 } else { (both / (one * other)).clamp(-1.0, 1.0) };
-        found.is_finite().then_some(found)
-    };
-    let correlation: Vec<Vec<Option<f64>>> =
-        (0..count).map(|row| (0..count).map(|column| correlation_of(row, column)).collect()).collect();
-    for (row, found) in correlation.iter().enumerate() {
-        let nearly = |found: &Option<f64>| found.filter(|found| found.abs() > NEARLY_TOGETHER);
-        for (column, found) in found.iter().enumerate().skip(row + 1) {
-            let Some(found) = nearly(found) else { continue };
-            notes.push(format!(
-                "{} and {} are nearly one number to the data: correlation {found:.5}",
-                model.free[row].key(),
-                model.free[column].key()
-            ));
-        }
-    }
+    let uncertainty = Uncertainty::of(search, &best, values, plan.data(), known);
+    let (mut undetermined, mut notes) = (uncertainty.undetermined(model), Vec::new());
+    let parameters: Vec<(String, Estimate)> = (model.free.iter().enumerate())
+        .map(|(index, sought)| {
+            let reason = search.predictions.reason(index).map(str::to_owned);
+            let estimate = uncertainty.estimate(index, sought, reason, (&mut undetermined, &mut notes));
+            (sought.key(), estimate)
+        })
+        .collect();
+    let count = model.free.len();
+    let correlation: Vec<Vec<Option<f64>>> = (0..count)
+        .map(|row| (0..count).map(|column| uncertainty.correlation(row, column)).collect())
+        .collect();
+    notes.extend(nearly_together(model, &correlation));
+    let Uncertainty { chi2, data, degrees_of_freedom, variance, .. } = uncertainty;
     notes.extend(surprises(plan, &best, known, chi2, degrees_of_freedom));
-    if !known && degrees_of_freedom > 0 && chi2 <= 2.0 * region.rounding {
+    if !known && degrees_of_freedom > 0 && chi2 <= 2.0 * uncertainty.region.rounding {
         notes.push(
             "the model says the data to rounding: nothing is left that tells the size of their deviations, and standard errors \
              and intervals are those of rounding"
@@ -287,18 +213,12 @@ pub(super) fn estimate(
     notes.extend(starts_note(&starts, chi2));
     notes.extend(plan.records.iter().filter_map(super::data::Record::left_out_note));
     if plan.records.iter().any(|record| record.domain != Domain::Time) {
-        let of =
-            "derivatives of data over frequencies, of creep and of relaxation are differences of order four of closed forms".to_owned();
-        notes.push(of);
+        let of = "derivatives of data over frequencies, of creep and of relaxation are differences of order four of closed \
+             forms";
+        notes.push(of.to_owned());
     }
-    let logarithms: f64 = search.deviations.iter().map(|deviation| libm::log(*deviation)).sum();
-    let (n, scale_is_sought) = (data as f64, !known);
-    let log_likelihood = if known {
-        -0.5 * (chi2 + n * libm::log(2.0 * PI)) - logarithms
-    } else {
-        -0.5 * n * (libm::log(2.0 * PI * chi2 / n) + 1.0) - logarithms
-    };
-    let k = (count + usize::from(scale_is_sought)) as f64;
+    let log_likelihood = uncertainty.log_likelihood(search.deviations.as_slice(), known);
+    let (n, k) = (data as f64, (count + usize::from(!known)) as f64);
     if plan.starts == 1 {
         starts.clear();
     }
@@ -316,14 +236,14 @@ pub(super) fn estimate(
         correlation,
         chi2,
         degrees_of_freedom,
-        reduced_chi2,
+        reduced_chi2: uncertainty.reduced_chi2,
         deviations: if known { "known" } else { "estimated" },
         deviation_factor: variance.map(f64::sqrt),
         data,
         log_likelihood,
         aic: 2.0 * k - 2.0 * log_likelihood,
         bic: k * libm::log(n) - 2.0 * log_likelihood,
-        singular_values: covariance.singular_values.clone(),
+        singular_values: uncertainty.covariance.singular_values.clone(),
         undetermined,
         notes,
         starts,
@@ -335,10 +255,12 @@ pub(super) fn estimate(
         Profile::All => true,
         Profile::Some(paths) => paths.iter().any(|path| path == key),
     };
-    for (index, is_at_bound) in at_bounds.iter().enumerate() {
+    for (index, is_at_bound) in uncertainty.at_bounds.iter().enumerate() {
         if wants(&fitted.parameters[index].0) && !is_at_bound {
+            let width = uncertainty.width;
             let threshold = variance.map_or(f64::INFINITY, |variance| variance * width * width);
-            let reach = column_error(&free, index, &error_of).unwrap_or(region.typical[index]);
+            let reach = uncertainty.error(index).filter(|error| *error > 0.0);
+            let reach = reach.unwrap_or(uncertainty.region.typical[index]);
             fitted.parameters[index].1.profile = Some(profile(search, &best, index, threshold, reach)?);
         }
     }
@@ -346,9 +268,169 @@ pub(super) fn estimate(
     Ok(fitted)
 }
 
-fn column_error(free: &[usize], index: usize, error_of: &dyn Fn(usize) -> Option<f64>) -> Option<f64> {
-    let column = free.iter().position(|&own| own == index)?;
-    error_of(column).filter(|error| error.is_finite() && *error > 0.0)
+/// What the data leave open about the parameters at the best point.
+struct Uncertainty {
+    /// Parameters in the coordinates of the search, and their values.
+    point: Vec<f64>,
+    values: Vec<f64>,
+    region: Region,
+    /// True for a parameter at its bound, and the others, which are the columns of the covariance.
+    at_bounds: Vec<bool>,
+    free: Vec<usize>,
+    covariance: Covariance,
+    /// The sum of squares over deviations, the number of data, and what is left of it.
+    chi2: f64,
+    data: usize,
+    determined: usize,
+    degrees_of_freedom: usize,
+    reduced_chi2: Option<f64>,
+    /// Variance of a residual, 1 where deviations are known; `None` where nothing tells it.
+    variance: Option<f64>,
+    /// Half width of an interval in standard errors.
+    width: f64,
+}
+
+impl Uncertainty {
+    fn of(search: &Search<'_, '_>, best: &Minimum, values: Vec<f64>, data: usize, known: bool) -> Self {
+        let region = search.region(&values);
+        let at_bounds = held(&best.point, &region, &gradient(&best.evaluation));
+        let free: Vec<usize> = (0..values.len()).filter(|&index| !at_bounds[index]).collect();
+        let chi2 = 2.0 * best.evaluation.cost();
+        let typical: Vec<f64> = free.iter().map(|&index| region.typical[index]).collect();
+        let jacobian = best.evaluation.jacobian.as_ref().map(|jacobian| jacobian.select_columns(&free));
+        let jacobian = jacobian.unwrap_or_else(|| nalgebra::DMatrix::zeros(data, free.len()));
+        let accuracy = if search.predictions.are_all_exact() { EXACT } else { DIFFERENCES };
+        let covariance = Covariance::of(&jacobian, accuracy, &typical);
+        let determined = free.len().saturating_sub(covariance.undetermined.len());
+        let degrees_of_freedom = data.saturating_sub(determined);
+        let reduced_chi2 = (degrees_of_freedom > 0).then(|| chi2 / degrees_of_freedom as f64);
+        Self {
+            point: best.point.clone(),
+            values,
+            region,
+            at_bounds,
+            free,
+            covariance,
+            chi2,
+            data,
+            determined,
+            degrees_of_freedom,
+            reduced_chi2,
+            variance: if known { Some(1.0) } else { reduced_chi2 },
+            width: half_width((!known).then_some(degrees_of_freedom)),
+        }
+    }
+
+    fn column(&self, index: usize) -> Option<usize> {
+        self.free.iter().position(|&own| own == index)
+    }
+
+    /// Standard error of a column of the covariance, where the data determine it.
+    fn error_of(&self, column: usize) -> Option<f64> {
+        let variance = self.variance.filter(|_| !self.covariance.is_undetermined(column))?;
+        Some((self.covariance.matrix[(column, column)].max(0.0) * variance).sqrt())
+    }
+
+    /// Standard error of a parameter in the coordinates of the search.
+    fn error(&self, index: usize) -> Option<f64> {
+        self.column(index).and_then(|column| self.error_of(column)).filter(|error| error.is_finite())
+    }
+
+    /// Sentences about what the data do not determine.
+    fn undetermined(&self, model: &Model) -> Vec<String> {
+        let directions = self.covariance.undetermined.iter();
+        let mut said: Vec<String> =
+            directions.map(|direction| in_words(direction, &self.free, &model.free)).collect();
+        if self.variance.is_none() {
+            said.push(format!(
+                "there are {} data for {} parameters: nothing is left from which the size of their deviations, and so any \
+                 standard error, could be told",
+                self.data, self.determined
+            ));
+        }
+        said
+    }
+
+    /// The estimate of a parameter; `reason` is why its derivative is one of differences. What the data do not
+    /// determine and what is noted about it is added to the two lists.
+    fn estimate(
+        &self,
+        index: usize,
+        sought: &Free,
+        reason: Option<String>,
+        (undetermined, notes): (&mut Vec<String>, &mut Vec<String>),
+    ) -> Estimate {
+        let error = self.error(index);
+        let (x, value) = (self.point[index], self.values[index]);
+        let mut interval = None;
+        if let Some(error) = error {
+            let half = self.width * error;
+            match too_wide(sought, value, half) {
+                Some(sentence) => undetermined.push(sentence),
+                None => interval = Some([x - half, x + half].map(|end| sought.scale.outside(end))),
+            }
+        }
+        let bound = || if x <= self.region.lower[index] { "lower" } else { "upper" };
+        let at_bound = self.at_bounds[index].then(bound);
+        if let Some(bound) = at_bound {
+            notes.push(format!(
+                "{} is at its {bound} bound {value}: the data would have it beyond, so it has no interval, and those of the \
+                 others are with it there",
+                sought.key()
+            ));
+        }
+        let bounds = [sought.bounds.0, sought.bounds.1];
+        let stretch = if sought.scale == Scale::Logarithmic { value } else { 1.0 };
+        Estimate {
+            start: sought.start,
+            estimate: value,
+            standard_error: error.map(|error| error * stretch),
+            interval,
+            bounds: bounds.map(|bound| bound.is_finite().then_some(bound)),
+            scale: if sought.scale == Scale::Logarithmic { "log" } else { "linear" },
+            at_bound,
+            derivative: if reason.is_none() { "exact" } else { "differences" },
+            derivative_note: reason,
+            profile: None,
+        }
+    }
+
+    /// Correlation of two parameters, where both have standard errors.
+    fn correlation(&self, row: usize, column: usize) -> Option<f64> {
+        let (a, b) = (self.column(row)?, self.column(column)?);
+        let (one, other) = (self.error_of(a)?, self.error_of(b)?);
+        let both = self.covariance.matrix[(a, b)] * self.variance?;
+        let found = if row == column { 1.0 } else { (both / (one * other)).clamp(-1.0, 1.0) };
+        found.is_finite().then_some(found)
+    }
+
+    /// Gaussian log-likelihood of data with these deviations; if they are not known, of their best common
+    /// multiple.
+    fn log_likelihood(&self, deviations: &[f64], known: bool) -> f64 {
+        let logarithms: f64 = deviations.iter().map(|deviation| libm::log(*deviation)).sum();
+        let (n, chi2) = (self.data as f64, self.chi2);
+        match known {
+            true => -0.5 * (chi2 + n * libm::log(2.0 * PI)) - logarithms,
+            false => -0.5 * n * (libm::log(2.0 * PI * chi2 / n) + 1.0) - logarithms,
+        }
+    }
+}
+
+/// Notes of pairs of parameters that the data hardly tell apart.
+fn nearly_together(model: &Model, correlation: &[Vec<Option<f64>>]) -> Vec<String> {
+    let mut notes = Vec::new();
+    for (row, found) in correlation.iter().enumerate() {
+        let nearly = |found: &Option<f64>| found.filter(|found| found.abs() > NEARLY_TOGETHER);
+        for (column, found) in found.iter().enumerate().skip(row + 1) {
+            let Some(found) = nearly(found) else { continue };
+            notes.push(format!(
+                "{} and {} are nearly one number to the data: correlation {found:.5}",
+                model.free[row].key(),
+                model.free[column].key()
+            ));
+        }
+    }
+    notes
 }
 
 /// Searches from all starts, of which the first is the given one; returns the best minimum and a record of

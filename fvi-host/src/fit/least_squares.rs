@@ -117,6 +117,16 @@ fn at<R: Residuals>(
     }
 }
 
+impl Region {
+    /// True if a step of the free parameters is too short to change anything.
+    fn is_short(&self, free: &[usize], point: &[f64], trial: &[f64]) -> bool {
+        free.iter().all(|&index| {
+            let size = point[index].abs().max(1e-3 * self.typical[index]);
+            (trial[index] - point[index]).abs() <= SHORTEST * size
+        })
+    }
+}
+
 /// Minimises the sum of squares from a start.
 ///
 /// # Errors
@@ -191,10 +201,7 @@ pub(super) fn minimise<R: Residuals>(
                 (trial[index] - point[index]) * scale(index)
             });
             let predicted = 0.5 * (right.norm_squared() - (&right + &triangle * &made).norm_squared());
-            let is_short = free.iter().all(|&index| {
-                let size = point[index].abs().max(1e-3 * region.typical[index]);
-                (trial[index] - point[index]).abs() <= SHORTEST * size
-            });
+            let is_short = region.is_short(&free, &point, &trial);
             if predicted > 0.0
                 && let Some(tried) = at(residuals, &trial, growth == 2.0)?
             {

@@ -489,11 +489,8 @@ impl<'a> Search<'a> {
         if !preferred.is_nan() && !missed.is_nan() { Merit { missed, preferred } } else { Merit::NONE }
     }
 
-    /// The best law that `stable` accepts.
-    ///
-    /// # Errors
-    /// A sentence: that there is none, and which bounds the nearest one violates.
-    pub(super) fn best(&self, stable: &dyn Fn(&Law) -> bool) -> Result<Law, String> {
+    /// The orders λ and µ and the slopes that the search begins from.
+    fn axes(&self, is_line: bool) -> [Vec<f64>; 3] {
         let Self { structure, wanted, .. } = self;
         let orders = |count: usize| {
             let step = (ORDERS.1 - ORDERS.0) / (count - 1) as f64;
@@ -504,7 +501,6 @@ impl<'a> Search<'a> {
             None if used => orders(count).collect(),
             None => vec![1.0],
         };
-        let is_line = structure.terms != Terms::Pid;
         let slopes_are_free = !wanted.flat_phase && !is_line;
         let count = if is_line {
             393
@@ -520,6 +516,17 @@ impl<'a> Search<'a> {
         } else {
             (0..17).map(|k| SLOPES.0 + (SLOPES.1 - SLOPES.0) * f64::from(k) / 16.0).collect()
         };
+        [lambdas, mus, slopes]
+    }
+
+    /// The best law that `stable` accepts.
+    ///
+    /// # Errors
+    /// A sentence: that there is none, and which bounds the nearest one violates.
+    pub(super) fn best(&self, stable: &dyn Fn(&Law) -> bool) -> Result<Law, String> {
+        let Self { structure, wanted, .. } = self;
+        let is_line = structure.terms != Terms::Pid;
+        let [lambdas, mus, slopes] = self.axes(is_line);
         let mut candidates: Vec<(Point, Merit)> = Vec::new();
         if wanted.flat_phase && is_line {
             candidates.extend(self.flat(&lambdas, &mus));

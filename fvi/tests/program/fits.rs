@@ -893,12 +893,29 @@ fn several_starts_find_what_one_does_not() {
     assert_eq!(again.starts, several.starts);
 }
 
+/// Each table and fit is refused with these words, and nothing is written.
+fn refuses(cases: &[(&str, String, &[&str])]) {
+    for (table, fit, expected) in cases {
+        let place = Workplace::new();
+        place.write("scenario.toml", OSCILLATOR);
+        place.write("data.csv", table);
+        place.write("fit.toml", fit);
+        let output = place.fvi(&["fit", "fit.toml", "--out", "out"]);
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{table}\n{fit}\n{said}");
+        for expected in *expected {
+            assert!(said.contains(expected), "{expected} is not said of\n{table}\n{fit}\n{said}");
+        }
+        assert!(said.contains("fit.toml"), "{said}");
+        assert!(!place.path("out").exists(), "{said}");
+    }
+}
+
 #[test]
-fn bad_files_are_refused_with_their_places() {
+fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
     let good = "t,q0\n0.1,0.9\n0.2,0.8\n0.3,0.7\n0.4,0.5\n";
-    let data = "[[data]]\nfile = \"data.csv\"\n";
-    let with = |more: &str| format!("{FREE}{data}{more}");
-    let cases: &[(&str, String, &[&str])] = &[
+    let with = |more: &str| format!("{FREE}[[data]]\nfile = \"data.csv\"\n{more}");
+    refuses(&[
         (
             "t,q0\n0.1,0.9\n0.2,abc\n",
             with(""),
@@ -945,6 +962,15 @@ fn bad_files_are_refused_with_their_places() {
         ),
         (good, with("units = { q1 = 2.0 }\n"), &["data[0].units.q1", "unknown key"]),
         (good, with("units = { t = \"min\" }\n"), &["data[0].units.t", "a number"]),
+    ]);
+}
+
+#[test]
+fn bad_files_are_refused_with_their_places() {
+    let good = "t,q0\n0.1,0.9\n0.2,0.8\n0.3,0.7\n0.4,0.5\n";
+    let data = "[[data]]\nfile = \"data.csv\"\n";
+    let with = |more: &str| format!("{FREE}{data}{more}");
+    refuses(&[
         ("t,q0\n-0.2,0.9\n", with(""), &["line 2", "t = -0.2", "before the motion begins"]),
         ("t,q0\n7.0,0.9\n", with(""), &["line 2", "t = 7", "after the motion ends, at t = 6"]),
         ("t,q1\n0.1,0.9\n", with(""), &["line 1", "column 2", "unknown column `q1`"]),
@@ -1026,21 +1052,7 @@ fn bad_files_are_refused_with_their_places() {
             with("[[model]]\nname = \"a\"\n[[model]]\nname = \"a\"\n"),
             &["model[1].name", "a name of its own"],
         ),
-    ];
-    for (table, fit, expected) in cases {
-        let place = Workplace::new();
-        place.write("scenario.toml", OSCILLATOR);
-        place.write("data.csv", table);
-        place.write("fit.toml", fit);
-        let output = place.fvi(&["fit", "fit.toml", "--out", "out"]);
-        let said = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{table}\n{fit}\n{said}");
-        for expected in *expected {
-            assert!(said.contains(expected), "{expected} is not said of\n{table}\n{fit}\n{said}");
-        }
-        assert!(said.contains("fit.toml"), "{said}");
-        assert!(!place.path("out").exists(), "{said}");
-    }
+    ]);
 }
 
 #[test]

@@ -2,6 +2,9 @@
 
 use fvi_core::ParameterError;
 
+/// A function of t and x that writes to its last argument.
+pub type Function<'a> = &'a dyn Fn(f64, &[f64], &mut [f64]);
+
 /// D^{α_i} x_i = f_i(t, x) in Caputo's sense, 0 < α_i ≤ 1, x(0) given: x_i = x_i(0) + J^{α_i} f_i, with the
 /// integral J^α f (t) = 1/Γ(α) ∫₀ᵗ (t − s)^{α−1} f(s) ds.
 #[derive(Clone, Copy)]
@@ -11,9 +14,9 @@ pub struct FractionalEquation<'a> {
     /// x_i(0).
     pub initial: &'a [f64],
     /// Writes f(t, x) to its last argument.
-    pub right: &'a dyn Fn(f64, &[f64], &mut [f64]),
+    pub right: Function<'a>,
     /// Writes ∂f_i/∂x_j to its last argument, row by row.
-    pub jacobian: &'a dyn Fn(f64, &[f64], &mut [f64]),
+    pub jacobian: Function<'a>,
 }
 
 /// Why a method with steps of one length ended before the end.

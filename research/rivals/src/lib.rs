@@ -43,7 +43,7 @@ pub use claims::{Claim, Relation, claims};
 pub use exponential_modes::ExponentialModes;
 pub use filter_cascade::{FilterCascade, Section};
 pub use fixed_step::FixedStep;
-pub use fractional_equation::{EquationError, FractionalEquation};
+pub use fractional_equation::{EquationError, FractionalEquation, Function};
 pub use fvi_fft::Vectorised;
 pub use growth::{Growth, fitted_exponent, growths};
 pub use jiang::jiang;
