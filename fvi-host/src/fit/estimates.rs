@@ -351,8 +351,8 @@ impl Uncertainty {
         said
     }
 
-    /// The estimate of a parameter; `reason` is why its derivative is one of differences. What the data do not
-    /// determine and what is noted about it is added to the two lists.
+    /// The estimate of a parameter; `reason` is why its derivative is one of differences. What the data do
+    /// not determine and what is noted about it is added to the two lists.
     fn estimate(
         &self,
         index: usize,
