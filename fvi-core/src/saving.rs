@@ -453,11 +453,13 @@ impl<'a> StateReader<'a> {
     /// # Errors
     /// [`StateError::Truncated`], or [`StateError::NotFinite`].
     pub fn skip<T: Real>(&mut self, numbers: usize) -> Result<(), StateError> {
-        let mut skipped = StateReader { rest: self.bytes(numbers.saturating_mul(T::BYTES))? };
-        while !skipped.rest.is_empty() {
-            skipped.number::<T>()?;
-        }
-        Ok(())
+        let skipped = self.bytes(numbers.saturating_mul(T::BYTES))?;
+        // All without leaving at the first: no branch for each number.
+        let are_finite = match T::BYTES {
+            4 => all_finite::<T, 4>(skipped, |word| u32::from_le_bytes(word).into()),
+            _ => all_finite::<T, 8>(skipped, u64::from_le_bytes),
+        };
+        if are_finite { Ok(()) } else { Err(StateError::NotFinite) }
     }
 
     /// Reads a header and compares it with that of the object.
@@ -479,6 +481,12 @@ impl<'a> StateReader<'a> {
         same("bytes of a number", T::BYTES as u64, size.into())?;
         shape.iter().try_for_each(|&(what, expected)| same(what, expected, self.count()?))
     }
+}
+
+/// True if all numbers in these bytes are finite.
+fn all_finite<T: Real, const B: usize>(bytes: &[u8], bits: impl Fn([u8; B]) -> u64) -> bool {
+    let (words, _) = bytes.as_chunks();
+    words.iter().fold(true, |finite, &word| finite & T::of_bits(bits(word)).is_finite())
 }
 
 fn same(what: &'static str, expected: u64, found: u64) -> Result<(), StateError> {
