@@ -10,7 +10,7 @@ use crate::Aligned;
 use crate::GrowingRing;
 use crate::exponentials::complex_exponential_table::complex_exponentials;
 use crate::exponentials::exponential_table::{self, ExponentialKernel, ExponentialKernelError};
-use crate::exponentials::rate_table::{RateTableError, rate_table_of};
+use crate::exponentials::rate_table::{RateTableError, SMALLEST_TOLERANCE, rate_table_of};
 use crate::quadrature::ConvolutionFamily;
 use crate::quadrature::multistep_weights::multistep_weights;
 use crate::quadrature::runge_kutta_weights::RungeKuttaWeights;
@@ -713,14 +713,15 @@ impl MemoryRequest<'_> {
             None => self.step_size * self.horizon()? as f64,
         };
         // Single precision rounds more coarsely than that.
-        let tolerance = RATE_TOLERANCE.max(0.01 * T::EPSILON.to_f64());
+        let usual = RATE_TOLERANCE.max(0.01 * T::EPSILON.to_f64());
+        let tolerance = self.history.rates.map_or(usual, |asked| asked.max(SMALLEST_TOLERANCE).min(usual));
         let table = tables.get(&self.key(horizon.to_bits(), tolerance), || {
-            let made = |part| {
-                rate_table_of::<T, R>(method, self.transfer, self.step_size, horizon, part * tolerance)
-            };
-            // Formulas may have lost a few digits by rounding at times as long as the run.
-            let losses: &[f64] = if self.transfer.text().is_some() { &[10.0, 100.0] } else { &[] };
-            Ok(losses.iter().fold(made(1.0), |table, &loss| table.or_else(|_| made(loss)))?)
+            let made =
+                |tolerance| rate_table_of::<T, R>(method, self.transfer, self.step_size, horizon, tolerance);
+            // Not every kernel is known to the last digits, and formulas may have lost a few more by rounding
+            // at times as long as the run.
+            let losses: &[f64] = if self.transfer.text().is_some() { &[1.0, 10.0, 100.0] } else { &[1.0] };
+            Ok(losses.iter().fold(made(tolerance), |table, &loss| table.or_else(|_| made(loss * usual)))?)
         })?;
         let memory = VectorVariableSteps::new(method, &table.borrow(), self.coordinates)?;
         let memory = memory.acting_on(self.acts_on());

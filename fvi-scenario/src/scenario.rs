@@ -296,13 +296,14 @@ impl Scenario {
         if let (Some(value), false) = (root.optional("convolution"), time.allow_unstable) {
             convolution.check_exponents(&value.table()?, &system)?;
         }
-        let history = match root.optional("history") {
+        let mut history = match root.optional("history") {
             Some(value) => {
                 let samples = time.steps.saturating_add(1).saturating_add(initial.past_steps());
                 read_history(&value.table()?, samples)?
             }
             None => History::default(),
         };
+        history.rates = time.adaptive().map(Adaptive::tolerance_of_rates);
         let output = Self::read_output(root, &descriptor, (&system, &time), document)?;
         let input = match root.optional("input") {
             Some(value) => Some(SampledInput::read(&value.table()?, count, &time, document)?),

@@ -47,6 +47,10 @@ const LARGEST_TOLERANCE: f64 = 0.1;
 /// The tolerance of an equation, if none is given.
 const USUAL_TOLERANCE: f64 = 1e-6;
 
+/// The error of the table of rates as a part of the tolerance: an undamped oscillation of order α makes of it
+/// 1/α tolerances in a thousand radians.
+const PART_OF_RATES: f64 = 1e-3;
+
 /// Settings for steps chosen during the run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adaptive {
@@ -253,6 +257,11 @@ impl Adaptive {
         let power = libm::log(early / late) / libm::log(NEAR_START[0] / NEAR_START[1]);
         // Not a number where a value is 0 or none.
         if power < -0.01 { power } else { 0.0 }
+    }
+
+    /// The relative error that the memory's table of rates may have.
+    pub(super) fn tolerance_of_rates(&self) -> f64 {
+        PART_OF_RATES * self.tolerance
     }
 
     /// The smallest tolerance in a precision with this rounding unit.

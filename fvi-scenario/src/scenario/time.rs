@@ -416,7 +416,7 @@ pub(super) fn read_history(table: &Table<'_>, samples: usize) -> Result<History,
         }
         None => Overflow::Stop,
     };
-    Ok(History { engine, tolerance, horizon, capacity, overflow, states, threads, planned: None })
+    Ok(History { engine, tolerance, horizon, capacity, overflow, states, threads, ..History::default() })
 }
 
 /// Momentum that is reported if the fractional force acts at the main nodes, as a kick at the end of every

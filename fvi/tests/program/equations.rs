@@ -58,15 +58,15 @@ fn published_test_problems_stay_within_ten_tolerances() {
         if !name.ends_with(".toml") {
             continue;
         }
-        // 64 oscillations take thousands of steps.
-        let tolerances: &[f64] = if name == "fhbvm-oscillating.toml" { &[1e-5] } else { &[1e-5, 1e-10] };
-        for &tolerance in tolerances {
+        // 64 oscillations that nothing damps turn errors of the memory's table into errors of their phase.
+        let smallest = if name == "fhbvm-oscillating.toml" { 1e-12 } else { 1e-10 };
+        for tolerance in [1e-5, smallest] {
             let error = error_in_tolerances(&format!("published/{name}"), tolerance);
             assert!(error <= 10.0, "{name} to {tolerance:e}: {error:.1} tolerances");
             seen += 1;
         }
     }
-    assert!(seen >= 23, "{seen}");
+    assert!(seen >= 24, "{seen}");
 }
 
 fn equation(keys: Value, time: Value) -> String {
