@@ -921,14 +921,17 @@ fn check_positive_axis(formula: &dyn Formula) -> Result<(), ParameterError> {
     let at = |exponent: i32| Complex::new(libm::exp10(f64::from(exponent)), 0.0);
     let size = |exponent: i32| formula.value(at(exponent)).norm();
     let moderate = (-3..=3).map(size).filter(|size| size.is_finite()).fold(0.0, max_or_nan);
-    for exponent in -60..=60 {
-        let (s, parameter) = (at(exponent), "symbol at a positive s");
-        let (value, error) = (formula.value(s), formula.rounding(s));
+    let place = |exponent: i32| (at(exponent), formula.value(at(exponent)), formula.rounding(at(exponent)));
+    let places: Vec<_> = (-60..=60).map(place).collect();
+    let parameter = "symbol at a positive s";
+    for &(s, value, error) in &places {
         let allowed = "a finite number for every s > 0: this one divides by 0 there, or overflows (sinh(x)/cosh(x) is tanh(x), \
                        1/exp(x) is exp(-x))";
         check(value.is_finite(), parameter, s.re, allowed)?;
         let allowed = "a real number for every s > 0";
         check(value.im.abs() <= 1e-9 * value.re.abs() + error, parameter, s.re, allowed)?;
+    }
+    for &(s, value, error) in &places {
         let allowed = "a symbol whose terms do not cancel: rounding exceeds its value there, which is to be written without \
                        the difference, such as 1/(sqrt(1 + s) + 1) in place of (sqrt(1 + s) - 1)/s";
         check(error <= MOST_LOST * value.norm().max(moderate), parameter, s.re, allowed)?;
