@@ -1,6 +1,6 @@
 //! Matrix weights of Runge–Kutta convolution quadrature, with relative accuracy at every index.
 
-use crate::sums::max_or_nan;
+use crate::sums::{CompensatedSum, max_or_nan};
 use std::f64::consts::PI;
 use std::ops::Range;
 
@@ -522,6 +522,30 @@ fn responses_of<const R: usize>(
     made
 }
 
+/// Relative difference from a power law next to a branch point at which its rest is not that of a power.
+const NOT_A_POWER: f64 = 1e-6;
+
+/// The coefficient of the exponentials that stand still up to the last weight, on rises, of a kernel with a cut
+/// from 0 that falls more slowly than any power there, as that of (s − 1)/ln s does.
+///
+/// With nodes x_i in λ = s h from e^{2 a} to e^b, a the place of the slowest that moves, K(s)/s = Σ c_i/(λ + x_i)
+/// + c/λ for λ = e^a, beside which those below are zero and those above infinite, says c.
+fn standing_on_rises(
+    transfer: &TransferFunction,
+    step_size: f64,
+    (lowest, highest, width): (f64, f64, f64),
+    coefficient: &dyn Fn(f64) -> f64,
+) -> f64 {
+    let lambda = libm::exp(lowest);
+    let value = step_size * transfer.value(Complex::new(lambda / step_size, 0.0)).re;
+    let (below, above) = ((-lowest / width).ceil() as i32, ((highest - lowest) / width).ceil() as i32);
+    let node = |k: i32| libm::exp(lowest + width * f64::from(k));
+    let moved: CompensatedSum =
+        (-below..above).map(|k| coefficient(node(k)) * lambda / (lambda + node(k))).collect();
+    let slow: CompensatedSum = (-below..0).map(|k| coefficient(node(k))).collect();
+    value - moved.total() + slow.total()
+}
+
 /// The integral over the cut of any transfer function, divided by s on rises, and its poles, for n in
 /// `range`: the trapezoidal rule in ln d, x = h (a + d).
 fn exponentials_of<const R: usize>(
@@ -564,18 +588,24 @@ fn exponentials_of<const R: usize>(
         };
         if stand {
             // Term by term: next to the branch point a kernel of several powers, such as Maxwell's, follows
-            // none of them. The last term stands for those behind it.
+            // none of them. The last term stands for those behind it, if they fall like a power.
+            let ratio = libm::exp(-width * (1.0 + power));
             let last = -1.0 / libm::expm1(-width * (1.0 + power));
-            let mut standing = 0.0_f64;
+            let (mut standing, mut before) = (0.0_f64, 0.0_f64);
             let mut place = lowest;
-            loop {
+            let falls_like_a_power = loop {
                 place -= width;
                 let term = coefficient(libm::exp(place));
-                if place - width < LEAST_PLACE || (term * last).abs() <= TOLERANCE * standing.abs() {
+                let is_last = place - width < LEAST_PLACE;
+                if is_last || (term * last).abs() <= TOLERANCE * standing.abs() {
                     standing += term * last;
-                    break;
+                    break !is_last || (term - before * ratio).abs() <= NOT_A_POWER * term.abs();
                 }
                 standing += term;
+                before = term;
+            };
+            if on_rises && !falls_like_a_power {
+                standing = standing_on_rises(transfer, step_size, (lowest, highest, width), &coefficient);
             }
             found.push(at(start, standing));
         }
