@@ -525,11 +525,11 @@ fn responses_of<const R: usize>(
 /// Relative difference from a power law next to a branch point at which its rest is not that of a power.
 const NOT_A_POWER: f64 = 1e-6;
 
-/// The coefficient of the exponentials that stand still up to the last weight, on rises, of a kernel with a cut
-/// from 0 that falls more slowly than any power there, as that of (s − 1)/ln s does.
+/// The coefficient of the exponentials that stand still up to the last weight, on rises, of a kernel with a
+/// cut from 0 that falls more slowly than any power there, as that of (s − 1)/ln s does.
 ///
-/// With nodes x_i in λ = s h from e^{2 a} to e^b, a the place of the slowest that moves, K(s)/s = Σ c_i/(λ + x_i)
-/// + c/λ for λ = e^a, beside which those below are zero and those above infinite, says c.
+/// With nodes x_i in λ = s h from e^{2 a} to e^b, a the place of the slowest that moves, K(s)/s = Σ c_i/(λ +
+/// x_i) + c/λ for λ = e^a, beside which those below are zero and those above infinite, says c.
 fn standing_on_rises(
     transfer: &TransferFunction,
     step_size: f64,
