@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// The crates of the host with their layers, lowest first; those in one row do not know each other.
 const HOST: [(&str, &[&[&str]]); 6] = [
@@ -210,16 +211,26 @@ fn what_users_link_knows_nothing_of_the_research_wing() {
     }
 }
 
-/// A crate or a folder more is a decision, not an accident.
+/// A crate or a folder more is a decision, not an accident. Where the source is no checkout, as in an archive,
+/// every folder with a manifest counts, since nothing tells the others from a user's own.
 #[test]
 fn the_house_has_eight_crates_and_fifteen_folders() {
-    let entries = fs::read_dir(workspace()).unwrap().map(|entry| entry.unwrap());
-    let folders: Vec<String> = entries
-        .filter(|entry| entry.path().is_dir())
-        .map(|entry| entry.file_name().into_string().unwrap())
-        .filter(|name| !name.starts_with('.') && !["target", "out"].contains(&name.as_str()))
-        .collect();
+    let files = Command::new("git").arg("ls-files").current_dir(workspace()).output();
+    let tracked = files.ok().filter(|listed| listed.status.success());
+    let folders: BTreeSet<String> = match tracked {
+        Some(listed) => {
+            let listed = String::from_utf8(listed.stdout).unwrap();
+            listed.lines().filter_map(|file| Some(file.split_once('/')?.0.to_owned())).collect()
+        }
+        None => {
+            let entries = fs::read_dir(workspace()).unwrap().map(|entry| entry.unwrap());
+            let known = entries.filter(|entry| entry.path().join("Cargo.toml").is_file());
+            known.map(|entry| entry.file_name().into_string().unwrap()).collect()
+        }
+    };
+    let folders: Vec<&String> = folders.iter().filter(|name| !name.starts_with('.')).collect();
     let crates = folders.iter().filter(|name| name.starts_with("fvi")).count();
+    assert!(crates >= 7, "{folders:?}: does this test still see them?");
     assert!(crates <= 8 && folders.len() <= 15, "{crates} crates, {} folders: {folders:?}", folders.len());
 }
 
