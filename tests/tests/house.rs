@@ -211,8 +211,8 @@ fn what_users_link_knows_nothing_of_the_research_wing() {
     }
 }
 
-/// A crate or a folder more is a decision, not an accident. Where the source is no checkout, as in an archive,
-/// every folder with a manifest counts, since nothing tells the others from a user's own.
+/// A crate or a folder more is a decision, not an accident. Where the source is no checkout, as in an
+/// archive, every folder with a manifest counts, since nothing tells the others from a user's own.
 #[test]
 fn the_house_has_eight_crates_and_fifteen_folders() {
     let files = Command::new("git").arg("ls-files").current_dir(workspace()).output();
