@@ -378,7 +378,7 @@ mod tests {
         let x = method.solve(&equation, 1.0, steps).unwrap();
         assert_eq!(x.len(), steps + 1);
         let error = |(n, x): (usize, &f64)| (x - solution(n as f64 / steps as f64)).abs();
-        x.iter().enumerate().map(error).fold(0.0, f64::max)
+        x.iter().enumerate().map(error).fold(0.0, fvi_fft::sums::max_or_nan)
     }
 
     #[test]
