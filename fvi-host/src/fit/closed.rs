@@ -147,6 +147,12 @@ fn static_stiffness(scenario: &Scenario, position: &[f64]) -> Result<DMatrix<f64
                 .to_owned(),
         ));
     }
+    if scenario.system.is_mechanism() {
+        return Err(NoPrediction::Refused(
+            "system: a modulus of a mechanism, whose springs and dampers act along its elongations; a receptance              (`input`, `output`) is that of the mechanism at rest"
+                .to_owned(),
+        ));
+    }
     let size = scenario.coordinates();
     let mut system =
         System::<f64>::new(scenario).map_err(|error| NoPrediction::Refused(error.to_string()))?;

@@ -101,6 +101,18 @@ impl<T: Elementary> Mechanism<T> {
         self.elongations.iter().position(is_rough)
     }
 
+    /// Writes g of every elongation.
+    pub fn lengths(&mut self, position: &[T], lengths: &mut [T]) {
+        for (elongation, place) in self.elongations.iter().zip(lengths) {
+            *place = match elongation {
+                Elongation::Coordinate(index) => position[*index],
+                Elongation::Function(function) => {
+                    function.value(Moment::inside(T::zero()), position, &mut self.registers)
+                }
+            };
+        }
+    }
+
     fn take(&mut self, position: &[T], velocity: &[T]) {
         let count = self.position.len();
         self.position.copy_from_slice(position);

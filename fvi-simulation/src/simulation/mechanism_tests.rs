@@ -1,9 +1,11 @@
 //! Mechanisms against motions in other coordinates, other solvers, and their laws.
 
 use super::motion::Motion;
+use super::response::Linearised;
 use crate::simulation::{Precision, Simulation};
 use fvi_fft::sums::max_or_nan;
 use fvi_scenario::scenario::Scenario;
+use nalgebra::Complex;
 use serde_json::{Value, json};
 
 /// The scenario of a system from a start, on `steps` steps up to `end` by the Galerkin scheme of a degree.
@@ -341,4 +343,119 @@ fn what_a_mechanism_cannot_do_is_refused_at_its_key() {
         assert_eq!(found, key, "{message}");
         assert!(message.contains(phrase), "{key}: {message}");
     }
+}
+
+/// Responses of one system described in three ways: by angles, by places with constraints, and by its
+/// matrices M, K and ρ_m at the hanging rest.
+#[test]
+fn a_response_at_rest_is_that_of_the_linear_system() {
+    let time = (1.0, 50);
+    let places = [0.0, -1.0, 0.0, -1.7];
+    let of = |system: &Value, position: &[f64]| {
+        let start = json!({ "position": position });
+        Linearised::new(&scenario(system, start, 2, time), position).unwrap()
+    };
+    let joint = [[1.0, -1.0], [-1.0, 1.0]];
+    for kind in JOINTS {
+        let [first, second] = [of(&by_angles(kind), &[0.0, 0.0]), of(&by_places(kind), &places)];
+        let mut linear = by_angles(kind);
+        linear.as_object_mut().unwrap().remove("kinetic");
+        linear["mass"] = json!([[1.8, 0.56], [0.56, 0.392]]);
+        linear["potential"] = json!("0.5*(1.8*9.81*q0^2 + 0.8*0.7*9.81*q1^2)");
+        for (term, matrix) in [[[1.0, 0.0], [0.0, 0.0]], joint].into_iter().enumerate() {
+            let damping = linear["damping"][term].as_object_mut().unwrap();
+            damping.remove("along");
+            let rho = damping["coefficient"].as_f64().unwrap();
+            damping["coefficient"] = json!(matrix.map(|row| row.map(|entry| rho * entry)));
+        }
+        let third = of(&linear, &[0.0, 0.0]);
+        for omega in [0.1, 1.0, 2.7, 5.4, 30.0] {
+            for input in 0..2 {
+                let [angles, expected] = [&first, &third].map(|one| one.response(omega, input).unwrap());
+                let scale = expected.iter().map(|h| h.norm()).fold(0.0, max_or_nan);
+                let off = |one: &[Complex<f64>], other: &[Complex<f64>]| {
+                    one.iter().zip(other).map(|(a, b)| (a - b).norm()).fold(0.0, max_or_nan) / scale
+                };
+                assert!(off(&angles, &expected) < 1e-13, "{kind}, ω = {omega}: {angles:?} {expected:?}");
+                let [angles, expected] =
+                    [&first, &third].map(|one| one.discrete_response(omega, input).unwrap());
+                assert!(off(&angles, &expected) < 1e-12, "{kind}, ω = {omega}: {angles:?} {expected:?}");
+            }
+            // A horizontal force on the lower mass turns the angles by 1 and 0.7.
+            let of_angles = [0, 1].map(|input| first.response(omega, input).unwrap());
+            let moved = |column: &[Complex<f64>]| column[0] + column[1] * 0.7;
+            let expected = moved(&of_angles[0]) + moved(&of_angles[1]) * 0.7;
+            let found = second.response(omega, 2).unwrap()[2];
+            assert!((found - expected).norm() < 1e-12 * expected.norm(), "{kind}, ω = {omega}");
+        }
+        let poles = [&first, &second, &third].map(|one| one.poles().unwrap());
+        assert!(poles[2].len() >= 2, "{:?}", poles[2]);
+        for other in &poles[..2] {
+            assert_eq!(other.len(), poles[2].len(), "{kind}");
+            for (pole, expected) in other.iter().zip(&poles[2]) {
+                let off = (pole.place - expected.place).norm();
+                assert!(off < 1e-9 * expected.place.norm(), "{kind}: {pole:?} {expected:?}");
+            }
+        }
+    }
+}
+
+/// Gauss weights under a harmonic force: after the damper has forgotten the start, positions at grid points
+/// are H_h(ω) e^{iωt}, and H_h is as far from H as the order 2s says.
+#[test]
+fn a_discrete_response_is_that_of_a_long_run() {
+    let omega = 2.2;
+    let kernel = json!({ "form": "prony", "strengths": [3.0, 1.0], "times": [0.2, 0.6] });
+    let system = json!({
+        "mass": [1.0],
+        "potential": "2*q0^2",
+        "force": ["cos(2.2*t)"],
+        "damping": [{ "kernel": kernel, "coefficient": [1.0] }],
+    });
+    for degree in 1..=3_usize {
+        let off = [200, 400].map(|steps| {
+            let of = |end: f64, steps| scenario(&system, json!({ "position": [0.0] }), degree, (end, steps));
+            let linearised = Linearised::new(&of(20.0, steps), &[0.0]).unwrap();
+            let discrete = linearised.discrete_response(omega, 0).unwrap()[0];
+            let [position, _] = end_of(&of(80.0, 4 * steps), Precision::F64);
+            let turned = Complex::new((omega * 80.0).cos(), (omega * 80.0).sin());
+            let expected = (discrete * turned).re;
+            assert!((position[0] - expected).abs() < 1e-10, "{degree}: {} {expected}", position[0]);
+            (discrete - linearised.response(omega, 0).unwrap()[0]).norm()
+        });
+        let order = (off[0] / off[1]).log2();
+        assert!((order - 2.0 * degree as f64).abs() < 0.2, "{degree}: {order}, {off:?}");
+    }
+}
+
+#[test]
+fn a_response_away_from_rest_names_the_rest_nearby() {
+    let of = |system: &Value, position: &[f64]| {
+        let start = json!({ "position": position, "project": position.len() > 2 });
+        match Linearised::new(&scenario(system, start, 2, (1.0, 50)), position) {
+            Ok(_) => String::new(),
+            Err(error) => error.to_string(),
+        }
+    };
+    let hanging = of(&by_angles("fractional"), &[0.3, -0.2]);
+    assert!(hanging.contains("Newton's method finds one at q = ["), "{hanging}");
+    let places = of(&by_places("prony"), &[0.1, -0.99, 0.0, -1.6]);
+    assert!(places.contains("the constraints are off by"), "{places}");
+    // At rest upside down there is a response, too; its poles say that it falls.
+    assert_eq!(of(&by_angles("fractional"), &[std::f64::consts::PI, 0.0]), "");
+    let turning = json!({ "kinetic": "0.5*(v0^2 + v1^2) + 0.3*(q0*v1 - q1*v0)", "potential": "q0^2 + q1^2" });
+    let message = of(&turning, &[0.0, 0.0]);
+    assert!(message.contains("system.kinetic") && message.contains("linear in the velocities"), "{message}");
+    // A spring in a damper holds the arm where the start was.
+    let spring = json!({ "symbol": "3 + 0.5*s/(1 + 0.5*s)" });
+    let held = json!({
+        "kinetic": "0.5*v0^2",
+        "potential": "-q0",
+        "damping": [{ "kernel": spring, "coefficient": 1.0, "along": "2*q0" }],
+    });
+    assert!(of(&held, &[0.0]).contains("is left at rest"));
+    let start = json!({ "position": [0.0] });
+    let linearised = Linearised::new(&scenario(&held, start, 2, (1.0, 50)), &[1.0 / 12.0]).unwrap();
+    let soft = linearised.response(1e-9, 0).unwrap()[0];
+    assert!((soft - 1.0 / 12.0).norm() < 1e-8, "{soft}");
 }

@@ -1,12 +1,13 @@
 //! Response of a damped structure to a harmonic force: frequency response and poles of a linearised scenario.
 
 mod discrete;
+mod mechanism;
 mod poles;
 
 use super::stability::characteristic::log_determinant;
 use super::stability::{self, LinearDamping, LinearSystem};
 use crate::model::{Matrix, Model, matrix};
-use discrete::{SchemeFactors, StepEquations};
+use discrete::{GaussModes, SchemeFactors, StepEquations};
 use fvi_core::{Instant, Mechanics, max_or_nan};
 use fvi_fft::dense::solve_complex;
 use fvi_fft::transfer::TransferFunction;
@@ -25,8 +26,14 @@ const DENSE_UNKNOWNS: usize = 600;
 
 /// M q̈ + K q + Σ_m ρ_m K_m(D) q = f, linearised at a point of a scenario: K = ∂²U/∂q² − ∂F/∂q there, at t =
 /// 0, including the springs of kernels.
+///
+/// For a Lagrangian with M = L_vv, dampers along elongations with Gᵀ ρ_m G, and constraints with K + Σ λ_k
+/// ∂²c_k on the kernel of C = ∂c/∂q, at an equilibrium with the multipliers λ.
 pub struct Linearised {
+    /// Number of unknowns: of coordinates, or of directions that constraints leave.
     size: usize,
+    /// Those directions, column by column, and L_vv, of a system with constraints.
+    free: Option<[DMatrix<f64>; 2]>,
     transfers: Vec<TransferFunction>,
     equations: Equations,
     scheme: Result<StepEquations, String>,
@@ -40,7 +47,7 @@ pub struct Linearised {
 /// True if forces, given with their derivatives by `linearised_at`, have none at a position: the difference
 /// of the forces at q ± δ is not δ (K₊ + K₋), or K₊ and K₋ differ, by 10⁻³. Of smooth forces both hold to
 /// O(δ).
-fn has_kink(position: &[f64], mut linearised_at: impl FnMut(&[f64]) -> (Vec<f64>, Matrix<f64>)) -> bool {
+fn has_kink(position: &[f64], mut linearised_at: impl FnMut(&[f64]) -> (Vec<f64>, Entries)) -> bool {
     let largest = position.iter().map(|number| number.abs()).fold(1.0, max_or_nan);
     // Coordinates move by different amounts: forces of differences of coordinates change, too.
     let moved: Vec<f64> =
@@ -49,7 +56,7 @@ fn has_kink(position: &[f64], mut linearised_at: impl FnMut(&[f64]) -> (Vec<f64>
         let at: Vec<f64> = position.iter().zip(&moved).map(|(q, moved)| q + sign * moved).collect();
         let (force, stiffness) = linearised_at(&at);
         let mut product = vec![0.0; force.len()];
-        stiffness.entries().iter().for_each(|&(row, column, entry)| product[row] += entry * moved[column]);
+        stiffness.iter().for_each(|&(row, column, entry)| product[row] += entry * moved[column]);
         (force, product)
     };
     let ((above, rise), (below, fall)) = (side(1.0), side(-1.0));
@@ -61,25 +68,30 @@ fn has_kink(position: &[f64], mut linearised_at: impl FnMut(&[f64]) -> (Vec<f64>
     })
 }
 
+/// A matrix by row, column and number.
+type Entries = Vec<(usize, usize, f64)>;
+
 /// Solver of A x = b for A = a M + k K + Σ r_m ρ_m.
 enum Equations {
     Dense { mass: DMatrix<f64>, stiffness: DMatrix<f64>, damping: Vec<DMatrix<f64>> },
     Sparse { pattern: Arc<Pattern>, solver: ComplexSolver, slots: Vec<Vec<(usize, f64)>> },
 }
 
-impl Linearised {
-    /// The scenario linearised at a position.
-    ///
-    /// # Errors
-    /// If the mass is not usable, or the stiffness there is not finite.
-    pub fn new(scenario: &Scenario, position: &[f64]) -> Result<Self, InputError> {
-        scenario.check_use(Feature::Response)?;
+/// A scenario at a point.
+struct AtPoint {
+    free: Option<[DMatrix<f64>; 2]>,
+    equations: Equations,
+    changes: bool,
+    kink: bool,
+}
+
+impl AtPoint {
+    /// M, K and ρ_m of a system of straight coordinates.
+    fn of_coordinates(scenario: &Scenario, position: &[f64]) -> Result<Self, InputError> {
         let mut alone = scenario.clone();
         alone.cases.clear();
         let mut model = Model::<f64>::new(&alone).map_err(|error| super::bad_mass(scenario, &error))?;
         let size = scenario.coordinates();
-        let end =
-            if scenario.time.adaptive().is_some() { 1.0 } else { scenario.time.time(scenario.time.steps) };
         let mut linearised_at = |time: f64, position: &[f64]| {
             let mut stiffness = model.stiffness();
             let mut restoring = vec![0.0; size];
@@ -94,16 +106,16 @@ impl Linearised {
         let (_, stiffness) = linearised_at(0.0, position);
         let entries = stiffness.entries();
         if entries.iter().any(|(.., entry)| !entry.is_finite()) {
-            let problem = Problem::NotFinite { what: "the stiffness", place: format!("q = {position:?}") };
-            return Err(scenario.error_at("system", problem));
+            return Err(not_finite(scenario, position));
         }
-        let changes =
-            [0.37, 0.71, 1.0].iter().any(|part| linearised_at(part * end, position).1.entries() != entries);
-        let kink = has_kink(position, |position| linearised_at(0.0, position));
+        let changes = later(scenario).any(|time| linearised_at(time, position).1.entries() != entries);
+        let kink = has_kink(position, |position| {
+            let (restoring, stiffness) = linearised_at(0.0, position);
+            (restoring, stiffness.entries())
+        });
         let mass = matrix::<f64>(&scenario.system.mass);
         let terms = &scenario.system.damping;
         let damping: Vec<_> = terms.iter().map(|term| matrix::<f64>(&term.coefficient)).collect();
-        let transfers: Vec<_> = terms.iter().map(|term| term.transfer.clone()).collect();
         let full = size <= DENSE || (size <= DENSE_UNKNOWNS && !scenario.system.has_sparse_matrices());
         let equations = if full {
             let whole = |matrix: &Matrix<f64>| {
@@ -119,6 +131,35 @@ impl Linearised {
         } else {
             sparse(size, [&mass, &stiffness].into_iter().chain(&damping))
         };
+        Ok(Self { free: None, equations, changes, kink })
+    }
+}
+
+/// Times of the run at which its stiffness is compared with that of its start.
+fn later(scenario: &Scenario) -> impl Iterator<Item = f64> + use<> {
+    let time = &scenario.time;
+    let end = if time.adaptive().is_some() { 1.0 } else { time.time(time.steps) };
+    [0.37, 0.71, 1.0].into_iter().map(move |part| part * end)
+}
+
+fn not_finite(scenario: &Scenario, position: &[f64]) -> InputError {
+    let problem = Problem::NotFinite { what: "the stiffness", place: format!("q = {position:?}") };
+    scenario.error_at("system", problem)
+}
+
+impl Linearised {
+    /// The scenario linearised at a position.
+    ///
+    /// # Errors
+    /// If the mass is not usable, the stiffness there is not finite, or a mechanism has no equilibrium there.
+    pub fn new(scenario: &Scenario, position: &[f64]) -> Result<Self, InputError> {
+        scenario.check_use(Feature::Response)?;
+        let transfers: Vec<_> = scenario.system.damping.iter().map(|term| term.transfer.clone()).collect();
+        let AtPoint { free, equations, changes, kink } = match scenario.system.is_mechanism() {
+            true => mechanism::at_point(scenario, position)?,
+            false => AtPoint::of_coordinates(scenario, position)?,
+        };
+        let size = free.as_ref().map_or(scenario.coordinates(), |[directions, _]| directions.ncols());
         let scheme = StepEquations::of(scenario, &transfers).and_then(|scheme| {
             let massless = scenario.system.massless();
             if let (Some(row), true) = (massless.first(), scenario.scheme != Scheme::Collocation) {
@@ -135,7 +176,7 @@ impl Linearised {
             }
             Ok(scheme)
         });
-        Ok(Self { size, transfers, equations, scheme, step: scenario.time.step, changes, kink })
+        Ok(Self { size, free, transfers, equations, scheme, step: scenario.time.step, changes, kink })
     }
 
     /// True if ∂²U/∂q² − ∂F/∂q changes with time; the response is then that of t = 0.
@@ -160,6 +201,11 @@ impl Linearised {
                 "no response at ω = {omega}: a kernel is given by weights, which tell it up to π/h = {highest}"
             ));
         }
+        self.at(omega, input).ok_or_else(|| unsolved(omega))
+    }
+
+    /// (−ω²M + K + Σ_m ρ_m K_m(iω))⁻¹, a column of it.
+    fn at(&self, omega: f64, input: usize) -> Option<Vec<Complex<f64>>> {
         let s = Complex::new(0.0, omega);
         let one = |entry: Complex<f64>| DMatrix::from_element(1, 1, entry);
         let factors = SchemeFactors {
@@ -169,7 +215,7 @@ impl Linearised {
             load: vec![Complex::new(1.0, 0.0)],
             answer: 0,
         };
-        self.solve(&factors, input).ok_or_else(|| unsolved(omega))
+        self.solve(&factors, input)
     }
 
     /// The same for the discrete scheme at its step h, for 0 < ω ≤ π/h: q_k = H_h(ω) e^{iωt_k} under the
@@ -180,7 +226,21 @@ impl Linearised {
     /// different steps.
     pub fn discrete_response(&self, omega: f64, input: usize) -> Result<Vec<Complex<f64>>, String> {
         let scheme = self.scheme.as_ref().map_err(Clone::clone)?;
-        self.solve(&scheme.factors(self.step, omega), input).ok_or_else(|| unsolved(omega))
+        let found = match scheme {
+            StepEquations::Gauss(modes) => self.of_modes(modes, omega, input),
+            _ => scheme.factors(self.step, omega).and_then(|factors| self.solve(&factors, input)),
+        };
+        found.ok_or_else(|| unsolved(omega))
+    }
+
+    fn of_modes(&self, modes: &GaussModes, omega: f64, input: usize) -> Option<Vec<Complex<f64>>> {
+        let mut sum = Vec::new();
+        for (frequency, weight) in modes.at(self.step, omega)? {
+            let column = self.at(frequency, input)?;
+            sum.resize(column.len(), Complex::ZERO);
+            sum.iter_mut().zip(column).for_each(|(place, number)| *place += weight * number);
+        }
+        Some(sum)
     }
 
     /// A(s)⁻¹ f for A(s) = s²M + K + Σ_m ρ_m K_m(s), Re s ≥ 0, and ln det A(s) on any branch: A is analytic
@@ -209,17 +269,23 @@ impl Linearised {
             }
         }
         let unsolved = || format!("no solution at s = {s}: a motion that nothing damps");
-        let mut solution: Vec<_> = load.iter().map(|&force| Complex::new(force, 0.0)).collect();
+        let on_free = |[directions, _]: &[DMatrix<f64>; 2]| {
+            let columns = directions.column_iter();
+            columns.map(|column| column.iter().zip(load).map(|(n, force)| n * force).sum()).collect()
+        };
+        let load: Vec<f64> = self.free.as_ref().map_or_else(|| load.to_vec(), on_free);
+        let mut solution: Vec<_> = load.into_iter().map(|force| Complex::new(force, 0.0)).collect();
         let logarithm = log_determinant(&mut matrix.clone(), size).ok_or_else(unsolved)?;
         solve_complex(&mut matrix, &mut solution).ok_or_else(unsolved)?;
-        Ok((solution, logarithm))
+        Ok((self.coordinates(&solution), logarithm))
     }
 
     /// M v.
     pub fn momentum(&self, velocity: &[Complex<f64>]) -> Option<Vec<Complex<f64>>> {
         let Equations::Dense { mass, .. } = &self.equations else { return None };
+        let mass = self.free.as_ref().map_or(mass, |[_, whole]| whole);
         let row = |row: usize| velocity.iter().enumerate().map(|(column, v)| v * mass[(row, column)]).sum();
-        Some((0..self.size).map(row).collect())
+        Some((0..mass.nrows()).map(row).collect())
     }
 
     /// The reason why the scheme has no discrete response; `None` if it has.
@@ -271,12 +337,25 @@ impl Linearised {
         Ok(found)
     }
 
+    /// The displacements of the coordinates for those of the unknowns.
+    fn coordinates(&self, unknowns: &[Complex<f64>]) -> Vec<Complex<f64>> {
+        let Some([directions, _]) = &self.free else { return unknowns.to_vec() };
+        let along = |row: usize| unknowns.iter().zip(directions.row(row).iter()).map(|(x, n)| x * *n).sum();
+        (0..directions.nrows()).map(along).collect()
+    }
+
     /// The response of all coordinates to a force on one of them.
     fn solve(&self, factors: &SchemeFactors, input: usize) -> Option<Vec<Complex<f64>>> {
         let nodes = factors.load.len();
         let mut vector = vec![Complex::ZERO; nodes * self.size];
-        for (node, load) in factors.load.iter().enumerate() {
-            vector[node * self.size + input] = *load;
+        for (node, load) in vector.chunks_exact_mut(self.size).zip(&factors.load) {
+            match &self.free {
+                None => node[input] = *load,
+                Some([directions, _]) => {
+                    let entries = directions.row(input);
+                    node.iter_mut().zip(entries.iter()).for_each(|(place, &entry)| *place = load * entry);
+                }
+            }
         }
         match &self.equations {
             Equations::Dense { mass, stiffness, damping } => {
@@ -294,7 +373,7 @@ impl Linearised {
                 solver.solve(pattern, &values, &mut vector).ok()?;
             }
         }
-        Some(vector[factors.answer * self.size..][..self.size].to_vec())
+        Some(self.coordinates(&vector[factors.answer * self.size..][..self.size]))
     }
 
     /// The highest frequency for which kernels given by weights are known; `None` without such kernels.

@@ -511,6 +511,58 @@ fn a_modulus_of_a_system_with_gyroscopic_forces_is_refused() {
     assert!(!output.status.success() && error.contains("gyroscopic forces"), "{error}");
 }
 
+/// An arm of one link whose joint is a fractional damper along an angle.
+const ARM: &str = "[system]\nkinetic = \"0.5*m*l^2*v0^2\"\npotential = \"-m*9.81*l*cos(q0)\"\n\
+    parameters = { m = 1.3, l = 0.8 }\n[[system.damping]]\norder = 0.6\ncoefficient = 0.9\nalong = \"sin(q0)\"\n[initial]\n\
+    position = [1.1]\n[time]\nstep = 0.02\nsteps = 150\n";
+
+#[test]
+fn a_mechanism_is_fitted_by_its_motion_and_by_its_response_at_rest() {
+    let place = Workplace::new();
+    let data = data_of_run(&place, ARM, &["t", "q0"], 3);
+    place.write("scenario.toml", ARM);
+    place.write("data.csv", &data);
+    let free = "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.damping[0].order\"\nstart = 0.4\n\
+        [[free]]\npath = \"system.damping[0].coefficient\"\nstart = 0.5\n[[free]]\npath = \"system.parameters.l\"\nstart = 0.7\n";
+    let truth = [
+        ("system.damping[0].order", 0.6),
+        ("system.damping[0].coefficient", 0.9),
+        ("system.parameters.l", 0.8),
+    ];
+    let found = fitted(&place, &format!("{free}[[data]]\nfile = \"data.csv\"\n"));
+    for (path, truth) in truth {
+        assert!((estimate(&found, path) - truth).abs() < 1e-7, "{path}: {found:#}");
+        assert_eq!(found["parameters"][path]["derivative"], "differences");
+    }
+    // The hanging arm: m l² s² + 9.81 m l + 0.9 s^0.6.
+    let mut table = "omega,re,im\n".to_owned();
+    for k in 0..40 {
+        let omega = 0.5 * 1.08_f64.powi(k);
+        let (damping, angle) = (0.9 * omega.powf(0.6), 0.3 * std::f64::consts::PI);
+        let re = 9.81 * 1.3 * 0.8 - 1.3 * 0.8 * 0.8 * omega * omega + damping * angle.cos();
+        let im = damping * angle.sin();
+        let squared = re * re + im * im;
+        writeln!(table, "{omega},{:e},{:e}", re / squared, -im / squared).unwrap();
+    }
+    place.write("data.csv", &table);
+    let receptance =
+        "[[data]]\nfile = \"data.csv\"\ninput = 0\noutput = 0\nset = { \"initial.position\" = [0.0] }\n";
+    let found = fitted(&place, &format!("{free}{receptance}"));
+    for (path, truth) in truth {
+        assert!((estimate(&found, path) - truth).abs() < 1e-7, "{path}: {found:#}");
+    }
+    // Away from rest, and for a modulus, there is nothing to compare with.
+    for (wrong, phrase) in [
+        ("[[data]]\nfile = \"data.csv\"\ninput = 0\noutput = 0\n", "equilibrium"),
+        ("[[data]]\nfile = \"data.csv\"\nquantity = \"modulus\"\n", "mechanism"),
+    ] {
+        place.write("fit.toml", &format!("{free}{wrong}"));
+        let output = place.fvi(&["fit", "fit.toml"]);
+        let error = text(&output.stderr);
+        assert!(!output.status.success() && error.contains(phrase), "{wrong}: {error}");
+    }
+}
+
 #[test]
 fn a_receptance_is_fitted() {
     let place = Workplace::new();

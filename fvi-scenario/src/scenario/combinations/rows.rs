@@ -108,18 +108,6 @@ pub const ROWS: &[Row] = &[
         "",
         "another `convolution.family`, for systems without a Lagrangian, constraints and elongations",
     ),
-    row(
-        Gauss,
-        Fit,
-        "",
-        "another `convolution.family`, for systems without a Lagrangian, constraints and elongations",
-    ),
-    row(
-        Gauss,
-        Response,
-        "",
-        "another `convolution.family`, for systems without a Lagrangian, constraints and elongations",
-    ),
     // Steps and engines.
     row(
         Steps,

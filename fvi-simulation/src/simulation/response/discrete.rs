@@ -2,7 +2,7 @@
 
 use crate::simulation::stability::characteristic::{Characteristic, MatrixFactors};
 use crate::simulation::stability::{DampingForm, discretisation, stages_of_family, symbol};
-use fvi_core::BdfOrder;
+use fvi_core::{BdfOrder, GaussLobatto};
 use fvi_fft::dense;
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::transfer::TransferFunction;
@@ -45,6 +45,8 @@ pub(super) enum StepEquations {
     Collocation { inverse: DMatrix<f64>, nodes: Vec<f64>, transfers: Vec<TransferFunction> },
     /// q_{k+1} − 2 q_k + q_{k−1} = h² M⁻¹ (forces at q_{k−1}, damping at q_k; or both at q_{k+1}).
     Euler { explicit: bool, order: BdfOrder, transfers: Vec<TransferFunction> },
+    /// Gauss's method, with its weights.
+    Gauss(Box<GaussModes>),
 }
 
 impl StepEquations {
@@ -68,6 +70,7 @@ impl StepEquations {
         }
         let family = scenario.convolution.family;
         match (scenario.scheme, family) {
+            (_, ConvolutionFamily::Gauss { stages }) => Ok(Self::Gauss(Box::new(GaussModes::new(stages)?))),
             (Scheme::ExplicitEuler | Scheme::ImplicitEuler, ConvolutionFamily::Bdf { order }) => {
                 let explicit = scenario.scheme == Scheme::ExplicitEuler;
                 let order = BdfOrder::new(order).map_err(|error| error.to_string())?;
@@ -89,18 +92,19 @@ impl StepEquations {
         match self {
             Self::Polynomials { degree, .. } => *degree,
             Self::Collocation { nodes, .. } => nodes.len(),
-            Self::Euler { .. } => 1,
+            Self::Euler { .. } | Self::Gauss(_) => 1,
         }
     }
 
-    /// The coefficients at a frequency and step.
-    pub(super) fn factors(&self, step: f64, omega: f64) -> SchemeFactors {
+    /// The coefficients at a frequency and step; `None` for Gauss's method, which has [`GaussModes`].
+    pub(super) fn factors(&self, step: f64, omega: f64) -> Option<SchemeFactors> {
         let turned = |fraction: f64| {
             let angle = omega * step * fraction;
             Complex::new(libm::cos(angle), -libm::sin(angle))
         };
         let z = turned(1.0);
-        match self {
+        Some(match self {
+            Self::Gauss(_) => return None,
             Self::Polynomials { characteristic, .. } => {
                 let MatrixFactors { mass, stiffness, damping } = characteristic.factors_of_matrices(step, z);
                 let load = characteristic.forcing(step, omega).into_iter().map(|load| -load).collect();
@@ -144,6 +148,97 @@ impl StepEquations {
                     answer: 0,
                 }
             }
+        })
+    }
+}
+
+/// Harmonic motions of Gauss's method with s stages.
+///
+/// Its step of x' = λx multiplies by R(λh) = N(λh)/N(−λh). The motions that turn by θ = ωh in a step are
+/// those of R(iy) = e^{iθ}, which has s real roots y_r, one of them near θ. So the response of a linear
+/// system is one of the continuous system at the frequencies y_r/h,
+///
+/// ```text
+/// H_h(ω) = Σ_r w_r H(y_r/h) ,     w_r = e^{iθ} Σ_i ℓ_i e^{−iθ(1 − c_i)} / Σ_i ℓ_i m_i ,
+/// ℓᵀ = bᵀ(I − iy_r A)⁻¹ ,   m = (I − iy_r A)⁻¹ 1 ,
+/// ```
+///
+/// since the equations at the nodes are functions of one matrix Δ, of which ℓ and m are the left and right
+/// eigenvectors.
+pub(super) struct GaussModes {
+    rule: GaussLobatto<f64>,
+    /// N, the coefficient of x^j at j.
+    numerator: Vec<f64>,
+}
+
+impl GaussModes {
+    fn new(stages: usize) -> Result<Self, String> {
+        let rule = GaussLobatto::new(stages).map_err(|error| error.to_string())?;
+        let mut numerator = vec![1.0];
+        for j in 0..stages {
+            let [s, j] = [stages as f64, j as f64];
+            let last = numerator[numerator.len() - 1];
+            numerator.push(last * (s - j) / ((2.0 * s - j) * (j + 1.0)));
         }
+        Ok(Self { rule, numerator })
+    }
+
+    /// The frequencies y_r/h and the weights w_r; `None` if a root is not found.
+    pub(super) fn at(&self, step: f64, omega: f64) -> Option<Vec<(f64, Complex<f64>)>> {
+        let angle = omega * step;
+        self.roots(angle)?.into_iter().map(|y| Some((y / step, self.weight(angle, y)?))).collect()
+    }
+
+    /// The real roots of Im(e^{−iθ/2} N(iy)).
+    fn roots(&self, angle: f64) -> Option<Vec<f64>> {
+        let (sine, cosine) = (libm::sin(0.5 * angle), libm::cos(0.5 * angle));
+        let of_power = |(j, n): (usize, &f64)| match j % 4 {
+            0 => -sine * n,
+            1 => cosine * n,
+            2 => sine * n,
+            _ => -cosine * n,
+        };
+        let polynomial: Vec<f64> = self.numerator.iter().enumerate().map(of_power).collect();
+        let (&leading, lower) = polynomial.split_last()?;
+        let count = lower.len();
+        let companion = DMatrix::from_fn(count, count, |row, column| match column + 1 == count {
+            true => -lower[row] / leading,
+            false => f64::from(u8::from(row == column + 1)),
+        });
+        let near = dense::eigenvalues(companion)?;
+        let refined = near.into_iter().map(|near| {
+            let mut y = near.re;
+            for _ in 0..8 {
+                let value = polynomial.iter().rev().fold(0.0, |sum, c| sum * y + c);
+                let powers = polynomial.iter().enumerate().skip(1).rev();
+                let slope = powers.fold(0.0, |sum, (j, c)| sum * y + j as f64 * c);
+                let change = value / slope;
+                if !change.is_finite() {
+                    return None;
+                }
+                y -= change;
+            }
+            Some(y)
+        });
+        refined.collect()
+    }
+
+    fn weight(&self, angle: f64, y: f64) -> Option<Complex<f64>> {
+        let stages = self.rule.stages();
+        let turned = |angle: f64| Complex::new(libm::cos(angle), libm::sin(angle));
+        let entry =
+            |i: usize, j: usize| Complex::new(f64::from(u8::from(i == j)), -y * self.rule.matrix(i, j));
+        let matrix: Vec<_> =
+            (0..stages).flat_map(|i| (0..stages).map(move |j| (i, j))).map(|(i, j)| entry(i, j)).collect();
+        let transposed: Vec<_> =
+            (0..stages).flat_map(|i| (0..stages).map(move |j| (j, i))).map(|(i, j)| entry(i, j)).collect();
+        let mut left: Vec<_> = (0..stages).map(|i| Complex::new(self.rule.weight(i), 0.0)).collect();
+        let mut right = vec![Complex::new(1.0, 0.0); stages];
+        dense::solve_complex(&mut transposed.clone(), &mut left)?;
+        dense::solve_complex(&mut matrix.clone(), &mut right)?;
+        let force = |i: usize| turned(-angle * (1.0 - self.rule.node(i)));
+        let forced: Complex<f64> = left.iter().enumerate().map(|(i, l)| l * force(i)).sum();
+        let whole: Complex<f64> = left.iter().zip(&right).map(|(l, m)| l * m).sum();
+        Some(turned(angle) * forced / whole)
     }
 }
