@@ -282,6 +282,23 @@ fn an_exchange_under_way_is_restored_where_the_same_has_begun() {
 }
 
 #[test]
+fn the_longest_fade_is_saved_and_restored() {
+    let response = |seed| Responses::one(&room::<f32>(seed, 300)).unwrap();
+    let make = || {
+        let mut convolver = Convolver::new(&response(1), &Stream::default()).unwrap();
+        run(&mut convolver, 1, 0, 100);
+        convolver.exchange(convolver.preparer().prepare(&response(2)).unwrap(), usize::MAX).unwrap();
+        convolver
+    };
+    let (mut convolver, mut other) = (make(), make());
+    assert!(convolver.exchange_left() > u64::from(u32::MAX));
+    run(&mut convolver, 1, 0, 1000);
+    other.restore(&mut StateReader::new(&saved(&convolver))).unwrap();
+    assert_eq!(other.exchange_left(), convolver.exchange_left());
+    assert_eq!(run(&mut convolver, 1, 0, 1000), run(&mut other, 1, 0, 1000));
+}
+
+#[test]
 fn what_cannot_be_used_is_refused_and_changes_nothing() {
     assert_eq!(Responses::<f64>::one(&[]).unwrap_err().parameter, "samples of a response");
     assert_eq!(Responses::one(&[1.0, f64::NAN]).unwrap_err().parameter, "response");
@@ -309,7 +326,11 @@ fn what_cannot_be_used_is_refused_and_changes_nothing() {
     );
     let other = Convolver::new(&Responses::shared(&room(1, 5000), 2).unwrap(), &Stream::default()).unwrap();
     let foreign = other.preparer().prepare(&responses).unwrap();
-    assert!(matches!(convolver.exchange(foreign, 1), Err(ExchangeError::Foreign { .. })));
+    let refused = convolver.exchange(foreign, 1).err().unwrap();
+    assert!(matches!(refused, ExchangeError::Foreign { .. }));
+    // They can be used where they belong.
+    let mut other = other;
+    other.exchange(refused.into_responses(), 1).unwrap();
 }
 
 #[test]

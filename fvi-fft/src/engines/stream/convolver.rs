@@ -494,7 +494,7 @@ impl<T: Scalar> Convolver<T> {
             return Err(ExchangeError::Busy { left: self.exchange_left(), responses });
         }
         self.banks[1 - self.active] = Some(responses);
-        let fade = fade as u64;
+        let fade = (fade as u64).min(MOST_SAMPLES);
         self.exchange = Some(Exchange { start, fade });
         self.wide_until = start.saturating_add(fade).saturating_add(self.geometry.partition.top() as u64);
         self.budget = self.budget();

@@ -62,6 +62,15 @@ pub enum ExchangeError<T: Scalar> {
     },
 }
 
+impl<T: Scalar> ExchangeError<T> {
+    /// The new responses.
+    pub fn into_responses(self) -> PreparedResponses<T> {
+        match self {
+            Self::Busy { responses, .. } | Self::Foreign { responses } => responses,
+        }
+    }
+}
+
 impl<T: Scalar> core::fmt::Debug for ExchangeError<T> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
