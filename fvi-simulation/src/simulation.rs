@@ -13,6 +13,8 @@ pub mod control;
 mod crossings;
 #[doc(hidden)]
 pub mod energy_guard;
+#[cfg(test)]
+mod energy_scheme_tests;
 mod error_budget;
 pub mod events;
 mod forces_of_time;

@@ -197,6 +197,11 @@ fn methods() -> Vec<Fragment> {
         method("gauss", gauss(json!({}))),
         method("gauss at one point", convolution(json!({ "family": "gauss" }))),
         method("graded gauss", gauss(graded())),
+        method("energy", scheme(json!({ "kind": "energy" }))),
+        method(
+            "energy by weights of a multistep rule",
+            with(convolution(json!({ "order": 2 })), "scheme", json!({ "kind": "energy" })),
+        ),
         method("adaptive gauss", gauss(json!({ "grid": "adaptive", "end": 1.0, "tolerance": 1e-5 }))),
         method("collocation", staged(collocation(), "radau-iia", 3)),
         method("collocation, Lobatto IIIC", staged(collocation(), "lobatto-iiic", 2)),

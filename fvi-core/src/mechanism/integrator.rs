@@ -4,11 +4,12 @@ use core::fmt;
 
 use crate::error::{ParameterError, check_step_size};
 use crate::linear::{Singular, all_finite, at};
+use crate::mechanism::discrete_gradient::{Buffers, Conserving};
 use crate::mechanism::gauss_lobatto::GaussLobatto;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian};
 use crate::mechanism::step::{
-    Equations, Shape as StepShape, StepBuffers, add_transposed, copy, form_saddle, from, product,
-    solve_saddle,
+    Equations, Shape as StepShape, StepBuffers, add_compensated, add_transposed, copy, form_saddle, from,
+    product, solve_saddle,
 };
 use crate::memory::MemoryError;
 use crate::real::{Real, max_or_nan};
@@ -19,6 +20,9 @@ use crate::system::{Approach, Instant};
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"mech";
+
+/// The same for discrete gradients.
+const CONSERVING_TAG: [u8; 4] = *b"mecE";
 
 /// Largest |c| and |C v|, relative to the sizes that they are made of, with which a motion may begin.
 const ON_CONSTRAINTS: f64 = 1e-8;
@@ -51,6 +55,8 @@ const MOST_CORRECTIONS: usize = 50;
 #[derive(Clone, Debug)]
 pub struct MechanismIntegrator<T, L, D, B, P> {
     rule: GaussLobatto<T>,
+    /// True for discrete gradients.
+    conserves: bool,
     shape: StepShape,
     system: L,
     dampers: D,
@@ -95,6 +101,8 @@ pub enum MechanismError {
     SingularMass,
     /// No position on the constraints was found near the initial one.
     NotProjected,
+    /// The system does not tell its potential, which discrete gradients are made of.
+    NoPotential,
 }
 
 impl fmt::Display for MechanismError {
@@ -115,6 +123,7 @@ impl fmt::Display for MechanismError {
                 write!(f, "the mass is singular for velocities that the constraints allow")
             }
             Self::NotProjected => write!(f, "no position on the constraints was found near the initial one"),
+            Self::NoPotential => write!(f, "the system does not tell its potential apart from its forces"),
         }
     }
 }
@@ -186,6 +195,14 @@ where
         shape.carried() + shape.work()
     }
 
+    /// Numbers of the buffer of [`conserving`](MechanismIntegrator::conserving); its `P` has one index more
+    /// than there are unknowns with one stage.
+    pub const fn conserving_numbers([n, m, e]: [usize; 3]) -> usize {
+        let shape = StepShape { s: 1, n, m, e };
+        let (work, own) = (shape.work(), Buffers::<T>::numbers(shape));
+        shape.carried() + if own > work { own } else { work }
+    }
+
     /// Number of unknowns of a step, the length of `P`.
     pub const fn unknowns(stages: usize, [n, m, e]: [usize; 3]) -> usize {
         StepShape { s: stages, n, m, e }.unknowns()
@@ -198,6 +215,49 @@ where
     /// [`MechanismError`].
     pub fn new(
         rule: GaussLobatto<T>,
+        (system, dampers): (L, D),
+        time: (T, T),
+        state: (&[T], &[T]),
+        project: bool,
+        buffers: (B, P),
+    ) -> Result<Self, MechanismError> {
+        Self::build((rule, false), (system, dampers), time, state, project, buffers)
+    }
+
+    /// An integrator whose energy never rises by itself: the midpoint rule with discrete gradients, for
+    /// systems with L = ½vᵀMv − U(q), M constant, that tell their [potential](Lagrangian::potential).
+    ///
+    /// ```text
+    /// q₁ − q₀ = hM⁻¹ (p₀ + p₁)/2 ,     p₁ − p₀ = h (F − ∇̄U − Ḡᵀf) − C̄ᵀμ ,     c(q₁) = 0 ,
+    /// ∇̄U·(q₁ − q₀) = U(q₁) − U(q₀) ,     C̄ (q₁ − q₀) = c(q₁) − c(q₀) ,     f = Z(∂_h) Ḡ (q₁ − q₀)/h
+    /// ```
+    ///
+    /// with the memory of the midpoint rule, so that E₁ + (work of the dampers) = E₀ + (work of F) for
+    /// *every* U, g, c and h, up to rounding, and with Z = Σ c_j/(s + λ_j) E plus the energy stored in the
+    /// dampers never rises but by F. Of order 2. The momentum need not be tangent to the constraints. Where
+    /// Newton's method fails from the velocity of the last step, the solution is followed from a step of
+    /// length 0; the energy bounds that path if U has a lower bound. Source: \[Gonzalez96\] for the
+    /// gradients.
+    ///
+    /// # Errors
+    /// [`MechanismError`].
+    pub fn conserving(
+        (system, dampers): (L, D),
+        time: (T, T),
+        state: (&[T], &[T]),
+        project: bool,
+        buffers: (B, P),
+    ) -> Result<Self, MechanismError> {
+        let rule = GaussLobatto::new(1)?;
+        let mut made = Self::build((rule, true), (system, dampers), time, state, project, buffers)?;
+        let n = made.shape.n;
+        let (carried, room, system, _) = made.split();
+        let told = system.potential(carried.position, parts_mut(room.forces, n).0, None);
+        if told.is_none() { Err(MechanismError::NoPotential) } else { Ok(made) }
+    }
+
+    fn build(
+        (rule, conserves): (GaussLobatto<T>, bool),
         (system, dampers): (L, D),
         (step_size, start): (T, T),
         (position, velocity): (&[T], &[T]),
@@ -212,14 +272,28 @@ where
         };
         let found = dampers.elongations();
         check(found == e, "elongations of the dampers", found, "as many as the system has")?;
-        let (long, found) = (shape.carried() + shape.work(), numbers.as_ref().len());
-        check(found == long, "numbers of the buffer", found, "those of `numbers`")?;
+        let long =
+            if conserves { Self::conserving_numbers([n, m, e]) } else { shape.carried() + shape.work() };
+        let found = numbers.as_ref().len();
+        check(found == long, "numbers of the buffer", found, "those of `numbers`, or `conserving_numbers`")?;
         let anchor = (0, start);
         let work = [T::zero(); 2];
-        let mut made =
-            Self { rule, shape, system, dampers, numbers, pivots, step_size, steps: 0, anchor, work };
+        let mut made = Self {
+            rule,
+            conserves,
+            shape,
+            system,
+            dampers,
+            numbers,
+            pivots,
+            step_size,
+            steps: 0,
+            anchor,
+            work,
+        };
         let found = made.pivots.as_mut().len();
-        check(found == shape.unknowns(), "indices of the buffer", found, "those of `unknowns`")?;
+        let indices = shape.unknowns() + usize::from(conserves);
+        check(found == indices, "indices of the buffer", found, "those of `unknowns`, or one more")?;
         let fits = position.len() == n && velocity.len() == n;
         if !(fits && all_finite(position) && all_finite(velocity)) {
             return Err(MechanismError::InitialState);
@@ -397,6 +471,9 @@ where
     fn make(&mut self, length: T, end: T, input: &[T]) -> Result<u32, StepError> {
         let (time, shape) = (self.time(), self.shape);
         self.dampers.begin_step(length)?;
+        if self.conserves {
+            return self.conserve((time, length), input);
+        }
         let (carried, work) = carried(shape, self.numbers.as_mut());
         let mut room = StepBuffers::new(shape, work);
         copy(room.unknowns, carried.guess);
@@ -417,8 +494,37 @@ where
         let ended = Ended { rule: &self.rule, shape, length, last };
         ended.write_next(&mut self.system, &carried, &mut room, self.pivots.as_mut())?;
         // Nothing fails from here on.
-        self.work = ended.advance(carried, &room, self.work);
-        self.dampers.push(room.rates);
+        let StepBuffers { unknowns, next, tensions, rates, .. } = room;
+        self.work = ended.advance(carried, [unknowns, next, tensions, rates], self.work);
+        self.dampers.push(rates);
+        Ok(corrections)
+    }
+
+    /// A step with discrete gradients.
+    fn conserve(&mut self, (time, length): (T, T), input: &[T]) -> Result<u32, StepError> {
+        let (shape, last) = (self.shape, Instant { time, approach: Approach::FromLeft });
+        let (carried, work) = carried(shape, self.numbers.as_mut());
+        let mut room = Buffers::new(shape, work);
+        copy(room.unknowns, carried.guess);
+        self.dampers.known(room.known);
+        let pivots = self.pivots.as_mut();
+        let mut equations = Conserving {
+            shape,
+            system: &mut self.system,
+            dampers: &self.dampers,
+            time,
+            length,
+            position: &*carried.position,
+            momentum: &*carried.momentum,
+            input,
+        };
+        let corrections = equations.solve(&mut room, pivots)?;
+        equations.write_next((&*carried.position_rest, &*carried.momentum_rest), &mut room, pivots)?;
+        let ended = Ended { rule: &self.rule, shape, length, last };
+        // Nothing fails from here on.
+        let Buffers { unknowns, next, tensions, rates, .. } = room;
+        self.work = ended.advance(carried, [unknowns, next, tensions, rates], self.work);
+        self.dampers.push(rates);
         Ok(corrections)
     }
 
@@ -559,6 +665,10 @@ where
         largest(T::zero(), room.values)
     }
 
+    fn tag(&self) -> [u8; 4] {
+        if self.conserves { CONSERVING_TAG } else { TAG }
+    }
+
     fn shape_of_state(&self) -> Shape<4> {
         let StepShape { s, n, m, e } = self.shape;
         [
@@ -635,7 +745,12 @@ impl<T: Real> Ended<'_, T> {
     }
 
     /// Takes over the end of the step; returns the dampers' work up to there.
-    fn advance(&self, carried: Carried<'_, T>, room: &StepBuffers<'_, T>, [work, rest]: [T; 2]) -> [T; 2] {
+    fn advance(
+        &self,
+        carried: Carried<'_, T>,
+        [unknowns, next_numbers, tensions, rates]: [&[T]; 4],
+        [work, rest]: [T; 2],
+    ) -> [T; 2] {
         let StepShape { s, n, m, e } = self.shape;
         let next = [
             carried.position,
@@ -644,40 +759,32 @@ impl<T: Real> Ended<'_, T> {
             carried.momentum_rest,
             carried.velocity,
         ];
-        for (place, numbers) in next.into_iter().zip(room.next.chunks_exact(n.max(1))) {
+        for (place, numbers) in next.into_iter().zip(next_numbers.chunks_exact(n.max(1))) {
             copy(place, numbers);
         }
-        copy(carried.solution, from(room.unknowns, 0, s * n));
+        copy(carried.solution, from(unknowns, 0, s * n));
         let (guess, multipliers) = parts_mut(carried.guess, s * n);
         guess.fill(T::zero());
         for (i, stage) in guess.chunks_exact_mut(n.max(1)).enumerate() {
             for j in 0..s {
                 let factor = self.rule.ahead(i, j);
-                let parts = stage.iter_mut().zip(from(room.unknowns, j * n, n));
+                let parts = stage.iter_mut().zip(from(unknowns, j * n, n));
                 parts.for_each(|(place, &velocity)| *place += factor * velocity);
             }
         }
-        copy(multipliers, from(room.unknowns, s * n, s * m));
+        copy(multipliers, from(unknowns, s * n, s * m));
         carried.tensions.fill(T::zero());
         let mut taken = rest;
         for i in 0..s {
-            let (factor, tensions) = (self.rule.at_end(i), from(room.tensions, i * e, e));
+            let (factor, tensions) = (self.rule.at_end(i), from(tensions, i * e, e));
             let places = carried.tensions.iter_mut().zip(tensions);
             places.for_each(|(place, &tension)| *place += factor * tension);
             for (elongation, &tension) in tensions.iter().enumerate() {
-                taken += self.length * self.rule.weight(i) * at(room.rates, elongation * s + i) * tension;
+                taken += self.length * self.rule.weight(i) * at(rates, elongation * s + i) * tension;
             }
         }
         let sum = work + taken;
         [sum, taken - (sum - work)]
-    }
-}
-
-/// `next` ← start + change, and `change` ← what the sum lost to rounding.
-fn add_compensated<T: Real>(start: &[T], change: &mut [T], next: &mut [T]) {
-    for ((next, &start), change) in next.iter_mut().zip(start).zip(change) {
-        *next = start + *change;
-        *change -= *next - start;
     }
 }
 
@@ -694,7 +801,7 @@ where
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
-        to.header::<T, 4>(TAG, &self.shape_of_state())?;
+        to.header::<T, 4>(self.tag(), &self.shape_of_state())?;
         to.count(self.steps)?;
         to.count(self.anchor.0)?;
         to.numbers([&self.anchor.1])?;
@@ -704,7 +811,7 @@ where
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.header::<T, 4>(TAG, &self.shape_of_state())?;
+        from.header::<T, 4>(self.tag(), &self.shape_of_state())?;
         let steps = from.count()?;
         from.count_up_to("steps", usize::try_from(steps).unwrap_or(usize::MAX))?;
         from.skip::<T>(3 + self.shape.carried())?;
@@ -713,7 +820,7 @@ where
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.check_state(&mut from.clone())?;
-        from.header::<T, 4>(TAG, &self.shape_of_state())?;
+        from.header::<T, 4>(self.tag(), &self.shape_of_state())?;
         self.steps = from.count()?;
         let first = from.count_up_to("steps", usize::try_from(self.steps).unwrap_or(usize::MAX))?;
         self.anchor = (first as u64, from.number()?);

@@ -62,6 +62,14 @@ pub trait Lagrangian<T> {
         let _ = (position, velocity, forces, turning, stiffness);
     }
 
+    /// U, with ∂U/∂q, N numbers, and ∂²U/∂q², N×N numbers, if asked for, of a system with L = ½vᵀMv − U(q)
+    /// and a constant M; `None` without them, if the system does not tell them. What is left of L_q + F at
+    /// rest is F.
+    fn potential(&mut self, position: &[T], gradient: &mut [T], hessian: Option<&mut [T]>) -> Option<T> {
+        let _ = (position, gradient, hessian);
+        None
+    }
+
     /// The energy L_vᵀ v − L.
     fn energy(&mut self, position: &[T], velocity: &[T]) -> T;
 }

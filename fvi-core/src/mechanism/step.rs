@@ -147,6 +147,14 @@ pub(super) fn add_transposed<T: Real>(factor: T, matrix: &[T], x: &[T], out: &mu
     }
 }
 
+/// `next` ← start + change, and `change` ← what the sum lost to rounding.
+pub(super) fn add_compensated<T: Real>(start: &[T], change: &mut [T], next: &mut [T]) {
+    for ((next, &start), change) in next.iter_mut().zip(start).zip(change) {
+        *next = start + *change;
+        *change -= *next - start;
+    }
+}
+
 /// B x, number by number.
 pub(super) fn product<'a, T: Real>(matrix: &'a [T], x: &'a [T]) -> impl Iterator<Item = T> + 'a {
     let rows = matrix.chunks_exact(x.len().max(1));

@@ -27,6 +27,8 @@ pub enum Scheme {
     },
     /// Collocation by the Radau IIA method of the convolution quadrature: L-stable, not variational.
     Collocation,
+    /// The midpoint rule with discrete gradients, whose energy never rises by itself.
+    Energy,
     /// Explicit Euler with the same memory, a baseline.
     ExplicitEuler,
     /// Implicit Euler with the same memory, a baseline.
@@ -81,6 +83,7 @@ enum SchemeKind {
     LowOrder,
     Galerkin,
     Collocation,
+    Energy,
     ExplicitEuler,
     ImplicitEuler,
 }
@@ -120,6 +123,7 @@ impl Scheme {
                 ("low-order", SchemeKind::LowOrder),
                 ("galerkin", SchemeKind::Galerkin),
                 ("collocation", SchemeKind::Collocation),
+                ("energy", SchemeKind::Energy),
                 ("explicit-euler", SchemeKind::ExplicitEuler),
                 ("implicit-euler", SchemeKind::ImplicitEuler),
             ])?,
@@ -140,6 +144,7 @@ impl Scheme {
                 Ok(Self::Galerkin { degree, quadrature: read_quadrature(table, degree)? })
             }
             SchemeKind::Collocation => table.allow(&["kind"]).map(|()| Self::Collocation),
+            SchemeKind::Energy => table.allow(&["kind"]).map(|()| Self::Energy),
             SchemeKind::ExplicitEuler => table.allow(&["kind"]).map(|()| Self::ExplicitEuler),
             SchemeKind::ImplicitEuler => table.allow(&["kind"]).map(|()| Self::ImplicitEuler),
         }
@@ -182,6 +187,7 @@ impl Scheme {
             }
             Self::Galerkin { degree, quadrature: None } => format!("Galerkin, degree {degree}"),
             Self::Collocation => "collocation".to_owned(),
+            Self::Energy => "midpoint rule with discrete gradients".to_owned(),
             Self::ExplicitEuler => "explicit Euler".to_owned(),
             Self::ImplicitEuler => "implicit Euler".to_owned(),
         }
@@ -228,13 +234,15 @@ impl Convolution {
     /// The default of a scenario without `[convolution]`: BDF 2 at the nodes, with which the midpoint rule is
     /// of order 2 and stable at every step. For Euler's methods, baselines of order 1, it is BDF 1 at the
     /// main nodes: the explicit one has no node inside the step, and the implicit one already solves for its
-    /// end. For collocation it is Radau IIA of order 5.
+    /// end. For collocation it is Radau IIA of order 5, for the energy scheme the weights of the midpoint
+    /// rule.
     pub fn default_for(scheme: &Scheme) -> Self {
         let (family, at) = match scheme {
             Scheme::LowOrder { .. } | Scheme::Galerkin { .. } => {
                 (ConvolutionFamily::Bdf { order: 2 }, DampedAt::Nodes)
             }
             Scheme::Collocation => (ConvolutionFamily::RadauIia { stages: 3 }, DampedAt::Nodes),
+            Scheme::Energy => (ConvolutionFamily::Gauss { stages: 1 }, DampedAt::Nodes),
             Scheme::ExplicitEuler | Scheme::ImplicitEuler => {
                 (ConvolutionFamily::Bdf { order: 1 }, DampedAt::MainNodes)
             }
@@ -259,7 +267,7 @@ impl Convolution {
                 ("lobatto-iiic", FamilyName::LobattoIiic),
                 ("gauss", FamilyName::Gauss),
             ])?,
-            None if is_mechanism && !is_multistep => FamilyName::Gauss,
+            None if (is_mechanism || *scheme == Scheme::Energy) && !is_multistep => FamilyName::Gauss,
             None if *scheme == Scheme::Collocation => FamilyName::RadauIia,
             None => FamilyName::Bdf,
         };

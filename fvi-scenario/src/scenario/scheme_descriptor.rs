@@ -98,6 +98,13 @@ impl Scheme {
                     ..variational
                 }
             }
+            Self::Energy => SchemeDescriptor {
+                order: 2,
+                is_variational: false,
+                takes_moments: false,
+                takes_inputs_inside: false,
+                ..variational
+            },
             Self::ExplicitEuler | Self::ImplicitEuler => baseline,
         }
     }
@@ -123,5 +130,6 @@ mod tests {
         assert_eq!(counts(Scheme::Collocation, ConvolutionFamily::RadauIia { stages: 3 }), (3, 3, 5));
         assert_eq!(counts(Scheme::ImplicitEuler, bdf(1)), (1, 1, 1));
         assert_eq!(counts(galerkin(3, None), ConvolutionFamily::Gauss { stages: 3 }), (3, 3, 6));
+        assert_eq!(counts(Scheme::Energy, ConvolutionFamily::Gauss { stages: 1 }), (1, 1, 2));
     }
 }

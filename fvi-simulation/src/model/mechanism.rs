@@ -5,13 +5,15 @@ use super::space::AnySpace;
 use crate::model::tape::CompiledFunction;
 use fvi_core::{Instant, Lagrangian, MatrixError, Mechanics, Second};
 use fvi_scenario::language::expression::{Elementary, Expression, Moment};
-use fvi_scenario::scenario::Scenario;
+use fvi_scenario::scenario::{Scenario, Scheme};
 
 /// T(q, v) − U(q) with forces, constraints and elongations of a scenario.
 #[derive(Clone, Debug)]
 pub struct Mechanism<T> {
     /// Potential and forces of all kinds.
     model: Model<T>,
+    /// The potential alone, for a scheme with discrete gradients.
+    conservative: Option<Box<Model<T>>>,
     /// T; absent: ½ vᵀ M v with the mass, row by row.
     kinetic: Option<CompiledFunction<T>>,
     mass: Vec<T>,
@@ -67,8 +69,19 @@ impl<T: Elementary> Mechanism<T> {
         let mut undamped = scenario.clone();
         undamped.system.damping.clear();
         let zeros = |count: usize| vec![T::zero(); count];
+        let model = Model::new(&undamped)?;
+        let conservative = if scenario.scheme == Scheme::Energy {
+            undamped.system.force = None;
+            undamped.system.loads.clear();
+            undamped.system.own_terms = None;
+            undamped.input = None;
+            Some(Box::new(Model::new(&undamped)?))
+        } else {
+            None
+        };
         Ok(Self {
-            model: Model::new(&undamped)?,
+            model,
+            conservative,
             kinetic,
             mass,
             constraints,
@@ -292,6 +305,29 @@ impl<T: Elementary> Lagrangian<T> for Mechanism<T> {
                 }
             }
         }
+    }
+
+    fn potential(&mut self, position: &[T], gradient: &mut [T], hessian: Option<&mut [T]>) -> Option<T> {
+        let model = &mut **self.conservative.as_mut()?;
+        let count = position.len();
+        self.position.copy_from_slice(position);
+        let still = vec![T::zero(); count];
+        let value = Mechanics::<T, AnySpace>::energy(model, &self.position, &still);
+        let instant = Instant::in_step(T::zero(), T::of(0.5), T::zero());
+        let Some(hessian) = hessian else {
+            Mechanics::<T, AnySpace>::restoring_force(model, instant, &self.position, &mut self.restoring);
+            gradient.copy_from_slice(&self.restoring);
+            return Some(value);
+        };
+        let mut stiffness = Mechanics::<T, AnySpace>::stiffness(model);
+        let restoring = &mut self.restoring;
+        Mechanics::<T, AnySpace>::linearise(model, instant, &self.position, restoring, &mut stiffness);
+        gradient.copy_from_slice(restoring);
+        hessian.fill(T::zero());
+        for (row, column, entry) in stiffness.entries() {
+            hessian[row * count + column] = entry;
+        }
+        Some(value)
     }
 
     fn energy(&mut self, position: &[T], velocity: &[T]) -> T {

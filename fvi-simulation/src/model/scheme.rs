@@ -59,6 +59,8 @@ impl<T: Real> AnyScheme<T> {
             ScenarioScheme::LowOrder { kappa } => {
                 return Ok(Self::of(&Galerkin::low_order(T::of(kappa))?, form));
             }
+            // Its nodes; the step with discrete gradients is that of mechanisms.
+            ScenarioScheme::Energy => return Ok(Self::of(&Galerkin::low_order(T::of(0.5))?, form)),
             ScenarioScheme::ExplicitEuler => {
                 return Ok(Self::of(&ExplicitEuler::coefficients(), Form::MainNodes));
             }

@@ -14,7 +14,7 @@ use fvi_fft::memory::Engine;
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_scenario::language::expression::Elementary;
 use fvi_scenario::language::{InputError, Problem};
-use fvi_scenario::scenario::{Damping, ReportedMomentum, Scenario};
+use fvi_scenario::scenario::{Damping, ReportedMomentum, Scenario, Scheme};
 
 /// Largest number of unknowns of a step, whose matrix is full.
 const MOST_UNKNOWNS: usize = 3000;
@@ -68,16 +68,21 @@ impl<T: Elementary> TypedMechanism<T> {
         let dampers = dampers(scenario, &rule)?;
         let shape = [system.coordinates(), system.constraints(), system.elongations()];
         type Integrator<T> = MechanismIntegrator<T, Mechanism<T>, Row<T>, Vec<T>, Vec<usize>>;
-        let numbers = vec![T::zero(); Integrator::<T>::numbers(stages, shape)];
-        let pivots = vec![0; Integrator::<T>::unknowns(stages, shape)];
-        let integrator = Integrator::new(
-            rule,
-            (system, dampers),
-            (T::of(scenario.time.step), T::of(scenario.time.start)),
-            (&position, &vector::<T>(&velocity)),
-            scenario.initial.project,
-            (numbers, pivots),
-        )
+        let conserves = scenario.scheme == Scheme::Energy;
+        let numbers = match conserves {
+            true => Integrator::<T>::conserving_numbers(shape),
+            false => Integrator::<T>::numbers(stages, shape),
+        };
+        let indices = Integrator::<T>::unknowns(stages, shape) + usize::from(conserves);
+        let buffers = (vec![T::zero(); numbers], vec![0; indices]);
+        let parts = (system, dampers);
+        let time = (T::of(scenario.time.step), T::of(scenario.time.start));
+        let velocity = vector::<T>(&velocity);
+        let (state, project) = ((&position[..], &velocity[..]), scenario.initial.project);
+        let integrator = match conserves {
+            true => Integrator::conserving(parts, time, state, project, buffers),
+            false => Integrator::new(rule, parts, time, state, project, buffers),
+        }
         .map_err(|error| refused(scenario, &error))?;
         let zeros = || vec![T::zero(); scenario.coordinates()];
         let mut made = Self {

@@ -129,8 +129,8 @@ def integrate(
         million.
     **keys
         How to integrate, by the names in a scenario: scheme="low-order" (kappa=0.5), "galerkin" (degree, quadrature, points),
-        "collocation", "explicit-euler" or "implicit-euler"; convolution="bdf" (order from 1 to 6), "radau-iia" or "lobatto-iiic" (stages), or
-        "trapezoidal", likewise symbol="trapezoidal"; at; starting; engine, tolerance, horizon, capacity, overflow, states, threads;
+        "collocation", "energy", "explicit-euler" or "implicit-euler"; convolution="bdf" (order from 1 to 6), "radau-iia" or
+        "lobatto-iiic" (stages), "gauss" or "trapezoidal", likewise symbol="trapezoidal"; at; starting; engine, tolerance, horizon, capacity, overflow, states, threads;
         every, times, coordinates; allow_unstable; energy_guard; title;
         sensitivities, paths such as "system.damping[0].order" of the numbers with respect to which the motion is differentiated
         (`Result.dq` and `Result.dp`); memory_energy=True for `Result.memory_stored` and `Result.memory_dissipated`; and for steps

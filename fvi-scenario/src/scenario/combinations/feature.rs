@@ -70,7 +70,9 @@ features! {
     Gauss: "Gauss weights", "convolution.family",
         |s| on(matches!(s.convolution.family, ConvolutionFamily::Gauss { .. }));
     NotGalerkin: "a scheme other than Galerkin's", "scheme.kind",
-        |s| on(!matches!(s.scheme, Scheme::Galerkin { .. }));
+        |s| on(!matches!(s.scheme, Scheme::Galerkin { .. } | Scheme::Energy));
+    Energy: "the energy scheme", "scheme.kind", |s| on(s.scheme == Scheme::Energy);
+    Kinetic: "a kinetic energy in words", "system.kinetic", |s| on(s.system.kinetic.is_some());
     Projected: "a start that is moved onto constraints", "initial.project", |s| on(s.initial.project);
     Unconstrained: "a system without constraints", "system", |s| on(s.system.constraints.is_empty());
     RiemannLiouville: "damping of Riemann and Liouville's form, or of order 0", "system.damping[{i}]",
@@ -80,7 +82,7 @@ features! {
     Euler: "Euler's methods", "scheme.kind",
         |s| on(matches!(s.scheme, Scheme::ExplicitEuler | Scheme::ImplicitEuler));
     OneNode: "a scheme without stages", "scheme.kind",
-        |s| on(!matches!(s.scheme, Scheme::Galerkin { .. } | Scheme::Collocation));
+        |s| on(!matches!(s.scheme, Scheme::Galerkin { .. } | Scheme::Collocation | Scheme::Energy));
     Collocation: "collocation", "scheme.kind", |s| on(s.scheme == Scheme::Collocation);
     OwnQuadrature: "a quadrature of the action", "scheme.points", |s| on(s.scheme.quadrature().is_some());
     NoVelocities: "a node at the beginning of a step, or more nodes than the degree", "scheme", |s| on(!has_velocities(s));
@@ -222,7 +224,7 @@ fn has_velocities(s: &Scenario) -> bool {
         (Scheme::LowOrder { kappa }, _) => kappa < 1.0,
         (Scheme::Galerkin { degree, quadrature: Some(rule) }, _) => rule == Quadrature::Gauss(degree),
         (Scheme::Galerkin { degree, .. }, ConvolutionFamily::RadauIia { stages }) => stages == degree,
-        (Scheme::Galerkin { .. }, ConvolutionFamily::Gauss { .. }) => true,
+        (Scheme::Galerkin { .. } | Scheme::Energy, ConvolutionFamily::Gauss { .. }) => true,
         _ => false,
     }
 }

@@ -78,6 +78,24 @@ pub const ROWS: &[Row] = &[
         "only the weights of the method that moves the mechanism keep its order and take no energy from nowhere",
         "\"gauss\" here, which is what is taken without this key",
     ),
+    row(
+        NotGauss,
+        Energy,
+        "the energy stored in the dampers is known for the weights of the midpoint rule",
+        "\"gauss\" here, which is what is taken without this key",
+    ),
+    row(
+        Energy,
+        Kinetic,
+        "its gradients are those of a potential beside a constant mass",
+        "`system.mass`, with `system.constraints` for a mechanism; or `scheme.kind` = \"galerkin\"",
+    ),
+    row(
+        Energy,
+        OwnTerms,
+        "its gradients take the potential at both ends of a step, which code does not tell apart from its forces",
+        "an expression as `system.potential`; or `scheme.kind` = \"galerkin\"",
+    ),
     row(Projected, Unconstrained, "", "`initial.project` beside `system.constraints`"),
     row(
         RiemannLiouville,

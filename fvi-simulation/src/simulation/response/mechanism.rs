@@ -18,7 +18,8 @@ const CLOSE: f64 = 1e-6;
 /// With d/dt L_v = L_q + F − Σ_e G_eᵀ f_e − Cᵀ λ, c(q) = 0, at rest at q
 ///
 /// ```text
-/// M = L_vv ,   K = −∂(L_q + F)/∂q + Σ_k λ_k ∂²c_k + Σ_e [f_e ∂²g_e + K_e(0) G_eᵀ ρ G_e] ,   ρ_m = G_mᵀ ρ G_m ,
+/// M = L_vv ,   ρ_m = G_mᵀ ρ G_m ,
+/// K = −∂(L_q + F)/∂q + Σ_k λ_k ∂²c_k + Σ_e [f_e ∂²g_e + K_e(0) G_eᵀ ρ G_e] ,
 /// ```
 ///
 /// on the kernel of C, where f_e = ρ K_e(0) (g_e(q) − g_e(q₀)) is what springs of kernels pull with.
@@ -271,7 +272,7 @@ fn refuse_motion(
     let force: Vec<f64> = left.iter().copied().collect();
     let reason = format!(
         "a frequency response is about an equilibrium: at q = {position:?} the force {force:?} is left at rest, and the \
-         constraints are off by {off:e}{near}"
+         constraints are off by {off:.2e}{near}"
     );
     Err(scenario.error_at("initial.position", Problem::Unusable { reason }))
 }

@@ -145,13 +145,13 @@ fn dense(matrix: &SymmetricMatrix) -> DMatrix<f64> {
     }
 }
 
-/// The scheme of a scenario; `None` for the Euler methods, for collocation, which is L-stable, and for
-/// invalid combinations.
+/// The scheme of a scenario; `None` for the Euler methods, for collocation, which is L-stable, for the energy
+/// scheme, and for invalid combinations.
 pub(crate) fn discretisation(scenario: &Scenario) -> Option<Discretisation> {
     let (degree, kappa) = match scenario.scheme {
         Scheme::LowOrder { kappa } => (1, Some(kappa)),
         Scheme::Galerkin { degree, .. } => (degree, None),
-        Scheme::Collocation | Scheme::ExplicitEuler | Scheme::ImplicitEuler => return None,
+        Scheme::Collocation | Scheme::Energy | Scheme::ExplicitEuler | Scheme::ImplicitEuler => return None,
     };
     let (form, rule) = match scenario.convolution.family.multistep().ok()? {
         Some(multistep) => {

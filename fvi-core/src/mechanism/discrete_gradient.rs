@@ -1,0 +1,629 @@
+//! A step by the midpoint rule with discrete gradients, and a solver for it that no step is too long for.
+
+use crate::linear::{Singular, all_finite, at, factor, substitute};
+use crate::mechanism::lagrangian::{Dampers, Lagrangian, Second};
+use crate::mechanism::step::{Shape, add_compensated, add_transposed, copy, from, product};
+use crate::real::{Real, max_or_nan};
+use crate::scheme::StepError;
+use crate::space::parts_mut;
+use crate::system::Instant;
+
+/// Newton's corrections before the solution is followed from a short step.
+const DIRECT: u32 = 20;
+
+/// Corrections of a point of the path.
+const OF_POINT: u32 = 8;
+
+/// Largest number of points of a path.
+const MOST_POINTS: u32 = 2_000;
+
+/// Number of starts after that.
+const STARTS: u32 = 60;
+
+/// Work arrays of a step.
+pub(super) struct Buffers<'a, T> {
+    /// V and μ = h Λ, behind them the share θ of the step.
+    pub(super) unknowns: &'a mut [T],
+    /// Where the path was, its direction, and the right-hand side of the next one.
+    before: &'a mut [T],
+    tangent: &'a mut [T],
+    pub(super) residual: &'a mut [T],
+    moved: &'a mut [T],
+    pub(super) matrix: &'a mut [T],
+    /// q₁ − q₀, q₁ and the middle.
+    rise: &'a mut [T],
+    end: &'a mut [T],
+    middle: &'a mut [T],
+    /// M V, and L_q + F with the corrected gradient.
+    pub(super) momentum: &'a mut [T],
+    force: &'a mut [T],
+    /// ∂U in the middle and at the end, and ∂²U in the middle.
+    slope: &'a mut [T],
+    end_slope: &'a mut [T],
+    bend: &'a mut [T],
+    pub(super) mass: &'a mut [T],
+    coupling: &'a mut [T],
+    stiffness: &'a mut [T],
+    resistance: &'a mut [T],
+    /// c at both ends and in the middle, with their gradients.
+    values: &'a mut [T],
+    end_values: &'a mut [T],
+    constraints: &'a mut [T],
+    end_constraints: &'a mut [T],
+    weights: &'a mut [T],
+    jacobian: &'a mut [T],
+    turning: &'a mut [T],
+    pull: &'a mut [T],
+    pub(super) rates: &'a mut [T],
+    pub(super) tensions: &'a mut [T],
+    pub(super) known: &'a mut [T],
+    /// Position, momentum, their rounding errors, and velocity at the end of the step.
+    pub(super) next: &'a mut [T],
+}
+
+impl<'a, T: Real> Buffers<'a, T> {
+    /// Numbers of a buffer.
+    pub(super) const fn numbers(shape: Shape) -> usize {
+        let Shape { n, m, e, .. } = shape;
+        let u = n + m;
+        5 * (u + 1) + (u + 1) * (u + 1) + 12 * n + 6 * n * n + 3 * m + 2 * m * n + 2 * e * n + 3 * e
+    }
+
+    /// The arrays in a buffer of so many numbers.
+    pub(super) fn new(shape: Shape, mut buffer: &'a mut [T]) -> Self {
+        let Shape { n, m, e, .. } = shape;
+        let u = n + m;
+        let mut take = |count: usize| {
+            let (part, rest) = parts_mut(core::mem::take(&mut buffer), count);
+            buffer = rest;
+            part
+        };
+        Self {
+            unknowns: take(u + 1),
+            before: take(u + 1),
+            tangent: take(u + 1),
+            residual: take(u + 1),
+            moved: take(u + 1),
+            matrix: take((u + 1) * (u + 1)),
+            rise: take(n),
+            end: take(n),
+            middle: take(n),
+            momentum: take(n),
+            force: take(n),
+            slope: take(n),
+            end_slope: take(n),
+            bend: take(n * n),
+            mass: take(n * n),
+            coupling: take(n * n),
+            stiffness: take(n * n),
+            resistance: take(n * n),
+            values: take(m),
+            end_values: take(m),
+            constraints: take(m * n),
+            end_constraints: take(m * n),
+            weights: take(m),
+            jacobian: take(e * n),
+            turning: take(e * n),
+            pull: take(n * n),
+            rates: take(e),
+            tensions: take(e),
+            known: take(e),
+            next: take(5 * n),
+        }
+    }
+}
+
+/// The last equation, which says how much of the step the solution is of.
+#[derive(Clone, Copy)]
+enum Row<T> {
+    /// θ has this value.
+    Share(T),
+    /// The point is so far along the tangent from the one before.
+    Along(T),
+}
+
+/// The equations of one step from (q₀, p₀), of the share θ of its length h,
+///
+/// ```text
+/// 2 (M V − p₀) + θh [∇̄U − F + Ḡᵀ f] + C̄ᵀ μ = 0 ,    C̄ V + (θ/h) c(q₀) = 0 ,
+/// q₁ = q₀ + θhV ,     f = known + Z₀ Ḡ V ,     Ḡ = G((q₀ + q₁)/2) ,
+/// ∇̄U = ∇U((q₀ + q₁)/2) + r (q₁ − q₀) ,   ∇̄U · (q₁ − q₀) = U(q₁) − U(q₀) ,
+/// ```
+///
+/// and C̄ likewise. For θ = 1 they are those of the step, with Λ = μ/h; for θ = 0 they are linear and have
+/// one solution. In between the energy bounds V, so that a path of solutions leads from one to the other.
+pub(super) struct Conserving<'a, T, L, D> {
+    pub(super) shape: Shape,
+    pub(super) system: &'a mut L,
+    pub(super) dampers: &'a D,
+    pub(super) time: T,
+    pub(super) length: T,
+    pub(super) position: &'a [T],
+    pub(super) momentum: &'a [T],
+    /// A force held over the step; missing numbers are zero.
+    pub(super) input: &'a [T],
+}
+
+impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
+    /// Solves for V and μ, which hold a first guess; the arrays of the room are then those of the solution.
+    /// Returns the number of corrections.
+    pub(super) fn solve(
+        &mut self,
+        room: &mut Buffers<'_, T>,
+        pivots: &mut [usize],
+    ) -> Result<u32, StepError> {
+        put_last(room.unknowns, T::one());
+        if let Ok(count) = self.newton(Row::Share(T::one()), DIRECT, room, pivots) {
+            return Ok(count);
+        }
+        room.unknowns.fill(T::zero());
+        self.newton(Row::Share(T::zero()), OF_POINT, room, pivots)?;
+        copy(room.before, room.unknowns);
+        if let Ok(count) = self.follow(room, pivots) {
+            return Ok(count);
+        }
+        // A potential that oscillates many times over the step bends the path as often. Parts of the velocity
+        // without forces are starts, too.
+        room.unknowns.fill(T::zero());
+        self.newton(Row::Share(T::zero()), OF_POINT, room, pivots)?;
+        copy(room.before, room.unknowns);
+        let mut last = StepError::NotConverged { iterations: 0, residual: f64::INFINITY };
+        for part in
+            (0..STARTS).map(|index| T::one() - T::of(1.5 / f64::from(STARTS)) * T::of(f64::from(index)))
+        {
+            room.unknowns.iter_mut().zip(&*room.before).for_each(|(place, &free)| *place = part * free);
+            put_last(room.unknowns, T::one());
+            match self.newton(Row::Share(T::one()), DIRECT, room, pivots) {
+                Ok(count) => return Ok(count),
+                Err(error) => last = error,
+            }
+        }
+        Err(last)
+    }
+
+    /// Follows the solutions from that at θ = 0, which is `before`, to θ = 1 by their arc length: they may
+    /// turn back in θ on the way.
+    ///
+    /// A point is taken if it lies close to the tangent of the one before and the tangent hardly turns, so
+    /// that the path is not left for another one; at kinks, which short lengths show, it may turn by a right
+    /// angle.
+    fn follow(&mut self, room: &mut Buffers<'_, T>, pivots: &mut [usize]) -> Result<u32, StepError> {
+        let mut count = DIRECT;
+        room.tangent.fill(T::zero());
+        put_last(room.tangent, T::one());
+        self.turn(room, pivots)?;
+        copy(room.tangent, room.residual);
+        let (mut length, n) = (T::of(0.1), self.shape.n);
+        for _ in 0..MOST_POINTS {
+            // The metric is that of the point.
+            let scale = self.scale(room.before);
+            let size = scaled_dot(room.tangent, room.tangent, n, scale).sqrt();
+            room.tangent.iter_mut().for_each(|number| *number /= size);
+            let (share, rate) = (last_of(room.before), last_of(room.tangent));
+            let (far, turned) = if length < T::of(1e-6) { (3.0, 0.0) } else { (0.3, 0.8) };
+            let ends = share < T::one() && share + length * rate >= T::one();
+            let distance = if ends { (T::one() - share) / rate } else { length };
+            let places = room.unknowns.iter_mut().zip(room.before.iter().zip(&*room.tangent));
+            places.for_each(|(place, (&from, &along))| *place = from + distance * along);
+            let row = if ends { Row::Share(T::one()) } else { Row::Along(distance) };
+            let most = if ends { DIRECT } else { OF_POINT };
+            match self.newton(row, most, room, pivots) {
+                Ok(corrections) if self.is_close(T::of(far) * distance, distance, room) => {
+                    count = count.saturating_add(corrections);
+                    if ends {
+                        return Ok(count);
+                    }
+                    self.turn(room, pivots)?;
+                    if scaled_dot(room.residual, room.tangent, n, scale) > T::of(turned) {
+                        copy(room.before, room.unknowns);
+                        copy(room.tangent, room.residual);
+                        length = T::one().min(T::of(1.6) * length);
+                        continue;
+                    }
+                }
+                _ => {}
+            }
+            length *= T::of(0.4);
+            if length < T::of(1e3) * T::EPSILON {
+                break;
+            }
+        }
+        copy(room.unknowns, room.before);
+        put_last(room.unknowns, T::one());
+        self.evaluate(room);
+        Err(StepError::NotConverged { iterations: count, residual: size_of(room.residual).to_f64() })
+    }
+
+    /// True if the unknowns lie no farther than `most` from the place at a distance along the tangent.
+    fn is_close(&self, most: T, distance: T, room: &mut Buffers<'_, T>) -> bool {
+        let parts = room.unknowns.iter().zip(room.before.iter().zip(&*room.tangent));
+        let off = |(&now, (&before, &along)): (&T, (&T, &T))| now - before - distance * along;
+        room.moved.iter_mut().zip(parts).for_each(|(place, parts)| *place = off(parts));
+        let off = scaled_dot(room.moved, room.moved, self.shape.n, self.scale(room.before)).sqrt();
+        off <= most
+    }
+
+    /// Writes the state at the end of the step, given what the last sums lost to rounding.
+    pub(super) fn write_next(
+        &mut self,
+        (position_rest, momentum_rest): (&[T], &[T]),
+        room: &mut Buffers<'_, T>,
+        pivots: &mut [usize],
+    ) -> Result<(), StepError> {
+        let n = self.shape.n;
+        let next = core::mem::take(&mut room.next);
+        let (position, rest) = parts_mut(next, n);
+        let (momentum, rest) = parts_mut(rest, n);
+        let (moves, rest) = parts_mut(rest, n);
+        let (kicks, velocity) = parts_mut(rest, n);
+        let of_position = moves.iter_mut().zip(position_rest.iter().zip(&*room.rise));
+        of_position.for_each(|(place, (&rest, &rise))| *place = rest + rise);
+        let of_momentum = kicks.iter_mut().zip(momentum_rest).zip(room.momentum.iter().zip(self.momentum));
+        of_momentum.for_each(|((place, &rest), (&p, &start))| *place = rest + T::of(2.0) * (p - start));
+        add_compensated(self.position, moves, position);
+        add_compensated(self.momentum, kicks, momentum);
+        copy(velocity, momentum);
+        let (mass, pivots) = (parts_mut(room.matrix, n * n).0, parts_mut(pivots, n).0);
+        copy(mass, room.mass);
+        factor(mass, pivots).map_err(|Singular| StepError::SingularJacobian)?;
+        substitute(mass, pivots, velocity);
+        room.next = next;
+        if all_finite(room.next) { Ok(()) } else { Err(StepError::NotFinite) }
+    }
+
+    /// Writes the tangent of the path at the unknowns to the residual, in the direction of the one before.
+    fn turn(&mut self, room: &mut Buffers<'_, T>, pivots: &mut [usize]) -> Result<(), StepError> {
+        self.linearise(Row::Along(T::zero()), room);
+        room.residual.fill(T::zero());
+        put_last(room.residual, T::one());
+        factor(room.matrix, pivots).map_err(|Singular| StepError::SingularJacobian)?;
+        substitute(room.matrix, pivots, room.residual);
+        let scale = self.scale(room.before);
+        let size = scaled_dot(room.residual, room.residual, self.shape.n, scale).sqrt();
+        if !(size > T::zero() && all_finite(room.residual)) {
+            return Err(StepError::SingularJacobian);
+        }
+        room.residual.iter_mut().for_each(|number| *number /= size);
+        Ok(())
+    }
+
+    /// Weights of V, of μ and of θ in distances.
+    fn scale(&self, point: &[T]) -> [T; 3] {
+        let (velocities, rest) = (from(point, 0, self.shape.n), from(point, self.shape.n, self.shape.m));
+        let weight = |numbers: &[T]| {
+            let size = T::one() + size_of(numbers);
+            T::one() / (size * size)
+        };
+        [weight(velocities), weight(rest), T::one()]
+    }
+
+    fn newton(
+        &mut self,
+        row: Row<T>,
+        most: u32,
+        room: &mut Buffers<'_, T>,
+        pivots: &mut [usize],
+    ) -> Result<u32, StepError> {
+        let n = self.shape.n;
+        let [close, near] = [T::of(450.0) * T::EPSILON, T::of(5e5) * T::EPSILON];
+        let mut last = T::max_value().unwrap_or(T::one());
+        for count in 1..=most {
+            self.linearise(row, room);
+            self.write_last_equation(row, room);
+            if !(all_finite(room.residual) && all_finite(room.matrix)) {
+                return Err(StepError::NotFinite);
+            }
+            factor(room.matrix, pivots).map_err(|Singular| StepError::SingularJacobian)?;
+            substitute(room.matrix, pivots, room.residual);
+            if !all_finite(room.residual) {
+                return Err(StepError::SingularJacobian);
+            }
+            room.unknowns.iter_mut().zip(&*room.residual).for_each(|(place, &change)| *place -= change);
+            let correction = size_of(from(room.residual, 0, n));
+            let scale = T::one() + size_of(from(room.unknowns, 0, n));
+            let stalls = correction >= T::of(0.3) * last && correction < near * scale;
+            if correction < close * scale || stalls {
+                self.evaluate(room);
+                return if all_finite(room.residual) { Ok(count) } else { Err(StepError::NotFinite) };
+            }
+            last = correction;
+        }
+        self.evaluate(room);
+        Err(StepError::NotConverged { iterations: most, residual: size_of(room.residual).to_f64() })
+    }
+
+    /// Writes the last equation to the residual.
+    fn write_last_equation(&self, row: Row<T>, room: &mut Buffers<'_, T>) {
+        let left = match row {
+            Row::Share(share) => last_of(room.unknowns) - share,
+            Row::Along(distance) => {
+                let places = room.moved.iter_mut().zip(room.unknowns.iter().zip(&*room.before));
+                places.for_each(|(place, (&now, &before))| *place = now - before);
+                let scale = self.scale(room.before);
+                scaled_dot(room.moved, room.tangent, self.shape.n, scale) - distance
+            }
+        };
+        put_last(room.residual, left);
+    }
+
+    /// The instant in the middle of the share of the step.
+    fn instant(&self, share: T) -> Instant<T> {
+        Instant::in_step(self.time, T::of(0.5), share * self.length)
+    }
+
+    /// Writes positions, forces, constraints and the residual for the unknowns.
+    fn evaluate(&mut self, room: &mut Buffers<'_, T>) {
+        let Shape { n, m, .. } = self.shape;
+        let share = last_of(room.unknowns);
+        let length = share * self.length;
+        let velocity = from(room.unknowns, 0, n);
+        for (index, (&v, &q)) in velocity.iter().zip(self.position).enumerate() {
+            let rise = length * v;
+            put(room.rise, index, rise);
+            put(room.end, index, q + rise);
+            put(room.middle, index, q + T::of(0.5) * rise);
+        }
+        self.system.elongate(room.middle, room.jacobian);
+        for (place, rate) in room.rates.iter_mut().zip(product(room.jacobian, velocity)) {
+            *place = rate;
+        }
+        for (row, (place, &known)) in room.tensions.iter_mut().zip(&*room.known).enumerate() {
+            let pulls = room.rates.iter().enumerate();
+            let own = |(column, &rate): (usize, &T)| self.dampers.leading([row, column], [0, 0]) * rate;
+            *place = pulls.map(own).fold(known, |sum, pull| sum + pull);
+        }
+        let instant = self.instant(share);
+        self.system.first(instant, room.middle, velocity, room.momentum, room.force);
+        room.force.iter_mut().zip(self.input).for_each(|(force, &input)| *force += input);
+        add_transposed(-T::one(), room.jacobian, room.tensions, room.force);
+        let steep = self.correct_gradient(room);
+        room.force.iter_mut().zip(&*room.rise).for_each(|(force, &rise)| *force -= steep * rise);
+        let momenta = room.momentum.iter().zip(self.momentum).zip(&*room.force);
+        for (place, ((&p, &start), &force)) in room.residual.iter_mut().zip(momenta) {
+            *place = T::of(2.0) * (p - start) - length * force;
+        }
+        if m == 0 {
+            return;
+        }
+        self.constrain(room);
+        let (velocity, multipliers) = (from(room.unknowns, 0, n), from(room.unknowns, n, m));
+        let (kicks, rows) = parts_mut(room.residual, n);
+        add_transposed(T::one(), room.constraints, multipliers, kicks);
+        let off = product(room.constraints, velocity).zip(&*room.values);
+        let whole = share == T::one();
+        for (place, ((rate, &start), &end)) in rows.iter_mut().zip(off.zip(&*room.end_values)) {
+            *place = if whole { end / self.length } else { rate + share * start / self.length };
+        }
+    }
+
+    /// r of the potential.
+    fn correct_gradient(&mut self, room: &mut Buffers<'_, T>) -> T {
+        let start = self.system.potential(self.position, room.slope, None);
+        let end = self.system.potential(room.end, room.end_slope, None);
+        let (Some(start), Some(end)) = (start, end) else { return T::zero() };
+        self.system.potential(room.middle, room.slope, None);
+        remainder([start, end, dot(room.slope, room.rise)], dot(room.rise, room.rise))
+    }
+
+    /// Writes c at both ends, C̄, and its r.
+    fn constrain(&mut self, room: &mut Buffers<'_, T>) {
+        let n = self.shape.n;
+        self.system.constrain(self.position, room.values, room.constraints);
+        self.system.constrain(room.end, room.end_values, room.end_constraints);
+        // Values in the middle are not needed.
+        self.system.constrain(room.middle, room.weights, room.constraints);
+        let square = dot(room.rise, room.rise);
+        let ends = room.values.iter().zip(&*room.end_values);
+        let rows = room.constraints.chunks_exact_mut(n.max(1)).zip(room.weights.iter_mut());
+        for ((row, weight), (&start, &end)) in rows.zip(ends) {
+            *weight = remainder([start, end, dot(row, room.rise)], square);
+            row.iter_mut().zip(&*room.rise).for_each(|(place, &rise)| *place += *weight * rise);
+        }
+    }
+
+    /// Evaluates the equations and writes their matrix.
+    fn linearise(&mut self, row: Row<T>, room: &mut Buffers<'_, T>) {
+        let u = self.shape.n + self.shape.m;
+        room.matrix.fill(T::zero());
+        match row {
+            Row::Share(_) => self.evaluate(room),
+            Row::Along(_) => {
+                // ∂/∂θ by a difference: it only says where to look for the path.
+                let (share, small) = (last_of(room.unknowns), T::EPSILON.sqrt());
+                put_last(room.unknowns, share + small);
+                self.evaluate(room);
+                copy(room.moved, room.residual);
+                put_last(room.unknowns, share);
+                self.evaluate(room);
+                let rows = room.matrix.chunks_exact_mut(u + 1).zip(room.moved.iter().zip(&*room.residual));
+                rows.take(u).for_each(|(row, (&moved, &here))| put_last(row, (moved - here) / small));
+            }
+        }
+        self.differentiate(room);
+        let Some(place) = room.matrix.chunks_exact_mut(u + 1).last() else { return };
+        match row {
+            Row::Share(_) => put_last(place, T::one()),
+            Row::Along(_) => {
+                let weights = self.scale(room.before);
+                copy(place, room.tangent);
+                let n = self.shape.n;
+                place
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(index, entry)| *entry *= weight_at(index, n, u, weights));
+            }
+        }
+    }
+
+    /// Writes the derivatives with respect to V and μ.
+    fn differentiate(&mut self, room: &mut Buffers<'_, T>) {
+        let Shape { n, m, e, .. } = self.shape;
+        let u = n + m;
+        let share = last_of(room.unknowns);
+        let (length, half) = (share * self.length, T::of(0.5));
+        let instant = self.instant(share);
+        let velocity = from(room.unknowns, 0, n);
+        let parts = Second {
+            mass: room.mass,
+            coupling: room.coupling,
+            stiffness: room.stiffness,
+            resistance: room.resistance,
+        };
+        self.system.second(instant, room.middle, velocity, parts);
+        self.system.turn(room.middle, velocity, room.tensions, room.turning, room.stiffness);
+        // Σ_j Z₀ (G + ½θh Vᵀ∂²g), Ḡᵀ of it.
+        room.pull.fill(T::zero());
+        for (row, column) in (0..e).flat_map(|row| (0..e).map(move |column| (row, column))) {
+            let weight = self.dampers.leading([row, column], [0, 0]);
+            let along = from(room.jacobian, row * n, n);
+            let (own, turned) = (from(room.jacobian, column * n, n), from(room.turning, column * n, n));
+            for (place, &g) in room.pull.chunks_exact_mut(n.max(1)).zip(along) {
+                let entries = place.iter_mut().zip(own.iter().zip(turned));
+                entries.for_each(|(place, (&own, &turned))| {
+                    *place += weight * g * (own + half * length * turned);
+                });
+            }
+        }
+        for (row, line) in room.matrix.chunks_exact_mut(u + 1).take(n).enumerate() {
+            for (column, place) in line.iter_mut().take(n).enumerate() {
+                let entry = row * n + column;
+                let stiffness = half * length * at(room.stiffness, entry);
+                *place = T::of(2.0) * at(room.mass, entry)
+                    - length * (stiffness + at(room.resistance, entry))
+                    + length * at(room.pull, entry);
+            }
+        }
+        self.differentiate_gradient(room, length);
+        self.differentiate_constraints(room, length);
+    }
+
+    /// Adds θh ∂(r d)/∂V of the potential, d = q₁ − q₀.
+    fn differentiate_gradient(&mut self, room: &mut Buffers<'_, T>, length: T) {
+        let n = self.shape.n;
+        let start = self.system.potential(self.position, room.slope, None);
+        let end = self.system.potential(room.end, room.end_slope, None);
+        let (Some(start), Some(end)) = (start, end) else { return };
+        self.system.potential(room.middle, room.slope, Some(room.bend));
+        let square = dot(room.rise, room.rise);
+        let r = remainder([start, end, dot(room.slope, room.rise)], square);
+        add_correction(
+            (length * length, n, self.shape.m, r, square),
+            (&*room.end_slope, &*room.slope, &*room.bend),
+            (room.rise, room.matrix),
+        );
+    }
+
+    /// Adds the constraints' part: ∂(C̄ᵀμ)/∂V, C̄ᵀ, and ∂(C̄V)/∂V = C(q₁).
+    fn differentiate_constraints(&mut self, room: &mut Buffers<'_, T>, length: T) {
+        let Shape { n, m, .. } = self.shape;
+        if m == 0 {
+            return;
+        }
+        let (u, half) = (n + m, T::of(0.5));
+        let square = dot(room.rise, room.rise);
+        let (matrix, rows) = parts_mut(room.matrix, n * (u + 1));
+        for index in 0..m {
+            let multiplier = at(room.unknowns, n + index);
+            // 1 at the constraint, for its second derivatives alone.
+            room.values.fill(T::zero());
+            put(room.values, index, T::one());
+            room.bend.fill(T::zero());
+            self.system.add_constraint_curvature(room.middle, room.values, T::one(), room.bend);
+            let r = at(room.weights, index);
+            // The gradient in the middle, without its correction.
+            copy(room.slope, from(room.constraints, index * n, n));
+            room.slope.iter_mut().zip(&*room.rise).for_each(|(place, &rise)| *place -= r * rise);
+            for (line, bend) in matrix.chunks_exact_mut(u + 1).zip(room.bend.chunks_exact(n.max(1))) {
+                let places = line.iter_mut().zip(bend);
+                places.for_each(|(place, &bend)| *place += half * length * multiplier * bend);
+            }
+            add_correction(
+                (length * multiplier, n, m, r, square),
+                (from(room.end_constraints, index * n, n), &*room.slope, &*room.bend),
+                (room.rise, matrix),
+            );
+            let mean = from(room.constraints, index * n, n);
+            for (line, &c) in matrix.chunks_exact_mut(u + 1).zip(mean) {
+                put(line, n + index, c);
+            }
+            let end = from(room.end_constraints, index * n, n);
+            if let Some(line) = rows.chunks_exact_mut(u + 1).nth(index) {
+                copy(line, end);
+            }
+        }
+    }
+}
+
+/// Adds `factor` ∂(r d)/∂q₁ of a function φ to the first n rows of a matrix of n + m + 1 columns,
+///
+/// ```text
+/// ∂(r d) = r I + d ⊗ ([∇φ(q₁) − ∇φ(q̄) − ½ ∂²φ(q̄) d] − 2 r d)/|d|² .
+/// ```
+fn add_correction<T: Real>(
+    (factor, n, m, r, square): (T, usize, usize, T, T),
+    (end, middle, bend): (&[T], &[T], &[T]),
+    (rise, matrix): (&[T], &mut [T]),
+) {
+    if square == T::zero() {
+        return;
+    }
+    let bent = product(bend, rise);
+    let slopes = end.iter().zip(middle).zip(bent).zip(rise);
+    for (column, (((&end, &middle), bent), &along)) in slopes.enumerate() {
+        // Below rounding nothing is left of the difference.
+        let difference = end - middle - T::of(0.5) * bent;
+        let lost = T::of(8.0) * T::EPSILON * (end.abs() + middle.abs());
+        let steep = if difference.abs() <= lost { T::zero() } else { difference };
+        let slope = (steep - T::of(2.0) * r * along) / square;
+        for (row, (line, &rise)) in matrix.chunks_exact_mut(n + m + 1).zip(rise).enumerate() {
+            let own = if row == column { r } else { T::zero() };
+            line.iter_mut().skip(column).take(1).for_each(|place| *place += factor * (own + rise * slope));
+        }
+    }
+}
+
+/// (φ(q₁) − φ(q₀) − ∇φ(q̄)·d)/|d|², and 0 where rounding is all of it.
+fn remainder<T: Real>([start, end, along]: [T; 3], square: T) -> T {
+    let left = (end - start) - along;
+    let lost = T::of(4.0) * T::EPSILON * (start.abs() + end.abs() + along.abs());
+    if left.abs() <= lost || square == T::zero() { T::zero() } else { left / square }
+}
+
+fn dot<T: Real>(a: &[T], b: &[T]) -> T {
+    a.iter().zip(b).fold(T::zero(), |sum, (&a, &b)| sum + a * b)
+}
+
+/// The product of two points in a metric.
+fn scaled_dot<T: Real>(a: &[T], b: &[T], n: usize, weights: [T; 3]) -> T {
+    let u = a.len().saturating_sub(1);
+    let products = a.iter().zip(b).enumerate();
+    products.fold(T::zero(), |sum, (index, (&a, &b))| sum + weight_at(index, n, u, weights) * a * b)
+}
+
+fn size_of<T: Real>(numbers: &[T]) -> T {
+    numbers.iter().fold(T::zero(), |most, x| max_or_nan(most, x.abs()))
+}
+
+fn put<T>(numbers: &mut [T], index: usize, number: T) {
+    if let Some(place) = numbers.get_mut(index) {
+        *place = number;
+    }
+}
+
+fn put_last<T>(numbers: &mut [T], number: T) {
+    if let Some(place) = numbers.last_mut() {
+        *place = number;
+    }
+}
+
+fn last_of<T: Real>(numbers: &[T]) -> T {
+    at(numbers, numbers.len().saturating_sub(1))
+}
+
+fn weight_at<T: Real>(index: usize, n: usize, u: usize, [of_velocity, of_impulse, of_share]: [T; 3]) -> T {
+    match index {
+        index if index < n => of_velocity,
+        index if index < u => of_impulse,
+        _ => of_share,
+    }
+}

@@ -1,0 +1,193 @@
+//! The midpoint rule with discrete gradients: its law for any potential, elongation, constraint and step.
+
+use super::motion::Motion;
+use crate::simulation::Precision;
+use fvi_fft::sums::max_or_nan;
+use fvi_scenario::scenario::Scenario;
+use serde_json::{Value, json};
+
+fn scenario(system: &Value, initial: Value, (end, steps): (f64, usize)) -> Scenario {
+    Scenario::from_value(&json!({
+        "system": system,
+        "initial": initial,
+        "scheme": { "kind": "energy" },
+        "time": { "step": end / steps as f64, "steps": steps },
+        "output": { "memory_energy": true },
+    }))
+    .unwrap()
+}
+
+/// Energy, energy stored and energy dissipated at every grid point, and the last position.
+fn energies(scenario: &Scenario) -> (Vec<[f64; 3]>, Vec<f64>) {
+    let mut motion = Motion::start(scenario, Precision::F64).unwrap();
+    let mut found = Vec::new();
+    let read = |motion: &Motion<'_>| {
+        let state = motion.state();
+        let [.., stored, dissipated] = state.columns[..] else { panic!("no columns of energies") };
+        [state.energy, stored, dissipated]
+    };
+    found.push(read(&motion));
+    while !motion.is_done() {
+        motion.advance().unwrap();
+        found.push(read(&motion));
+    }
+    (found, motion.state().position.clone())
+}
+
+/// The largest rise of E plus the energy stored from one grid point to the next, and the largest error of E +
+/// stored + dissipated = E₀, relative to the largest of all energies.
+fn law(energies: &[[f64; 3]]) -> [f64; 2] {
+    let sizes = energies.iter().flatten().map(|energy| energy.abs());
+    let largest = sizes.fold(1e-300, max_or_nan);
+    let kept = |[energy, stored, _]: [f64; 3]| energy + stored;
+    let rises = energies.windows(2).map(|pair| kept(pair[1]) - kept(pair[0]));
+    let rise = rises.fold(f64::NEG_INFINITY, max_or_nan);
+    let whole = |row: &[f64; 3]| (row.iter().sum::<f64>() - energies[0][0]).abs();
+    let off = energies.iter().map(whole).fold(0.0, max_or_nan);
+    [rise / largest, off / largest]
+}
+
+/// A mass on a spring about a point, in the plane, damped along its length: stiff, with steps far beyond
+/// those that follow its motion.
+#[test]
+fn a_spring_pendulum_never_gains_energy_at_any_step() {
+    for (stiffness, step, rho) in [
+        (20.0, 0.05, 3.0),
+        (20.0, 0.3, 3.0),
+        (200.0, 0.3, 0.3),
+        (1000.0, 0.2, 0.1),
+        (200.0, 0.3, 30.0),
+        (20.0, 1.0, 1.0),
+    ] {
+        let system = json!({
+            "mass": [1.0, 1.0],
+            "potential": "0.5*k*(hypot(q0, q1) - 1)^2 + 9.81*q1",
+            "parameters": { "k": stiffness },
+            "damping": [{ "order": 0.5, "coefficient": rho, "along": "hypot(q0, q1)" }],
+        });
+        let start = json!({ "position": [1.1, 0.0], "velocity": [0.0, 0.5] });
+        let (energies, _) = energies(&scenario(&system, start, (100.0 * step, 100)));
+        let [rise, off] = law(&energies);
+        assert!(rise < 1e-13 && off < 1e-12, "k = {stiffness}, h = {step}: {rise:e} {off:e}");
+        assert!(energies[100][2] > 0.0, "{:?}", energies[100]);
+    }
+}
+
+/// Steep walls, a double well, a quartic and an exponential potential, a constraint that is not quadratic,
+/// and dampers along products and angles of any kernel, at steps of every length.
+#[test]
+fn neither_potential_nor_constraint_nor_step_breaks_the_law() {
+    let potentials = [
+        ("25*q0^4 + 3*q1^4 - 8*q0^2 + q0*q1 + 2*q2^2", None),
+        ("exp(3*q0) + exp(-3*q0) + exp(2*q1 - q2) + exp(q2 - 2*q1) + q2^4", None),
+        ("200*max(q0 - 0.3, 0)^2 + 200*max(-q0 - 0.3, 0)^2 + q1^2 - 5*q2 + 0.5*q2^4", None),
+        ("9.81*q1 + 4*q2^4", Some("q0^4 + q1^4 + 0.3*q2^2 - 1")),
+        ("9.81*q1 + 4*cos(3*q2)", Some("cosh(q0) + q1^2 - 2")),
+    ];
+    let kernels = [
+        json!({ "order": 0.3, "coefficient": 0.8, "along": "q0*q1 + q2" }),
+        json!({ "kernel": { "form": "prony", "strengths": [30.0, 2.0], "times": [0.01, 4.0] }, "coefficient": 1.0, "along": "sin(q0) - q2" }),
+        json!({ "order": 1.0, "coefficient": 0.2, "along": "atan2(q1 + 2, q0)" }),
+    ];
+    for (index, (potential, constraint)) in potentials.iter().enumerate() {
+        for step in [0.01, 0.1, 0.5, 2.0, 10.0] {
+            let mut system = json!({ "mass": [1.0, 0.7, 0.2], "potential": potential, "damping": kernels });
+            let mut start = json!({ "position": [0.4, -0.5, 0.3], "velocity": [1.0, 3.0, -2.0] });
+            if let Some(constraint) = constraint {
+                system["constraints"] = json!([constraint]);
+                start["project"] = json!(true);
+            }
+            let scenario = scenario(&system, start, (60.0 * step, 60));
+            let (energies, last) = energies(&scenario);
+            let [rise, off] = law(&energies);
+            assert!(rise < 1e-12 && off < 1e-11, "{index}, h = {step}: {rise:e} {off:e}");
+            if constraint.is_some() {
+                let [x, y, z] = last[..] else { panic!("{last:?}") };
+                let value = if index == 3 {
+                    x.powi(4) + y.powi(4) + 0.3 * z * z - 1.0
+                } else {
+                    x.cosh() + y * y - 2.0
+                };
+                assert!(value.abs() < 1e-12, "{index}, h = {step}: {value:e}");
+            }
+        }
+    }
+}
+
+/// Of order 2, with the damping: against Gauss weights of order 6.
+#[test]
+fn it_has_order_two() {
+    let system = json!({
+        "mass": [1.0, 1.0],
+        "potential": "10*(hypot(q0, q1) - 1)^2 + 9.81*q1",
+        "force": ["0.4*cos(2*t)", "-0.1*q0"],
+        "damping": [{ "order": 0.5, "coefficient": 1.0, "along": "hypot(q0, q1)" }],
+    });
+    let start = json!({ "position": [1.1, 0.0], "velocity": [0.0, 0.5] });
+    let at = |kind: Value, steps: usize| {
+        let mut scenario = json!({
+            "system": system, "initial": start, "scheme": kind, "time": { "step": 1.5 / steps as f64, "steps": steps },
+        });
+        scenario["convolution"] = json!({ "family": "gauss" });
+        let scenario = Scenario::from_value(&scenario).unwrap();
+        let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+        while !motion.is_done() {
+            motion.advance().unwrap();
+        }
+        [motion.state().position.clone(), motion.state().momentum.clone()].concat()
+    };
+    let exact = at(json!({ "kind": "galerkin", "degree": 3 }), 300);
+    let off = [60, 120, 240].map(|steps| {
+        let found = at(json!({ "kind": "energy" }), steps);
+        found.iter().zip(&exact).map(|(a, b)| (a - b).abs()).fold(0.0, max_or_nan)
+    });
+    for pair in off.windows(2) {
+        let order = (pair[0] / pair[1]).log2();
+        assert!((order - 2.0).abs() < 0.2, "{order}: {off:?}");
+    }
+}
+
+/// Work of forces enters the balance to rounding: a constant force is a linear potential.
+#[test]
+fn forces_do_their_work() {
+    let of = |potential: &str, force: Value| {
+        let system = json!({
+            "mass": [1.0], "potential": potential, "force": force,
+            "damping": [{ "order": 0.4, "coefficient": 2.0, "along": "q0^3" }],
+        });
+        let start = json!({ "position": [0.2], "velocity": [1.0] });
+        energies(&scenario(&system, start, (40.0, 100)))
+    };
+    let (within, last) = of("q0^4 - 3*q0", json!(["0"]));
+    let (outside, other) = of("q0^4", json!(["3"]));
+    assert!((last[0] - other[0]).abs() < 1e-12);
+    let [whole, work] = [within, outside].map(|energies| energies[100].iter().sum::<f64>());
+    assert!((work - 3.0 * other[0] - whole).abs() < 1e-11, "{work} {whole}");
+}
+
+#[test]
+fn what_it_does_not_go_with_is_refused() {
+    let of = |change: &[(&str, Value)]| {
+        let mut whole = json!({
+            "system": { "mass": [1.0], "potential": "q0^4" },
+            "initial": { "position": [1.0] },
+            "scheme": { "kind": "energy" },
+            "time": { "step": 0.1, "steps": 10 },
+        });
+        for (pointer, value) in change {
+            let (table, key) = pointer.split_once('.').unwrap();
+            whole[table][key] = value.clone();
+        }
+        if whole["system"].get("kinetic").is_some() {
+            whole["system"].as_object_mut().unwrap().remove("mass");
+        }
+        Scenario::from_value(&whole).map(|_| ()).map_err(|error| error.to_string())
+    };
+    assert_eq!(of(&[]), Ok(()));
+    let family = of(&[("convolution.family", json!("bdf"))]).unwrap_err();
+    assert!(family.contains("convolution.family") && family.contains("midpoint rule"), "{family}");
+    let kinetic = of(&[("system.kinetic", json!("0.5*v0^2*(1 + q0^2)"))]).unwrap_err();
+    assert!(kinetic.contains("kinetic") && kinetic.contains("constant mass"), "{kinetic}");
+    let degree = of(&[("scheme.degree", json!(2))]).unwrap_err();
+    assert!(degree.contains("degree"), "{degree}");
+}
