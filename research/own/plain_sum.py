@@ -42,4 +42,4 @@ def plain_sum(weights, channels, step, tolerance):
     return after
 
 
-serve(plain_sum, bytes_of=lambda task: 16 * len(task[0]))
+serve(plain_sum)

@@ -1,7 +1,7 @@
 """What a program in a race of `fvi strategies` says and hears: lines over standard input and output.
 
     begin LENGTH CHANNELS STEP TOLERANCE
-    weights w_0 w_1 …                       -> ready BYTES, or: declined REASON
+    weights w_0 w_1 …                       -> ready, or: declined REASON
     clear                                   -> ok
     push x_k of every channel               -> r_{k+1} of every channel, r_k = sum of w_n x_{k-n} over n >= 1
 
@@ -16,7 +16,7 @@ class Declined(Exception):
     """The strategy is not for this task; the message says why."""
 
 
-def serve(make, bytes_of=lambda task: 0):
+def serve(make):
     """Answers until the race is over. After `clear` the function is made anew."""
     task = step = None
     for line in sys.stdin:
@@ -27,7 +27,7 @@ def serve(make, bytes_of=lambda task: 0):
             task = ([float(w) for w in rest], int(head[1]), float(head[2]), float(head[3]))
             try:
                 step = make(*task)
-                answer = f"ready {bytes_of(task)}"
+                answer = "ready"
             except Declined as reason:
                 answer = f"declined {reason}"
             print(answer, flush=True)

@@ -56,6 +56,29 @@ pub(super) fn flag_of_steps(begun: &Arc<AtomicBool>) -> Arc<AtomicBool> {
     stop
 }
 
+/// Waits for a process, to which a stop is passed on.
+#[cfg(feature = "research")]
+pub(super) fn wait(
+    child: &mut std::process::Child,
+    stop: &AtomicBool,
+) -> std::io::Result<std::process::ExitStatus> {
+    let mut told = false;
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(status);
+        }
+        if stop.load(Ordering::Relaxed) && !told {
+            told = true;
+            #[cfg(unix)]
+            let _ = rustix::process::kill_process(
+                rustix::process::Pid::from_child(child),
+                rustix::process::Signal::INT,
+            );
+        }
+        thread::sleep(GLANCE);
+    }
+}
+
 /// True if the program was started with hang-ups ignored, where the system provides this information.
 #[cfg(unix)]
 fn hang_up_is_ignored() -> bool {

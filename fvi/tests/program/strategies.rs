@@ -30,6 +30,29 @@ fn a_file_of_strategies_leads_to_a_table_a_page_and_sentences() {
 }
 
 #[test]
+fn as_many_processes_as_the_file_asks_for_make_the_rounds() {
+    let workplace = Workplace::new();
+    workplace.write("race.toml", &format!("processes = 3\n{}", RACE.replace("[2, 2]", "[6, 6]")));
+    let output = workplace.fvi(&["strategies", "race.toml"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    // What the last one says is said once.
+    assert_eq!(text(&output.stdout).matches("fastest is").count(), 1);
+    let record = std::fs::read_to_string(workplace.path("out/race/strategies.json")).unwrap();
+    let record: fvi_strategies::Record = serde_json::from_str(&record).unwrap();
+    let race = &record.races[0];
+    assert_eq!((race.rounds, &*race.parts), (6, &[2, 2, 2][..]));
+    for row in &race.rows {
+        // The interval holds the median of each process.
+        for part in row.rounds_ns.chunks(2) {
+            let median = 0.5 * (part[0] + part[1]);
+            assert!(row.between_ns.0 <= median && median <= row.between_ns.1, "{row:?}");
+        }
+    }
+    let output = workplace.fvi(&["strategies", "none.toml"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
 fn bad_files_are_refused_with_file_key_and_value() {
     let workplace = Workplace::new();
     workplace.write("race.toml", &RACE.replace("[1e-6]", "[1e-6, 2.0]"));

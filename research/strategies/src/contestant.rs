@@ -14,7 +14,7 @@ use fvi_core::{Memory, MemoryError, Real};
 use fvi_fft::baseline::OfflineFft;
 
 use crate::strategy::{
-    AnyMemory, BuiltStrategy, DOUBLE_ONLY, Declined, Flops, Maker, Strategy, Task, Trouble,
+    AnyMemory, BuiltStrategy, DOUBLE_ONLY, Declined, Flops, Maker, Measured, Strategy, Task, Trouble,
 };
 
 /// Samples of a signal in the precision of the race, step by step, one number for each channel.
@@ -45,7 +45,7 @@ enum Job {
 enum Answer {
     Made(BuildOutcome),
     Declined(Declined),
-    Terms { terms: Vec<f64>, bytes: usize },
+    Terms { terms: Vec<f64>, bytes: Option<usize> },
     Times(Timed),
     Failed(String),
 }
@@ -136,8 +136,8 @@ impl<'a> Contestant<'a> {
         }
     }
 
-    /// Terms of the channels in `run`, step by step, and bytes of memory after the run.
-    pub(crate) fn terms(&self, run: &Run) -> Result<(Vec<f64>, usize), Left> {
+    /// Terms of the channels in `run`, step by step, and bytes of memory after the run, where they are known.
+    pub(crate) fn terms(&self, run: &Run) -> Result<(Vec<f64>, Option<usize>), Left> {
         match self.ask(Job::Terms(run.clone()), 1)? {
             Answer::Terms { terms, bytes } => Ok((terms, bytes)),
             _ => Err("it answered something else".to_owned()),
@@ -169,8 +169,15 @@ fn words(panic: &(dyn Any + Send)) -> String {
     format!("it panicked: {}", text.unwrap_or_else(|| "without words".to_owned()))
 }
 
+/// What a strategy has made.
+struct Made {
+    memory: AnyMemory,
+    trouble: Option<Trouble>,
+    resident: Option<Measured>,
+}
+
 fn serve(make: &Maker, jobs: &Receiver<Job>, answers: &Sender<Answer>, abandoned: &AtomicBool) {
-    let mut memory: Option<(AnyMemory, Option<Trouble>)> = None;
+    let mut memory: Option<Made> = None;
     while let Ok(job) = jobs.recv() {
         let answer = catch_unwind(AssertUnwindSafe(|| match job {
             Job::Make(task) => {
@@ -188,8 +195,8 @@ fn serve(make: &Maker, jobs: &Receiver<Job>, answers: &Sender<Answer>, abandoned
                     Ok(BuiltStrategy { memory: any, .. }) if any.precision() != task.precision => {
                         Answer::Declined(Declined::sits_out(DOUBLE_ONLY))
                     }
-                    Ok(BuiltStrategy { memory: any, own_weights, flops, trouble, promises }) => {
-                        memory = Some((any, trouble));
+                    Ok(BuiltStrategy { memory: any, own_weights, flops, trouble, resident, promises }) => {
+                        memory = Some(Made { memory: any, trouble, resident });
                         Answer::Made(BuildOutcome { setup_ns, own_weights, flops, promises })
                     }
                     Err(declined) => Answer::Declined(declined),
@@ -205,14 +212,11 @@ fn serve(make: &Maker, jobs: &Receiver<Job>, answers: &Sender<Answer>, abandoned
     }
 }
 
-fn with_memory(
-    memory: &mut Option<(AnyMemory, Option<Trouble>)>,
-    run: &Run,
-    abandoned: &AtomicBool,
-    timed: bool,
-) -> Answer {
-    let Some((memory, trouble)) = memory else { return Answer::Failed("it has not been made".to_owned()) };
-    let answer = match (&mut *memory, &*run.samples) {
+fn with_memory(made: &mut Option<Made>, run: &Run, abandoned: &AtomicBool, timed: bool) -> Answer {
+    let Some(Made { memory, trouble, resident }) = made else {
+        return Answer::Failed("it has not been made".to_owned());
+    };
+    let answer = match (memory, &*run.samples) {
         (AnyMemory::F64(memory), Samples::F64(samples)) => {
             answer(&mut **memory, samples, run, abandoned, timed)
         }
@@ -222,6 +226,10 @@ fn with_memory(
         (AnyMemory::Offline(offline), Samples::F64(samples)) => offline_answer(offline, samples, timed),
         _ => Err("its memory is of another precision".to_owned()),
     };
+    let answer = answer.map(|answer| match (answer, resident) {
+        (Answer::Terms { terms, .. }, Some(resident)) => Answer::Terms { terms, bytes: resident() },
+        (answer, _) => answer,
+    });
     answer.unwrap_or_else(|reason| {
         let trouble = trouble.as_ref().and_then(|trouble| trouble());
         Answer::Failed(trouble.unwrap_or(reason))
@@ -258,7 +266,7 @@ fn answer<T: Real>(
                 return Err("abandoned".to_owned());
             }
         }
-        return Ok(Answer::Terms { terms, bytes: memory.bytes() });
+        return Ok(Answer::Terms { terms, bytes: Some(memory.bytes()) });
     }
     let count = samples.len() / channels;
     let mut steps = vec![u32::MAX; count];
@@ -350,7 +358,7 @@ fn offline_answer(offline: &mut OfflineFft, samples: &[f64], timed: bool) -> Res
         *first = 0.0;
     }
     Ok(match times {
-        None => Answer::Terms { terms, bytes: offline.bytes() },
+        None => Answer::Terms { terms, bytes: Some(offline.bytes()) },
         Some((mean_ns, with_waiting_ns)) => {
             let last = terms.last().map(|&term| vec![term]).unwrap_or_default();
             Answer::Times(Timed { mean_ns, with_waiting_ns, steps: Vec::new(), last })

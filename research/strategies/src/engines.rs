@@ -128,6 +128,10 @@ impl Comparison {
                 let rounds = self.repetitions.unwrap_or_else(|| ((1 << 23) / length.max(1)).clamp(5, 50));
                 let clock = clock_nanoseconds();
                 for (row, shortest) in measure(&task, strategies, rounds)? {
+                    let bytes = row.bytes.ok_or_else(|| ComparisonError::Failed {
+                        engine: row.strategy.clone(),
+                        reason: "its bytes are not known".to_owned(),
+                    })?;
                     measurements.push(EngineMeasurement {
                         engine: row.strategy,
                         length,
@@ -135,7 +139,7 @@ impl Comparison {
                         exponent,
                         step_mean_ns: shortest.mean_ns,
                         steps_ns: steps_ns(&shortest.steps, clock),
-                        bytes: row.bytes,
+                        bytes,
                         max_error_u: row.error_u,
                     });
                 }
@@ -186,7 +190,7 @@ fn measure(
         known.steps.iter_mut().zip(&timed.steps).for_each(|(step, &other)| *step = (*step).min(other));
     };
     for _ in 0..rounds {
-        let Some(next) = round(&race, &conditions, task, strategies, &never, &mut note) else { break };
+        let Some(next) = round(&race, &conditions, task, strategies, &never, false, &mut note) else { break };
         race = next;
         if let Some(absence) = race.absent.iter().find(|absence| absence.kind == Kind::Failed) {
             let (engine, reason) = (absence.strategy.clone(), absence.reason.clone());

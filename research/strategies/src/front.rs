@@ -1,5 +1,7 @@
 //! Which strategy wins where: fronts, fits and sentences.
 
+use fvi_fft::sums::max_or_nan;
+
 use crate::precision::Precision;
 use crate::race::{STANDS, allowed};
 use crate::record::{RaceRecord, Record, Row, counted};
@@ -31,21 +33,29 @@ struct Timed<'a> {
 /// Times of a row that are not told from its own: the confidence interval of its mean, but not less than what
 /// a median is measured to.
 fn range_ns(row: &Row) -> (f64, f64) {
-    let (low, high) = row.between_ns;
-    (low.min((1.0 - STANDS) * row.mean_ns), high.max((1.0 + STANDS) * row.mean_ns))
+    widened(row.mean_ns, row.between_ns)
 }
 
-/// The strategies on the Pareto front of error and mean time of some races, which differ in their tolerance
+/// The same for the total time of a run.
+fn total_range_ns(row: &Row) -> (f64, f64) {
+    widened(row.total_ns, row.total_between_ns)
+}
+
+fn widened(median: f64, (low, high): (f64, f64)) -> (f64, f64) {
+    (low.min((1.0 - STANDS) * median), high.max((1.0 + STANDS) * median))
+}
+
+/// The strategies on the Pareto front of error and total time of a run of some races, which differ in their tolerance
 /// only, and those that the spread of the times does not tell from it: no other strategy with as small an
 /// error is faster beyond the ranges of both.
 pub(crate) fn front_and_ties<'a>(races: &[&'a RaceRecord]) -> (Vec<&'a str>, Vec<&'a str>) {
     let rows = || races.iter().flat_map(|race| race.rows.iter().map(move |row| (race, row)));
     let error = |race: &RaceRecord, row: &Row| row.error_u * race.precision.unit();
-    let points: Vec<(f64, f64)> = rows().map(|(race, row)| (row.mean_ns, error(race, row))).collect();
+    let points: Vec<(f64, f64)> = rows().map(|(race, row)| (row.total_ns, error(race, row))).collect();
     let timed: Vec<Timed<'_>> = rows()
         .map(|(race, row)| Timed {
             strategy: &row.strategy,
-            range_ns: range_ns(row),
+            range_ns: total_range_ns(row),
             error: error(race, row),
         })
         .collect();
@@ -88,7 +98,7 @@ pub struct Agreement {
     pub tied_winners: usize,
     /// All other races.
     pub other_winners: usize,
-    /// Pareto fronts of error and mean time with the same strategies in all runs.
+    /// Pareto fronts of error and total time with the same strategies in all runs.
     pub same_front: usize,
     /// Fronts that differ, where each strategy is on the front or a tie with it in every run.
     pub tied_fronts: usize,
@@ -151,12 +161,12 @@ impl std::fmt::Display for Agreement {
         let Self { same_winner, tied_winners, other_winners, same_front, tied_fronts, other_fronts } = self;
         writeln!(
             f,
-            "fastest: the same in {same_winner} of {} races, up to ties in {tied_winners}, another in {other_winners}",
+            "fastest as a whole: the same in {same_winner} of {} races, up to ties in {tied_winners}, another in {other_winners}",
             same_winner + tied_winners + other_winners
         )?;
         write!(
             f,
-            "fronts of error and time: the same in {same_front} of {}, up to ties in {tied_fronts}, another in {other_fronts}",
+            "fronts of error and total time: the same in {same_front} of {}, up to ties in {tied_fronts}, another in {other_fronts}",
             same_front + tied_fronts + other_fronts
         )
     }
@@ -167,12 +177,37 @@ pub(crate) fn eligible(race: &RaceRecord) -> Vec<&Row> {
     race.rows.iter().filter(|row| row.within).collect()
 }
 
-/// The fastest row of a race, and the rows whose ranges of times overlap its own.
-pub(crate) fn fastest(race: &RaceRecord) -> Option<(&Row, Vec<&Row>)> {
+/// A row, and those that the spread of the times does not tell from it.
+type WithTies<'a> = Option<(&'a Row, Vec<&'a Row>)>;
+
+/// The fastest row of a race, construction and run together, and the rows whose ranges of times overlap its
+/// own.
+pub(crate) fn fastest(race: &RaceRecord) -> WithTies<'_> {
+    first(race, |row| row.total_ns, total_range_ns)
+}
+
+/// The row with the shortest step on average, construction aside, in the same way.
+pub(crate) fn quickest(race: &RaceRecord) -> WithTies<'_> {
+    first(race, |row| row.mean_ns, range_ns)
+}
+
+fn first(race: &RaceRecord, of: fn(&Row) -> f64, range: fn(&Row) -> (f64, f64)) -> WithTies<'_> {
     let rows = eligible(race);
-    let best = rows.iter().copied().min_by(|a, b| a.mean_ns.total_cmp(&b.mean_ns))?;
-    let tie = |row: &&Row| row.strategy != best.strategy && range_ns(row).0 <= range_ns(best).1;
+    let best = rows.iter().copied().min_by(|a, b| of(a).total_cmp(&of(b)))?;
+    let tie = |row: &&Row| row.strategy != best.strategy && range(row).0 <= range(best).1;
     Some((best, rows.into_iter().filter(tie).collect()))
+}
+
+/// Break-even length: steps from which on a run with this strategy, its construction included, is faster than
+/// with any other that keeps the tolerance and whose step takes longer beyond the spread of the times. All
+/// times are those of this race. `None` for one that does not keep the tolerance.
+pub(crate) fn break_even(race: &RaceRecord, row: &Row) -> Option<f64> {
+    if !row.within {
+        return None;
+    }
+    let slower = eligible(race).into_iter().filter(|other| range_ns(other).0 > range_ns(row).1);
+    let even = slower.map(|other| (row.setup_ns - other.setup_ns) / (other.mean_ns - row.mean_ns));
+    Some(even.fold(0.0, max_or_nan).ceil())
 }
 
 /// The row with the smallest value of `of`.
@@ -200,16 +235,31 @@ pub(crate) fn families(record: &Record) -> Vec<Vec<&RaceRecord>> {
     families
 }
 
-/// Sentences that state, for each range of lengths, the fastest strategy within the tolerance.
+/// Sentences that state, for each range of lengths, the strategy within the tolerance with which a run is
+/// over first, construction included, and that with the shortest step.
 pub(crate) fn winners(record: &Record) -> Vec<String> {
     families(record).iter().map(|races| sentence(races)).collect()
 }
 
 fn sentence(races: &[&RaceRecord]) -> String {
     let (kernel, channels, precision, tolerance) = family(races[0]);
+    let (whole, step) = (by_length(races, fastest), by_length(races, quickest));
+    let channels = counted(channels, "channel");
+    let allowed = allowed(tolerance, precision);
+    let allowed =
+        if allowed == tolerance { format!("{tolerance:e}") } else { format!("{allowed:.1e}, rounding") };
+    let step = if step == whole { "the same".to_owned() } else { step };
+    format!(
+        "{kernel}, {channels}, {}, error up to {allowed}: fastest is {whole}, construction included; shortest step: {step}",
+        precision.name(),
+    )
+}
+
+/// Who is first at which lengths.
+fn by_length(races: &[&RaceRecord], of: fn(&RaceRecord) -> WithTies<'_>) -> String {
     let mut parts: Vec<(String, usize, usize)> = Vec::new();
     for race in races {
-        let name = match fastest(race) {
+        let name = match of(race) {
             None => "none (no strategy keeps it)".to_owned(),
             Some((best, ties)) if ties.is_empty() => best.strategy.clone(),
             Some((best, ties)) => {
@@ -232,15 +282,7 @@ fn sentence(races: &[&RaceRecord]) -> String {
             }
         })
         .collect();
-    let channels = counted(channels, "channel");
-    let allowed = allowed(tolerance, precision);
-    let allowed =
-        if allowed == tolerance { format!("{tolerance:e}") } else { format!("{allowed:.1e}, rounding") };
-    format!(
-        "{kernel}, {channels}, {}, error up to {allowed}: fastest is {}",
-        precision.name(),
-        parts.join(", ")
-    )
+    parts.join(", ")
 }
 
 #[cfg(test)]
@@ -270,8 +312,11 @@ mod tests {
             p50_ns: low,
             p999_ns: high,
             worst_ns: high,
+            setups_ns: vec![1.0, 1.0],
             setup_ns: 1.0,
-            bytes: 1,
+            total_ns: 1.0 + length as f64 * 0.5 * (low + high),
+            total_between_ns: (1.0 + length as f64 * low, 1.0 + length as f64 * high),
+            bytes: Some(1),
             flops: None,
             quadrature: None,
         };
@@ -282,6 +327,7 @@ mod tests {
             precision: Precision::F64,
             tolerance: 1e-3,
             rounds: 6,
+            parts: vec![6],
             seconds: 1.0,
             rows: rows.iter().map(row).collect(),
             absent: Vec::new(),
@@ -298,6 +344,38 @@ mod tests {
         ];
         let race = race(256, &rows);
         assert_eq!(front_and_ties(&[&race]), (vec!["coarse", "exact"], vec!["nearly"]));
+    }
+
+    #[test]
+    fn a_long_construction_is_worth_it_from_its_break_even_length_on() {
+        let mut race = race(
+            1000,
+            &[("table", 1.0, 9.9, 10.1), ("transform", 1.0, 29.9, 30.1), ("like", 1.0, 10.0, 10.2)],
+        );
+        let at = |race: &mut RaceRecord, length: usize| {
+            race.length = length;
+            for (row, setup) in race.rows.iter_mut().zip([40_000.0, 1000.0, 50_000.0]) {
+                row.setup_ns = setup;
+                row.total_ns = setup + length as f64 * row.mean_ns;
+                row.total_between_ns = (row.total_ns, row.total_ns);
+            }
+        };
+        at(&mut race, 1000);
+        // 39 000 ns more of construction, 20 ns less of a step; a tie of the step has no break-even with it.
+        assert_eq!(break_even(&race, &race.rows[0]), Some(1950.0));
+        assert_eq!(break_even(&race, &race.rows[1]), Some(0.0));
+        assert_eq!(break_even(&race, &race.rows[2]), Some((49_000.0_f64 / 19.9).ceil()));
+        assert_eq!(fastest(&race).unwrap().0.strategy, "transform");
+        assert_eq!(quickest(&race).unwrap().0.strategy, "table");
+        let said = sentence(&[&race]);
+        assert!(
+            said.contains("fastest is transform at 1000 steps, construction included; shortest step: table"),
+            "{said}"
+        );
+        at(&mut race, 10_000);
+        assert_eq!(fastest(&race).unwrap().0.strategy, "table");
+        race.rows[0].within = false;
+        assert_eq!(break_even(&race, &race.rows[0]), None);
     }
 
     #[test]

@@ -19,11 +19,14 @@ use crate::plan::Plan;
 use crate::race::{Disqualified, begin, is_over, round};
 use crate::record::{Kind, RaceRecord, Record};
 use crate::strategy::{Strategy, Task};
+use crate::table::table;
 use crate::{field, project};
 
 /// The available strategies, and races between them.
 pub struct Lab {
     strategies: Vec<Strategy>,
+    /// Index of this process among those of the plan.
+    process: Option<usize>,
 }
 
 /// Results of the races of a plan.
@@ -67,6 +70,9 @@ pub enum LabError {
     /// Two strategies have one name.
     #[error("two strategies are named \"{0}\"")]
     SameName(String),
+    /// The plan asks for several processes.
+    #[error("`processes = {0}`: begin each of them with `Lab::in_process`, or use `fvi strategies`")]
+    Processes(usize),
     /// There is no valid record from which the races can continue.
     #[error("{}: {reason}", .path.display())]
     Resume {
@@ -97,13 +103,23 @@ impl Default for Lab {
 impl Lab {
     /// The project's memories and the field's rivals.
     pub fn new() -> Self {
-        Self { strategies: project::strategies().into_iter().chain(field::strategies()).collect() }
+        let strategies = project::strategies().into_iter().chain(field::strategies()).collect();
+        Self { strategies, process: None }
     }
 
     /// Adds a strategy.
     #[must_use]
     pub fn with(mut self, strategy: Strategy) -> Self {
         self.strategies.push(strategy);
+        self
+    }
+
+    /// The lab in one of the processes that a plan asks for (its key `processes`), counted from 0: it makes the
+    /// rounds of this process only. Process 0 begins the races; the others must be told to resume them, one
+    /// after the other.
+    #[must_use]
+    pub fn in_process(mut self, index: usize) -> Self {
+        self.process = Some(index);
         self
     }
 
@@ -149,6 +165,7 @@ impl Lab {
         stop: &AtomicBool,
         progress: &mut dyn FnMut(usize, usize),
     ) -> Result<Summary, LabError> {
+        let most_here = self.rounds_by_now(plan)?;
         let programs = plan.programs.iter().map(|program| program.strategy());
         let wanted =
             |strategy: &Strategy| plan.strategies.as_ref().is_none_or(|names| names.contains(&strategy.name));
@@ -168,7 +185,8 @@ impl Lab {
         }
         remove_pictures(&output)?;
         let conditions = plan.conditions();
-        let (fewest, most) = conditions.rounds;
+        let (fewest, _) = conditions.rounds;
+        let mut begun_here = vec![false; tasks.len()];
         let is_done =
             |race: &Option<RaceRecord>| race.as_ref().is_some_and(|race| is_over(race, &conditions));
         let made = |race: &Option<RaceRecord>| race.as_ref().map_or(0, |race| race.rounds);
@@ -176,7 +194,7 @@ impl Lab {
             if is_done(race) { made(race) } else { fewest.max(made(race) + 1) }
         };
         let mut written: Option<(Instant, Duration)> = None;
-        'rounds: for number in 0..most {
+        'rounds: for number in 0..most_here {
             for index in 0..tasks.len() {
                 let (task, known) = (&tasks[index], &races[index]);
                 if is_done(known) || made(known) > number {
@@ -187,10 +205,12 @@ impl Lab {
                     Some(race) => Some(race.clone()),
                     None => begin(&conditions, task, &strategies, stop),
                 };
-                let next =
-                    begun.and_then(|race| round(&race, &conditions, task, &strategies, stop, &mut |_, _| {}));
+                let anew = !begun_here[index];
+                let next = begun.and_then(|race| {
+                    round(&race, &conditions, task, &strategies, stop, anew, &mut |_, _| {})
+                });
                 let Some(next) = next else { break 'rounds };
-                races[index] = Some(next);
+                (races[index], begun_here[index]) = (Some(next), true);
                 let is_due =
                     |(at, took): (Instant, Duration)| at.elapsed() > BETWEEN_WRITES.max(PART_OF_TIME * took);
                 if written.is_none_or(is_due) {
@@ -208,6 +228,20 @@ impl Lab {
         write_pictures(&page, &output)?;
         let found_out = found_out(&record);
         Ok(Summary { record, races: tasks.len(), done, found_out, directory: directory.to_owned() })
+    }
+}
+
+impl Lab {
+    /// Rounds of a race that are made by the end of this process. Those that are made in any case are divided
+    /// among the processes; further ones are made by the last.
+    fn rounds_by_now(&self, plan: &Plan) -> Result<usize, LabError> {
+        let (fewest, most) = plan.rounds;
+        match (plan.processes, self.process) {
+            (1, None) => Ok(most),
+            (of, Some(index)) if index + 1 == of => Ok(most),
+            (of, Some(index)) if index < of => Ok((fewest * (index + 1)).div_ceil(of)),
+            (of, _) => Err(LabError::Processes(of)),
+        }
     }
 }
 
@@ -256,9 +290,9 @@ fn write(
     output: &OutputDirectory,
 ) -> Result<Page, LabError> {
     let failed = |name: &str, source: std::io::Error| FileError { path: output.join(name), source };
-    let table = record.table().map_err(|error| failed(TABLE, error.into()))?;
+    let columns = table(record).map_err(|error| failed(TABLE, error.into()))?;
     let kept = serde_json::to_string(record).map_err(|error| failed(RECORD, error.into()))?;
-    write_text(&output.join(TABLE), &table)?;
+    write_text(&output.join(TABLE), &columns)?;
     let page = page(record, plan, strategies);
     write_text(&output.join("strategies.html"), &page.html)?;
     write_text(&output.join(RECORD), &kept)?;

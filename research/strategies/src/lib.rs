@@ -20,6 +20,7 @@ mod project;
 mod race;
 mod record;
 mod strategy;
+mod table;
 
 pub use front::Agreement;
 pub use fvi_core;

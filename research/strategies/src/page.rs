@@ -4,7 +4,9 @@ use std::fmt::Write;
 
 use fvi_rivals::fitted_exponent;
 
-use crate::front::{eligible, families, fastest, front, front_and_ties, groups, least, winners};
+use crate::front::{
+    break_even, eligible, families, fastest, front, front_and_ties, groups, least, quickest, winners,
+};
 use crate::picture::{self, Picture, Point, escaped};
 use crate::plan::{Plan, SIGNALS};
 use crate::record::{Kind, RaceRecord, Record, Row, counted};
@@ -79,9 +81,11 @@ pub(crate) fn page(record: &Record, plan: &Plan, strategies: &[Strategy]) -> Pag
     }
     fronts(&mut whole, record, &names);
     let page = &mut whole.html;
-    page.push_str("<h2>All numbers</h2>\n<p>Times in ns a step. <i>between</i>: the median over the rounds lies there with a probability of 95 % \
-        (with fewer than six rounds it is the range of them, and no median stands); \
-        ties are those whose intervals overlap, 5 % to either side at least. \
+    page.push_str("<h2>All numbers</h2>\n<p>Times in ns a step, and of a whole run with the construction of the strategy. \
+        <i>between</i>: the median over the rounds lies there with a probability of 95 % \
+        (with fewer than six rounds it is the range of them, and no median stands), and the medians of all processes do; \
+        <i>pays from</i>: a run of so many steps or more is over sooner, construction included, than with any strategy that keeps the \
+        tolerance and has a longer step; ties are those whose intervals overlap, 5 % to either side at least. \
         Times of single steps are the smallest of all rounds. \
         † sums weights of its own, and has its error from their plain sum. Numbers in red are beyond the tolerance. \
         <i>weights</i>: error of the quadrature itself on t², |Σwx − K(d/dt)t²|/Σ|w||x| at the end of the run, \
@@ -142,8 +146,17 @@ fn head(page: &mut String, record: &Record, plan: &Plan) {
     }
 }
 
+/// Bytes of a row as a number, for what is not known another one.
+fn bytes_or(row: &Row, unknown: f64) -> f64 {
+    row.bytes.map_or(unknown, |bytes| bytes as f64)
+}
+
+fn bytes(row: &Row) -> String {
+    row.bytes.map_or_else(|| "not known".to_owned(), |bytes| format!("{bytes} bytes"))
+}
+
 fn winners_table(page: &mut String, record: &Record) {
-    page.push_str("<table><tr><th>race</th><th>fastest</th><th>ties within the spread</th><th>least memory</th><th>shortest p99.9</th><th>shortest worst step</th></tr>\n");
+    page.push_str("<table><tr><th>race</th><th>fastest, construction included</th><th>ties within the spread</th><th>shortest step</th><th>which pays from so many steps on</th><th>least memory</th><th>shortest p99.9</th><th>shortest worst step</th></tr>\n");
     for race in &record.races {
         let with = |row: Option<&Row>, of: fn(&Row) -> String| match row {
             Some(row) => format!("{} ({})", escaped(&row.strategy), of(row)),
@@ -153,11 +166,15 @@ fn winners_table(page: &mut String, record: &Record) {
         let ties: Vec<_> = ties.iter().map(|row| escaped(&row.strategy)).collect();
         let _ = writeln!(
             page,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             escaped(&race.words()),
-            with(best, |row| format!("{} ns", number(row.mean_ns))),
+            with(best, |row| format!("{} ms", number(1e-6 * row.total_ns))),
             if ties.is_empty() { "–".to_owned() } else { ties.join(", ") },
-            with(least(race, |row| row.bytes as f64), |row| format!("{} bytes", row.bytes)),
+            with(quickest(race).map(|(row, _)| row), |row| format!("{} ns", number(row.mean_ns))),
+            quickest(race)
+                .and_then(|(row, _)| break_even(race, row))
+                .map_or_else(|| "–".to_owned(), |steps| format!("{steps:.0}")),
+            with(least(race, |row| bytes_or(row, f64::INFINITY)), bytes),
             with(least(race, |row| row.p999_ns), |row| format!("{} ns", number(row.p999_ns))),
             with(least(race, |row| row.worst_ns), |row| format!("{} ns", number(row.worst_ns))),
         );
@@ -282,8 +299,15 @@ struct View {
 fn fronts(page: &mut Page, record: &Record, names: &[String]) {
     let views = [
         View {
+            file: "error-total",
+            title: "Error and time of a run, construction included",
+            x: "time of a run / ms",
+            y: "error / Σ|w||x|",
+            of: |race, row| (1e-6 * row.total_ns, row.error_u * race.precision.unit()),
+        },
+        View {
             file: "error-time",
-            title: "Error and time",
+            title: "Error and time of a step",
             x: "mean time of a step / ns",
             y: "error / Σ|w||x|",
             of: |race, row| (row.mean_ns, row.error_u * race.precision.unit()),
@@ -293,7 +317,7 @@ fn fronts(page: &mut Page, record: &Record, names: &[String]) {
             title: "Error and memory",
             x: "bytes",
             y: "error / Σ|w||x|",
-            of: |race, row| (row.bytes as f64, row.error_u * race.precision.unit()),
+            of: |race, row| (bytes_or(row, f64::NAN), row.error_u * race.precision.unit()),
         },
         View {
             file: "worst-mean",
@@ -323,9 +347,13 @@ fn fronts(page: &mut Page, record: &Record, names: &[String]) {
         for (index, view) in views.iter().enumerate() {
             let mut picture = Picture { x: view.x, y: view.y, names, points: Vec::new(), lines: Vec::new() };
             for race in &group {
-                let rows: Vec<&Row> = if index >= 2 { eligible(race) } else { race.rows.iter().collect() };
+                let rows: Vec<&Row> = if index >= 3 { eligible(race) } else { race.rows.iter().collect() };
                 for row in rows {
                     let (x, y) = (view.of)(race, row);
+                    // Bytes that are not known.
+                    if x.is_nan() {
+                        continue;
+                    }
                     let series = names.iter().position(|name| *name == row.strategy).unwrap_or(0);
                     let words = format!("{}, tolerance {:e}: {x:.3e}, {y:.3e}", row.strategy, race.tolerance);
                     picture.points.push(Point { series, x, y, words });
@@ -357,11 +385,11 @@ fn fronts(page: &mut Page, record: &Record, names: &[String]) {
 
 fn numbers(page: &mut String, race: &RaceRecord) {
     let _ = writeln!(page, "<h3>{} ({} rounds)</h3>", escaped(&race.words()), race.rounds);
-    page.push_str("<table><tr><th>strategy</th><th>error / u</th><th>weights</th><th>mean</th><th>between</th><th>p50</th><th>p99.9</th><th>worst</th><th>preparation / ns</th><th>bytes</th><th>flops a step</th></tr>\n");
+    page.push_str("<table><tr><th>strategy</th><th>error / u</th><th>weights</th><th>mean</th><th>between</th><th>p50</th><th>p99.9</th><th>worst</th><th>construction / ns</th><th>whole run / ns</th><th>between</th><th>pays from</th><th>bytes</th><th>flops a step</th></tr>\n");
     for row in &race.rows {
         let _ = writeln!(
             page,
-            "<tr{}><td>{}{}</td><td>{}</td><td>{}</td><td>{}{}</td><td>{}–{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<tr{}><td>{}{}</td><td>{}</td><td>{}</td><td>{}{}</td><td>{}–{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}–{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             if row.within { "" } else { " class=\"no\"" },
             escaped(&row.strategy),
             if row.own_weights { " †" } else { "" },
@@ -375,7 +403,11 @@ fn numbers(page: &mut String, race: &RaceRecord) {
             number(row.p999_ns),
             number(row.worst_ns),
             number(row.setup_ns),
-            row.bytes,
+            number(row.total_ns),
+            number(row.total_between_ns.0),
+            number(row.total_between_ns.1),
+            break_even(race, row).map_or_else(|| "–".to_owned(), |steps| format!("{steps:.0}")),
+            row.bytes.map_or_else(|| "–".to_owned(), |bytes| bytes.to_string()),
             row.flops.map_or_else(|| "–".to_owned(), number),
         );
     }

@@ -70,10 +70,31 @@ impl Program {
         require_double(task)?;
         let trouble = Arc::new(Mutex::new(None));
         let memory = Pipe::start(self, task, Arc::clone(&trouble))?;
+        let group = memory.group;
         let mut made = BuiltStrategy::of(AnyMemory::F64(Box::new(memory)));
+        made.resident = Some(Arc::new(move || resident(group)));
         made.trouble = Some(Arc::new(move || trouble.lock().unwrap_or_else(PoisonError::into_inner).clone()));
         Ok(made)
     }
+}
+
+/// Bytes that the processes of a group have in memory, those that they share counted in each: what a program
+/// and all that it has started take. `None` where the system does not tell (it does on Linux), or if none is
+/// there any more.
+fn resident(group: u32) -> Option<usize> {
+    let processes = std::fs::read_dir("/proc").ok()?.filter_map(Result::ok);
+    let of_group = processes.filter_map(|process| {
+        let stat = std::fs::read_to_string(process.path().join("stat")).ok()?;
+        // The name, in parentheses, may hold anything; then state, parent and group.
+        let found: u32 = stat.rsplit_once(')')?.1.split_ascii_whitespace().nth(2)?.parse().ok()?;
+        (found == group).then_some(process.path())
+    });
+    let bytes = of_group.filter_map(|process| {
+        let status = std::fs::read_to_string(process.join("status")).ok()?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+        Some(1024 * line.split_ascii_whitespace().next()?.parse::<usize>().ok()?)
+    });
+    Some(bytes.sum()).filter(|&bytes| bytes > 0)
 }
 
 /// Letters of an answer beyond which it is none: so many, and so many for each number.
@@ -193,7 +214,8 @@ struct Pipe {
     term: Vec<f64>,
     capacity: usize,
     len: usize,
-    bytes: usize,
+    /// Number of its group of processes.
+    group: u32,
     trouble: Arc<Mutex<Option<String>>>,
 }
 
@@ -214,6 +236,7 @@ impl Pipe {
         let (Some(to), Some(from)) = (child.stdin.take(), child.stdout.take()) else {
             return Err(failed("it has no pipes".to_owned()));
         };
+        let group = child.id();
         let mut pipe = Self {
             watchdog: Watchdog::new(child, program.limit, &task.abandoned),
             to: BufWriter::new(to),
@@ -223,7 +246,7 @@ impl Pipe {
             term: vec![0.0; task.channels],
             capacity: task.length,
             len: 0,
-            bytes: 0,
+            group,
             trouble,
         };
         let mut head = format!(
@@ -241,10 +264,11 @@ impl Pipe {
         if let Some(reason) = answer.strip_prefix("declined") {
             return Err(Declined::SitsOut(shortened(reason.trim())));
         }
-        let bytes = answer.strip_prefix("ready").and_then(|bytes| bytes.trim().parse().ok());
-        let wrong = || failed(format!("it answered `{}` in place of `ready BYTES`", shortened(&answer)));
-        pipe.bytes = bytes.ok_or_else(wrong)?;
-        Ok(pipe)
+        // A program may say how much it takes, too; what it takes is measured.
+        match answer.split_ascii_whitespace().next() {
+            Some("ready") => Ok(pipe),
+            _ => Err(failed(format!("it answered `{}` in place of `ready`", shortened(&answer)))),
+        }
     }
 
     /// Sends lines and waits for the line that answers them.
@@ -355,7 +379,7 @@ impl Memory<f64> for Pipe {
     }
 
     fn bytes(&self) -> usize {
-        self.bytes
+        resident(self.group).unwrap_or(0)
     }
 }
 

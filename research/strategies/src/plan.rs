@@ -26,6 +26,8 @@ pub struct Plan {
     pub(crate) kernels: Vec<Arc<Kernel>>,
     pub(crate) programs: Vec<Program>,
     pub(crate) rounds: (usize, usize),
+    /// Number of processes among which the rounds of each race are divided.
+    pub(crate) processes: usize,
     /// Longest time of one run of one strategy.
     pub(crate) limit: Duration,
     /// Time after which a race has no further round.
@@ -44,7 +46,7 @@ pub(crate) struct Conditions<'a> {
     pub(crate) patience: Duration,
 }
 
-const KEYS: [&str; 13] = [
+const KEYS: [&str; 14] = [
     "title",
     "lengths",
     "channels",
@@ -53,6 +55,7 @@ const KEYS: [&str; 13] = [
     "signals",
     "strategies",
     "rounds",
+    "processes",
     "seconds",
     "time_limit",
     "parameters",
@@ -112,6 +115,13 @@ impl Plan {
             },
             None => (6, 40),
         };
+        let processes = match root.optional("processes") {
+            Some(value) => match value.whole(1..=100_000)? {
+                processes if processes <= rounds.0 => processes,
+                _ => return Err(value.out_of_range(format!("at most the fewest rounds, {}", rounds.0))),
+            },
+            None => 1,
+        };
         let (patience, limit) =
             (read_seconds(root, "seconds", 20.0)?, read_seconds(root, "time_limit", 60.0)?);
         let parameters = root.optional("parameters");
@@ -141,6 +151,7 @@ impl Plan {
             kernels,
             programs,
             rounds,
+            processes,
             limit,
             patience,
             text,
@@ -150,6 +161,12 @@ impl Plan {
     pub(crate) fn conditions(&self) -> Conditions<'_> {
         let Self { signals, rounds, limit, patience, .. } = self;
         Conditions { signals, rounds: *rounds, limit: *limit, patience: *patience }
+    }
+
+    /// Number of processes among which the rounds of each race are divided, so that memory is laid anew:
+    /// [`Lab::in_process`](crate::Lab::in_process).
+    pub fn processes(&self) -> usize {
+        self.processes
     }
 
     /// Number of races: one for each kernel, precision, number of channels, length and tolerance.

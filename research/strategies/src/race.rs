@@ -44,7 +44,7 @@ struct Runner<'a> {
     contestant: Contestant<'a>,
     making: BuildOutcome,
     error_u: f64,
-    bytes: usize,
+    bytes: Option<usize>,
     flops: Option<f64>,
     last: Vec<(f64, f64)>,
 }
@@ -72,7 +72,7 @@ pub(crate) fn begin(
                 contestant,
                 making,
                 error_u: 0.0,
-                bytes: 0,
+                bytes: None,
                 flops: None,
                 last: Vec::new(),
             }),
@@ -134,6 +134,7 @@ pub(crate) fn begin(
         precision: task.precision,
         tolerance: task.tolerance,
         rounds: 0,
+        parts: Vec::new(),
         seconds: 0.0,
         rows: rows.collect(),
         absent,
@@ -159,11 +160,14 @@ fn row(runner: &Runner, task: &Task, quadrature: Option<f64>) -> Row {
         rounds_ns: Vec::new(),
         mean_ns: f64::INFINITY,
         between_ns: (f64::INFINITY, f64::INFINITY),
+        setups_ns: Vec::new(),
+        setup_ns: runner.making.setup_ns,
+        total_ns: f64::INFINITY,
+        total_between_ns: (f64::INFINITY, f64::INFINITY),
         stands: false,
         p50_ns: f64::INFINITY,
         p999_ns: f64::INFINITY,
         worst_ns: f64::INFINITY,
-        setup_ns: runner.making.setup_ns,
         bytes: runner.bytes,
         flops: runner.flops,
         quadrature: own_weights.map_or(quadrature, |weights| task.kernel.quadrature_error(weights)),
@@ -199,17 +203,23 @@ fn keep<'a>(
 /// `timed` receives the times of each. `None` if it was stopped.
 ///
 /// A strategy can be slower in one place of memory than in another, and a machine for a while: rounds vary
-/// both, so that the interval of a median covers them.
+/// both, so that the interval of a median covers them. With `anew` it is the first round of another process,
+/// in which all memory is laid anew; the interval covers the medians of every process.
 pub(crate) fn round(
     race: &RaceRecord,
     conditions: &Conditions<'_>,
     task: &Task,
     strategies: &[Strategy],
     stop: &AtomicBool,
+    anew: bool,
     timed: &mut dyn FnMut(&str, &Timed),
 ) -> Option<RaceRecord> {
     let begin = Instant::now();
     let mut race = race.clone();
+    match race.parts.last_mut() {
+        Some(last) if !anew => *last += 1,
+        _ => race.parts.push(1),
+    }
     let run = Compared::new(task, *conditions.signals.first()?).run;
     let clock = clock_nanoseconds();
     let mut rows = Vec::with_capacity(race.rows.len());
@@ -225,7 +235,7 @@ pub(crate) fn round(
         match timed_now {
             Ok((times, setup_ns)) => {
                 timed(&row.strategy, &times);
-                add(&mut row, &times, setup_ns, clock);
+                add(&mut row, &times, setup_ns, (clock, race.length, &race.parts));
                 rows.push(row);
             }
             Err(_) if stop.load(Ordering::Relaxed) => return None,
@@ -269,19 +279,25 @@ fn time(
     }
 }
 
-/// Adds the times of a round to a row.
-fn add(row: &mut Row, timed: &Timed, setup_ns: f64, clock: f64) {
+/// Adds the times of a round to a row, with the time of reading the clock, the length of a run, and how many
+/// rounds each process has made.
+fn add(row: &mut Row, timed: &Timed, setup_ns: f64, (clock, length, parts): (f64, usize, &[usize])) {
     row.rounds_ns.push(timed.mean_ns);
-    let median = Median::of(&row.rounds_ns);
+    row.setups_ns.push(setup_ns);
+    let median = Median::of_processes(&row.rounds_ns, parts);
     row.mean_ns = median.middle;
     row.between_ns = (median.low, median.high);
-    row.stands = median.stands();
+    row.setup_ns = Median::of(&row.setups_ns).middle;
+    let totals = row.setups_ns.iter().zip(&row.rounds_ns).map(|(setup, mean)| setup + length as f64 * mean);
+    let total = Median::of_processes(&totals.collect::<Vec<_>>(), parts);
+    row.total_ns = total.middle;
+    row.total_between_ns = (total.low, total.high);
+    row.stands = median.stands() && total.stands();
     let steps = steps_ns(&timed.steps, clock);
     let shorter = |known: f64, part: f64| known.min(quantile(&steps, part).unwrap_or(0.0));
     row.p50_ns = shorter(row.p50_ns, 0.5);
     row.p999_ns = shorter(row.p999_ns, 0.999);
     row.worst_ns = shorter(row.worst_ns, 1.0);
-    row.setup_ns = row.setup_ns.min(setup_ns);
 }
 
 /// True if a race needs no further round: the fewest are made, and every median stands, the time is over, or
@@ -327,6 +343,23 @@ impl Median {
             low: sorted[rank],
             high: sorted[last - rank],
         }
+    }
+
+    /// The same for numbers of several processes, the first `parts[0]` of the first one and so on: the
+    /// interval holds the median of each as well, since what differs between processes repeats in all numbers
+    /// of one.
+    pub(crate) fn of_processes(numbers: &[f64], parts: &[usize]) -> Self {
+        let mut median = Self::of(numbers);
+        let mut rest = numbers;
+        for &count in parts {
+            let (part, others) = rest.split_at(count.min(rest.len()));
+            rest = others;
+            if !part.is_empty() {
+                let middle = Self::of(part).middle;
+                (median.low, median.high) = (min_or_nan(median.low, middle), max_or_nan(median.high, middle));
+            }
+        }
+        median
     }
 
     /// True if it is known to 5 %; of fewer than six numbers no interval holds the median with 95 %.
@@ -479,6 +512,17 @@ mod tests {
         let two_speeds: Vec<f64> = (0..20).map(|index| if index % 2 == 0 { 100.0 } else { 150.0 }).collect();
         assert!(!Median::of(&two_speeds).stands());
         assert!(Median::of(&[100.0; 6]).stands() && !Median::of(&[100.0; 5]).stands());
+    }
+
+    #[test]
+    fn an_interval_covers_the_medians_of_all_processes() {
+        // Nine rounds of one process, and one of another that is slower by a half as a whole.
+        let mut numbers = [20.0; 10];
+        numbers[9] = 30.0;
+        assert!(Median::of_processes(&numbers, &[10]).stands());
+        let two = Median::of_processes(&numbers, &[9, 1]);
+        assert_eq!((two.middle, two.low, two.high), (20.0, 20.0, 30.0));
+        assert!(!two.stands());
     }
 
     #[test]

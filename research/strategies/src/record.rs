@@ -33,6 +33,9 @@ pub struct RaceRecord {
     pub tolerance: f64,
     /// Rounds that were made, each with every strategy made anew.
     pub rounds: usize,
+    /// How many of them each process has made that ran or resumed the race: a median lies between those of
+    /// all.
+    pub parts: Vec<usize>,
     /// How long they have taken together.
     pub seconds: f64,
     /// Measurements.
@@ -60,9 +63,18 @@ pub struct Row {
     pub rounds_ns: Vec<f64>,
     /// Median of them.
     pub mean_ns: f64,
-    /// 95 % confidence interval of `mean_ns`; of fewer than six rounds, the range.
+    /// 95 % confidence interval of `mean_ns`, with the medians of all processes; of fewer than six rounds, the
+    /// range.
     pub between_ns: (f64, f64),
-    /// True if there are six rounds at least and half of that interval is at most 5 % of the median.
+    /// Time to construct the strategy in each round.
+    pub setups_ns: Vec<f64>,
+    /// Median of them.
+    pub setup_ns: f64,
+    /// Time of a run with its construction, setup + length · mean: median over the rounds.
+    pub total_ns: f64,
+    /// 95 % confidence interval of `total_ns`, as of `mean_ns`.
+    pub total_between_ns: (f64, f64),
+    /// True if there are six rounds at least and half of either interval is at most 5 % of its median.
     pub stands: bool,
     /// Median of the times of single steps, the smallest of all rounds.
     pub p50_ns: f64,
@@ -70,10 +82,9 @@ pub struct Row {
     pub p999_ns: f64,
     /// Largest of them, the smallest of all rounds.
     pub worst_ns: f64,
-    /// Time to construct the strategy, the shortest.
-    pub setup_ns: f64,
-    /// Bytes of state, tables and buffers after a run.
-    pub bytes: usize,
+    /// Bytes of state, tables and buffers after a run; of a program what its processes have in memory, where
+    /// the system tells.
+    pub bytes: Option<usize>,
     /// Floating-point operations of a step on average, where they are counted.
     pub flops: Option<f64>,
     /// Error of the weights themselves: |Σ w_n x_{N−n} − K(d/dt) t²| / Σ|w||x| on x = t² at the end of the
@@ -146,56 +157,4 @@ impl RaceRecord {
 /// A number of things in words.
 pub(crate) fn counted(count: usize, one: &str) -> String {
     format!("{count} {one}{}", if count == 1 { "" } else { "s" })
-}
-
-/// Columns of `strategies.csv`.
-const COLUMNS: [&str; 14] = [
-    "strategy",
-    "kernel",
-    "length",
-    "channels",
-    "precision",
-    "tolerance",
-    "error_u",
-    "mean_ns",
-    "p50_ns",
-    "p999_ns",
-    "worst_ns",
-    "setup_ns",
-    "bytes",
-    "flops",
-];
-
-impl Record {
-    /// `strategies.csv`: one row for each strategy in each race; flops are empty where they are not counted.
-    pub(crate) fn table(&self) -> Result<String, csv::Error> {
-        let mut table = csv::Writer::from_writer(Vec::new());
-        table.write_record(COLUMNS)?;
-        for race in &self.races {
-            for row in &race.rows {
-                table.write_record([
-                    row.strategy.clone(),
-                    race.kernel.clone(),
-                    race.length.to_string(),
-                    race.channels.to_string(),
-                    race.precision.name().to_owned(),
-                    format!("{:e}", race.tolerance),
-                    if row.error_u < 1e6 {
-                        format!("{:.4}", row.error_u)
-                    } else {
-                        format!("{:.4e}", row.error_u)
-                    },
-                    format!("{:.3}", row.mean_ns),
-                    format!("{:.0}", row.p50_ns),
-                    format!("{:.0}", row.p999_ns),
-                    format!("{:.0}", row.worst_ns),
-                    format!("{:.0}", row.setup_ns),
-                    row.bytes.to_string(),
-                    row.flops.map_or_else(String::new, |flops| format!("{flops:.2}")),
-                ])?;
-            }
-        }
-        let bytes = table.into_inner().map_err(|error| csv::Error::from(error.into_error()))?;
-        Ok(String::from_utf8_lossy(&bytes).into_owned())
-    }
 }

@@ -103,12 +103,17 @@ pub(crate) enum Flops {
 /// Returns the reason of a failure that a [`MemoryError`](fvi_core::MemoryError) cannot express.
 pub(crate) type Trouble = Arc<dyn Fn() -> Option<String> + Send + Sync>;
 
+/// Measures the bytes of what is no memory of this process; `None` where the system does not tell.
+pub(crate) type Measured = Arc<dyn Fn() -> Option<usize> + Send + Sync>;
+
 /// A strategy that has been made for a task.
 pub struct BuiltStrategy {
     pub(crate) memory: AnyMemory,
     pub(crate) own_weights: Option<Arc<Vec<f64>>>,
     pub(crate) flops: Flops,
     pub(crate) trouble: Option<Trouble>,
+    /// In place of the bytes that the memory counts itself.
+    pub(crate) resident: Option<Measured>,
     pub(crate) promises: bool,
 }
 
@@ -119,7 +124,14 @@ impl BuiltStrategy {
     }
 
     pub(crate) fn of(memory: AnyMemory) -> Self {
-        Self { memory, own_weights: None, flops: Flops::Unknown, trouble: None, promises: true }
+        Self {
+            memory,
+            own_weights: None,
+            flops: Flops::Unknown,
+            trouble: None,
+            resident: None,
+            promises: true,
+        }
     }
 
     /// The memory, if it is one in double precision.
