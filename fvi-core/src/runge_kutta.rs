@@ -71,14 +71,77 @@ const LOBATTO_IIIC: [Tableau; 3] = [
     ),
 ];
 
+/// Nodes of Radau IIA of 5 and 7 stages, the zeros of P_R(2c − 1) − P_{R−1}(2c − 1).
+const RADAU_NODES: [&[f64]; 2] = [
+    &[0.05710419611451768, 0.2768430136381238, 0.5835904323689168, 0.8602401356562195, 1.0],
+    &[
+        0.029316427159784893,
+        0.1480785996684843,
+        0.3369846902811543,
+        0.5586715187715501,
+        0.7692338620300545,
+        0.9269456713197411,
+        1.0,
+    ],
+];
+
 impl<const R: usize> RungeKutta<R> {
     /// Radau IIA of R stages, order 2R − 1; one stage is the implicit Euler method.
     ///
     /// # Errors
-    /// If R is not one of 1…3.
+    /// If R is not one of 1, 2, 3, 5, 7.
     pub fn radau_iia() -> Result<Self, ParameterError> {
+        let nodes = RADAU_NODES.iter().find_map(|nodes| <[f64; R]>::try_from(*nodes).ok());
+        if let Some(nodes) = nodes {
+            return Ok(Self::of_radau_nodes(nodes));
+        }
         let tableau = R.checked_sub(1).and_then(|index| RADAU_IIA.get(index));
-        Self::from_tableau(tableau, "stages of Radau IIA", "one of 1, 2, 3")
+        Self::from_tableau(tableau, "stages of Radau IIA", "one of 1, 2, 3, 5, 7")
+    }
+
+    /// Radau IIA from its nodes, by the W transformation:
+    ///
+    /// ```text
+    /// A = W X Wᵀ B ,      W_ik = √(2k+1) P_k(2c_i − 1) ,      B = diag(b) ,      b_i = 1 / Σ_k W_ik² ,
+    /// X_{k,k−1} = −X_{k−1,k} = 1 / (2 √(4k² − 1)) ,      X_00 = ½ ,      X_{R−1,R−1} = 1 / (4R − 2)
+    /// ```
+    ///
+    /// for k = 0 … R − 1, other entries of X being 0. Nothing in it is ill conditioned. Source: \[HW\] IV.5.
+    fn of_radau_nodes(nodes: [f64; R]) -> Self {
+        let polynomials = nodes.map(|node| {
+            let (x, mut before, mut value) = (2.0 * node - 1.0, 0.0, 1.0);
+            let mut k = 0.0;
+            [(); R].map(|()| {
+                let normed = libm::sqrt(2.0 * k + 1.0) * value;
+                let next = ((2.0 * k + 1.0) * x * value - k * before) / (k + 1.0);
+                (before, value, k) = (value, next, k + 1.0);
+                normed
+            })
+        });
+        let squares = polynomials.map(|row| row.iter().map(|number| number * number).sum::<f64>());
+        let matrix = polynomials.map(|row| {
+            // The row of W X.
+            let mut integrals = [0.0; R];
+            for (k, &number) in row.iter().enumerate() {
+                let of = |k: usize| 0.5 / libm::sqrt((4 * k * k) as f64 - 1.0);
+                let mut add = |place: Option<usize>, part: f64| {
+                    if let Some(integral) = place.and_then(|place| integrals.get_mut(place)) {
+                        *integral += number * part;
+                    }
+                };
+                add(k.checked_sub(1), if k > 0 { of(k) } else { 0.0 });
+                add(Some(k + 1), -of(k + 1));
+                let diagonal = if k == 0 { 0.5 } else { 0.0 };
+                add(Some(k), if k + 1 == R { 1.0 / (4 * R - 2) as f64 } else { diagonal });
+            }
+            let mut entries = [0.0; R];
+            for ((entry, other), square) in entries.iter_mut().zip(&polynomials).zip(&squares) {
+                *entry = integrals.iter().zip(other).map(|(a, b)| a * b).sum::<f64>() / square;
+            }
+            entries
+        });
+        let weights = matrix.last().copied().unwrap_or([0.0; R]);
+        Self { quadrature: Quadrature { nodes, weights }, matrix }
     }
 
     /// Lobatto IIIC of R stages, order 2R − 2, with a node at each end of the step.
@@ -164,6 +227,8 @@ mod tests {
         assert_conditions(&RungeKutta::<1>::radau_iia().unwrap(), 1, 1);
         assert_conditions(&RungeKutta::<2>::radau_iia().unwrap(), 3, 2);
         assert_conditions(&RungeKutta::<3>::radau_iia().unwrap(), 5, 3);
+        assert_conditions(&RungeKutta::<5>::radau_iia().unwrap(), 9, 5);
+        assert_conditions(&RungeKutta::<7>::radau_iia().unwrap(), 13, 7);
         assert_conditions(&RungeKutta::<2>::lobatto_iiic().unwrap(), 2, 1);
         assert_conditions(&RungeKutta::<3>::lobatto_iiic().unwrap(), 4, 2);
         assert_conditions(&RungeKutta::<4>::lobatto_iiic().unwrap(), 6, 3);
@@ -176,6 +241,8 @@ mod tests {
     fn other_numbers_of_stages_are_refused() {
         assert!(RungeKutta::<0>::radau_iia().is_err());
         assert!(RungeKutta::<4>::radau_iia().is_err());
+        assert!(RungeKutta::<6>::radau_iia().is_err());
+        assert!(RungeKutta::<8>::radau_iia().is_err());
         assert!(RungeKutta::<1>::lobatto_iiic().is_err());
         assert!(RungeKutta::<5>::lobatto_iiic().is_err());
     }
@@ -196,6 +263,7 @@ mod tests {
         assert_inverse(&RungeKutta::<1>::radau_iia().unwrap());
         assert_inverse(&RungeKutta::<2>::radau_iia().unwrap());
         assert_inverse(&RungeKutta::<3>::radau_iia().unwrap());
+        assert_inverse(&RungeKutta::<7>::radau_iia().unwrap());
         assert_inverse(&RungeKutta::<2>::lobatto_iiic().unwrap());
         assert_inverse(&RungeKutta::<4>::lobatto_iiic().unwrap());
     }

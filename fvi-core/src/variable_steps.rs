@@ -731,6 +731,7 @@ mod tests {
     fn any_grid_has_the_derivative_that_the_definition_says() {
         assert_definition(&RungeKutta::<2>::radau_iia().unwrap());
         assert_definition(&RungeKutta::<3>::radau_iia().unwrap());
+        assert_definition(&RungeKutta::<7>::radau_iia().unwrap());
         assert_definition(&RungeKutta::<4>::lobatto_iiic().unwrap());
     }
 

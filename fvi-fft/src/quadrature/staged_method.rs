@@ -4,13 +4,16 @@
 /// [`RungeKutta`](fvi_core::RungeKutta) only by [`with_staged_method!`](crate::with_staged_method).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum StagedMethod {
-    /// Radau IIA of 1 to 3 stages R, of order 2R − 1, L-stable.
+    /// Radau IIA of 1, 2, 3, 5 or 7 stages R, of order 2R − 1, L-stable.
     RadauIia(usize),
     /// Lobatto IIIC of 2 to 4 stages R, of order 2R − 2, L-stable.
     LobattoIiic(usize),
 }
 
 impl StagedMethod {
+    /// The numbers of stages of Radau IIA.
+    pub const STAGES_OF_RADAU_IIA: [usize; 5] = [1, 2, 3, 5, 7];
+
     /// Number of stages R.
     pub fn stages(self) -> usize {
         match self {
@@ -45,7 +48,7 @@ impl StagedMethod {
     /// The error for a number of stages that does not exist in the family.
     pub fn unknown(self) -> fvi_core::ParameterError {
         let allowed = match self {
-            Self::RadauIia(_) => "1, 2 or 3 with the family radau-iia",
+            Self::RadauIia(_) => "1, 2, 3, 5 or 7 with the family radau-iia",
             Self::LobattoIiic(_) => "2, 3 or 4 with the family lobatto-iiic",
         };
         fvi_core::ParameterError { parameter: "stages", value: self.stages() as f64, allowed }
@@ -67,6 +70,8 @@ macro_rules! with_staged_method {
             StagedMethod::RadauIia(1) => RungeKutta::<1>::radau_iia().map(|$method| $value),
             StagedMethod::RadauIia(2) => RungeKutta::<2>::radau_iia().map(|$method| $value),
             StagedMethod::RadauIia(3) => RungeKutta::<3>::radau_iia().map(|$method| $value),
+            StagedMethod::RadauIia(5) => RungeKutta::<5>::radau_iia().map(|$method| $value),
+            StagedMethod::RadauIia(7) => RungeKutta::<7>::radau_iia().map(|$method| $value),
             StagedMethod::LobattoIiic(2) => RungeKutta::<2>::lobatto_iiic().map(|$method| $value),
             StagedMethod::LobattoIiic(3) => RungeKutta::<3>::lobatto_iiic().map(|$method| $value),
             StagedMethod::LobattoIiic(4) => RungeKutta::<4>::lobatto_iiic().map(|$method| $value),
@@ -81,12 +86,14 @@ mod tests {
 
     #[test]
     fn methods_have_the_stages_they_are_asked_for_and_others_are_refused() {
-        for stages in 0..=5 {
-            for (staged, least, most) in
-                [(StagedMethod::RadauIia(stages), 1, 3), (StagedMethod::LobattoIiic(stages), 2, 4)]
-            {
+        for stages in 0..=9 {
+            let families: [(_, &[usize]); 2] = [
+                (StagedMethod::RadauIia(stages), &StagedMethod::STAGES_OF_RADAU_IIA),
+                (StagedMethod::LobattoIiic(stages), &[2, 3, 4]),
+            ];
+            for (staged, allowed) in families {
                 let found = with_staged_method!(staged, method => method.quadrature().nodes().len());
-                match (least..=most).contains(&stages) {
+                match allowed.contains(&stages) {
                     true => assert_eq!(found, Ok(stages), "{staged:?}"),
                     false => assert_eq!(found.unwrap_err().value, stages as f64, "{staged:?}"),
                 }

@@ -84,7 +84,7 @@ impl WeightsArguments {
                 let allowed = match family {
                     Family::Bdf => "none with the family bdf",
                     Family::Trapezoidal => "none with the family trapezoidal",
-                    Family::RadauIia => "1, 2 or 3 with the family radau-iia",
+                    Family::RadauIia => "1, 2, 3, 5 or 7 with the family radau-iia",
                     Family::LobattoIiic => "2, 3 or 4 with the family lobatto-iiic",
                 };
                 let value = stages.map_or(f64::NAN, |stages| stages as f64);

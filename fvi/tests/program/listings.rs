@@ -152,7 +152,7 @@ fn arguments_outside_their_range_end_with_code_two_and_the_parameter() {
             "weights --exponent 0.5 --order 7",
             "order of the backward differentiation formula = 7 is not allowed",
         ),
-        ("weights --exponent 0.5 --family radau-iia --stages 4", "1, 2 or 3 with the family radau-iia"),
+        ("weights --exponent 0.5 --family radau-iia --stages 4", "1, 2, 3, 5 or 7 with the family radau-iia"),
         ("weights --exponent 0.5 --family lobatto-iiic", "2, 3 or 4 with the family lobatto-iiic"),
         ("weights --exponent 0.5 --stages 2", "none with the family bdf"),
         ("exponentials --exponent 0.5 --horizon 0", "horizon = 0 is not allowed"),
@@ -243,7 +243,10 @@ fn listed_rates_sum_up_to_the_kernel_of_their_integral() {
     assert!(constant.contains("pub const TABLE: fvi_core::RateTable<&[f32]>"), "{constant}");
     assert!(constant.contains("exponent: 0.5,") && constant.contains("horizon: 10000.0,"), "{constant}");
     for (arguments, named) in [
-        ("rates --stages 4 --exponent 0.5 --shortest 1 --horizon 2", "1, 2 or 3 with the family radau-iia"),
+        (
+            "rates --stages 4 --exponent 0.5 --shortest 1 --horizon 2",
+            "1, 2, 3, 5 or 7 with the family radau-iia",
+        ),
         ("rates --stages 1 --exponent 0.5 --shortest 2 --horizon 1", "horizon = 1 is not allowed"),
         ("rates --stages 1 --exponent 2 --shortest 1 --horizon 2", "exponent"),
         ("rates --stages 1 --exponent 0.5 --shortest 1e-300 --horizon 1", "shortest step"),
