@@ -170,6 +170,9 @@ const PLAIN: usize = 256;
 /// all the steps of so short a run.
 const CROSSOVER: usize = 16_384;
 
+/// Largest number of stages that plain sums and those of exponentials for equal steps take.
+const MOST_STAGES_OF_SUMS: usize = 4;
+
 /// Largest number of channels to which `CROSSOVER` applies, and largest length of a history that is short for
 /// any number of channels: with many channels the cost of a table is soon made up for, and full histories of
 /// all channels fill the memory.
@@ -193,7 +196,7 @@ const PART_OF_THE_TABLE: f64 = 0.5;
 
 /// Relative error of the history in a table for steps of any length: a few times rounding. For transfer
 /// functions given as formulas, whose own rounding may be larger, up to a hundred times that.
-const RATE_TOLERANCE: f64 = 1e-13;
+pub const RATE_TOLERANCE: f64 = 1e-13;
 
 /// Numbers that the transform behind exact weights takes for each of them.
 const ROOM_OF_TRANSFORM: usize = 64;
@@ -393,7 +396,7 @@ impl MemoryRequest<'_> {
 
     /// True if the memory takes steps of any length.
     fn any_step(&self) -> bool {
-        self.end.is_some() || self.history.engine == Some(Engine::AnyStep)
+        self.end.is_some() || self.engine() == Engine::AnyStep
     }
 
     /// The memory before it is wrapped with starting weights.
@@ -414,6 +417,13 @@ impl MemoryRequest<'_> {
         match self.history.engine {
             Some(engine) => engine,
             None if self.end.is_some() => Engine::AnyStep,
+            None if self.family.staged().is_some_and(|method| method.stages() > MOST_STAGES_OF_SUMS) => {
+                if self.transfer.is_relaxation() {
+                    Engine::AnyStep
+                } else {
+                    Engine::BlockFft
+                }
+            }
             None if (self.planned() <= PLAIN && few) || self.history.capacity.is_some() => Engine::Direct,
             None if self.planned() <= CROSSOVER && few => Engine::BlockFft,
             None if self.family == ConvolutionFamily::Trapezoidal => Engine::BlockFft,
@@ -713,8 +723,9 @@ impl MemoryRequest<'_> {
             None => self.step_size * self.horizon()? as f64,
         };
         // Single precision rounds more coarsely than that.
-        let usual = RATE_TOLERANCE.max(0.01 * T::EPSILON.to_f64());
-        let tolerance = self.history.rates.map_or(usual, |asked| asked.max(SMALLEST_TOLERANCE).min(usual));
+        let rounding = 0.01 * T::EPSILON.to_f64();
+        let usual = RATE_TOLERANCE.max(rounding);
+        let tolerance = self.history.rates.map_or(usual, |asked| asked.max(SMALLEST_TOLERANCE).max(rounding));
         let table = tables.get(&self.key(horizon.to_bits(), tolerance), || {
             let made =
                 |tolerance| rate_table_of::<T, R>(method, self.transfer, self.step_size, horizon, tolerance);

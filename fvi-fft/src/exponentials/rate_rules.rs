@@ -7,6 +7,7 @@
 use crate::exponentials::exponential_table::{JacobiMatrix, LONGEST_RULE};
 use crate::quadrature::inverse::inverse;
 use nalgebra::{SMatrix, SVector};
+use std::ops::Range;
 
 /// Upper ends of the group of slow nodes for which Gauss rules are tried, as rate · horizon.
 const SLOW_REACHES: [f64; 6] = [0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
@@ -24,8 +25,8 @@ pub(crate) struct Relaxation {
 /// Responses that the compression of nodes must preserve.
 pub(crate) struct Compression {
     /// For the fast nodes, and for the slow ones.
-    pub(crate) early: Vec<Response>,
-    pub(crate) late: Vec<Response>,
+    pub(crate) early: Vec<Responses>,
+    pub(crate) late: Vec<Responses>,
     pub(crate) shortest: f64,
     pub(crate) horizon: f64,
     pub(crate) tolerance: f64,
@@ -41,33 +42,46 @@ impl Compression {
         let allowed = (0.25 * tolerance).max(4.0 * f64::EPSILON);
         let late = Agreement::new(nodes, allowed, late);
         let early = Agreement::new(nodes, allowed, early);
-        let slow = |reach: f64| {
+        // A larger group is not replaced by fewer nodes: its search begins where the last one ended.
+        let mut fewest = 1;
+        let mut slow = |reach: f64| {
             let count = nodes.partition_point(|node| node.rate * horizon <= reach);
-            late.shortest_rule(&nodes[..count], Relaxation::slow_rules(&nodes[..count]))
-        };
-        let replaced = |group: &[Relaxation]| {
-            let (count, mut rule) = early.shortest_rule(group, Relaxation::fast_rules(group));
-            let worth =
-                |nodes: &[Relaxation]| nodes.iter().map(|node| node.coefficient / node.rate).sum::<f64>();
-            if let (Some(rate), true) = (closing, rule.len() < count) {
-                rule.push(Relaxation { rate, coefficient: (worth(group) - worth(&rule)) * rate });
-            }
+            let group = (nodes, 0..count);
+            let rule = late.shortest_rule(group, fewest, Relaxation::slow_rules(&nodes[..count]));
+            fewest = if rule.len() < count { rule.len() } else { fewest };
             (count, rule)
         };
-        let fast =
-            |reach: f64| replaced(&nodes[nodes.partition_point(|node| node.rate * shortest <= reach)..]);
+        let replaced = |from: usize, fewest: usize| {
+            let group = &nodes[from..];
+            let range = (nodes, from..nodes.len());
+            let mut rule = early.shortest_rule(range, fewest, Relaxation::fast_rules(group));
+            let (count, size) = (group.len(), rule.len());
+            let worth =
+                |nodes: &[Relaxation]| nodes.iter().map(|node| node.coefficient / node.rate).sum::<f64>();
+            if let (Some(rate), true) = (closing, size < count) {
+                rule.push(Relaxation { rate, coefficient: (worth(group) - worth(&rule)) * rate });
+            }
+            (size, (count, rule))
+        };
+        let mut fewest_fast = 1;
+        let mut fast = |reach: f64| {
+            let from = nodes.partition_point(|node| node.rate * shortest <= reach);
+            let (size, found) = replaced(from, fewest_fast);
+            fewest_fast = if size < found.0 { size } else { fewest_fast };
+            found
+        };
         // Of the candidates the one that saves most nodes.
         let most = |rules: Vec<(usize, Vec<Relaxation>)>| {
             let saved = |(replaced, rule): &(usize, Vec<Relaxation>)| replaced.saturating_sub(rule.len());
             rules.into_iter().max_by_key(saved).unwrap_or_default()
         };
-        let (slow_count, slow_rule) = most(SLOW_REACHES.map(slow).into());
-        let (fast_count, fast_rule) = most(FAST_REACHES.map(fast).into());
+        let (slow_count, slow_rule) = most(SLOW_REACHES.map(&mut slow).into());
+        let (fast_count, fast_rule) = most(FAST_REACHES.map(&mut fast).into());
         // For runs of a few steps the two groups may overlap.
         let middle = nodes.get(slow_count..nodes.len() - fast_count);
         match middle {
             Some(middle) => [&slow_rule, middle, &fast_rule].concat(),
-            None if closing.is_some() => [slow_rule, replaced(&nodes[slow_count..]).1].concat(),
+            None if closing.is_some() => [slow_rule, replaced(slow_count, 1).1.1].concat(),
             None => [&slow_rule, &nodes[slow_count..]].concat(),
         }
     }
@@ -103,93 +117,120 @@ impl Relaxation {
     }
 }
 
-/// f(λ)
-pub(crate) type Response = Box<dyn Fn(f64) -> f64>;
+/// Several f(λ) that need the same numbers, appended.
+pub(crate) type Responses = Box<dyn Fn(f64, &mut Vec<f64>)>;
+
+/// Values of responses at nodes.
+fn values(responses: &[Responses], nodes: &[Relaxation]) -> Vec<Vec<f64>> {
+    let at = |node: &Relaxation| {
+        let mut values = Vec::new();
+        responses.iter().for_each(|responses| responses(node.rate, &mut values));
+        values
+    };
+    nodes.iter().map(at).collect()
+}
 
 /// Check that a rule can replace some nodes, by comparing responses.
 struct Agreement {
-    /// Each response with its tolerance.
-    responses: Vec<(Response, f64)>,
+    responses: Vec<Responses>,
+    /// The values of all responses at each node.
+    values: Vec<Vec<f64>>,
+    /// The tolerance of each response.
+    allowed: Vec<f64>,
 }
 
 impl Agreement {
-    fn new(nodes: &[Relaxation], allowed: f64, responses: Vec<Response>) -> Self {
-        let responses = responses.into_iter().map(|response| {
-            let size: f64 = nodes.iter().map(|node| node.coefficient * response(node.rate).abs()).sum();
-            (response, allowed * size)
-        });
-        Self { responses: responses.collect() }
+    fn new(nodes: &[Relaxation], allowed: f64, responses: Vec<Responses>) -> Self {
+        let values = values(&responses, nodes);
+        let count = values.first().map_or(0, Vec::len);
+        let of_nodes = || nodes.iter().zip(&values);
+        let size = |index: usize| -> f64 {
+            of_nodes().map(|(node, values)| node.coefficient * values[index].abs()).sum()
+        };
+        let allowed = (0..count).map(|index| allowed * size(index)).collect();
+        Self { responses, values, allowed }
     }
 
-    /// Number of nodes replaced and the shortest rule that agrees with them, or the nodes themselves.
+    /// The shortest rule, of at least `fewest` nodes, that agrees with a range of the nodes; these themselves
+    /// if there is none.
     fn shortest_rule(
         &self,
-        group: &[Relaxation],
+        (nodes, range): (&[Relaxation], Range<usize>),
+        fewest: usize,
         rules: impl Fn(usize) -> Vec<Relaxation>,
-    ) -> (usize, Vec<Relaxation>) {
-        let sum = |nodes: &[Relaxation], response: &Response| -> f64 {
-            nodes.iter().map(|node| node.coefficient * response(node.rate)).sum()
+    ) -> Vec<Relaxation> {
+        let sum = |nodes: &[Relaxation], values: &[Vec<f64>], index: usize| -> f64 {
+            nodes.iter().zip(values).map(|(node, values)| node.coefficient * values[index]).sum()
         };
-        let wanted: Vec<f64> = self.responses.iter().map(|(response, _)| sum(group, response)).collect();
+        let group = &nodes[range.clone()];
+        let of_group = &self.values[range];
+        let wanted: Vec<f64> = (0..self.allowed.len()).map(|index| sum(group, of_group, index)).collect();
         let agrees = |rule: &Vec<Relaxation>| {
-            let of_rule = self.responses.iter().zip(&wanted);
-            of_rule
-                .into_iter()
-                .all(|((response, allowed), wanted)| (sum(rule, response) - wanted).abs() <= *allowed)
+            // Rules that are too short miss most responses: they are asked one after the other.
+            let mut first = 0;
+            self.responses.iter().all(|responses| {
+                let values = values(std::slice::from_ref(responses), rule);
+                let count = values.first().map_or(0, Vec::len);
+                let places = first..first + count;
+                first += count;
+                let of = self.allowed[places.clone()].iter().zip(&wanted[places]).enumerate();
+                of.into_iter()
+                    .all(|(k, (allowed, wanted))| (sum(rule, &values, k) - wanted).abs() <= *allowed)
+            })
         };
-        let rule = (1..group.len().min(LONGEST_RULE + 1)).map(rules).find(agrees);
-        (group.len(), rule.unwrap_or_else(|| group.to_vec()))
+        let rule = (fewest.max(1)..group.len().min(LONGEST_RULE + 1)).map(rules).find(agrees);
+        rule.unwrap_or_else(|| group.to_vec())
     }
 }
 
 /// Decay factors of a relaxation at times up to the horizon: e^{−λt} for many short steps, (1 + λt/2)^{−2}
 /// for two long ones.
-pub(crate) fn late_responses(horizon: f64) -> Vec<Response> {
+pub(crate) fn late_responses(horizon: f64) -> Vec<Responses> {
     let times = (0..24).map(move |k| horizon * 0.5_f64.powi(k));
-    let responses = times.flat_map(|time| -> [Response; 2] {
-        [Box::new(move |rate| (-rate * time).exp()), Box::new(move |rate| (1.0 + 0.5 * rate * time).powi(-2))]
-    });
-    responses.collect()
+    let of = |time: f64| -> Responses {
+        Box::new(move |rate, values| {
+            values.extend([(-rate * time).exp(), (1.0 + 0.5 * rate * time).powi(-2)]);
+        })
+    };
+    times.map(of).collect()
 }
 
 /// The entries of (I + h′λA)⁻¹1 · R(−hλ)ⁿ · e_Rᵀ(I + hλA)⁻¹ for the shortest step h, some n and h′ ≥ h.
-pub(crate) fn early_responses<const R: usize>(matrix: &SMatrix<f64, R, R>, shortest: f64) -> Vec<Response> {
+pub(crate) fn early_responses<const R: usize>(matrix: &SMatrix<f64, R, R>, shortest: f64) -> Vec<Responses> {
     let matrix = *matrix;
-    let resolvent = move |x: f64| resolvent(&matrix, x);
-    let shapes = [1.0, 3.0, 30.0].into_iter().flat_map(|ratio| [0, 1, 4].map(|steps| (ratio, steps)));
-    let entries = shapes.flat_map(|shape| (0..R * R).map(move |entry| (shape, entry)));
-    let response = move |((ratio, steps), entry): ((f64, i32), usize)| -> Response {
-        Box::new(move |rate: f64| {
-            let before = resolvent(shortest * rate);
-            let here = resolvent(ratio * shortest * rate) * SVector::repeat(1.0);
+    let of = |ratio: f64| -> Responses {
+        Box::new(move |rate, values| {
+            let before = resolvent(&matrix, shortest * rate);
+            let here = resolvent(&matrix, ratio * shortest * rate) * SVector::repeat(1.0);
             let decay = before.row(R - 1).sum();
-            here[entry / R] * decay.powi(steps) * before[(R - 1, entry % R)]
+            for steps in [0, 1, 4] {
+                let entry = |entry: usize| here[entry / R] * decay.powi(steps) * before[(R - 1, entry % R)];
+                values.extend((0..R * R).map(entry));
+            }
         })
     };
-    entries.map(response).collect()
+    [1.0, 3.0, 30.0].map(of).into()
 }
 
 /// The entries of hA(I + hλA)⁻¹, the contribution of a relaxation within a step of length h.
-pub(crate) fn responses_within<const R: usize>(matrix: &SMatrix<f64, R, R>, length: f64) -> Vec<Response> {
+pub(crate) fn responses_within<const R: usize>(matrix: &SMatrix<f64, R, R>, length: f64) -> Responses {
     let matrix = *matrix;
-    let entries = (0..R).flat_map(|i| (0..R).map(move |j| (i, j)));
-    let response = |entry: (usize, usize)| -> Response {
-        Box::new(move |rate: f64| (matrix * resolvent(&matrix, length * rate))[entry] * length)
-    };
-    entries.map(response).collect()
+    Box::new(move |rate, values| {
+        let within = matrix * resolvent(&matrix, length * rate);
+        values.extend((0..R * R).map(|entry| within[(entry / R, entry % R)] * length));
+    })
 }
 
 /// The same minus 1/λ where the relaxation decays within the step: the remainder if Σ c/λ is preserved.
-pub(crate) fn responses_beyond<const R: usize>(matrix: &SMatrix<f64, R, R>, length: f64) -> Vec<Response> {
+pub(crate) fn responses_beyond<const R: usize>(matrix: &SMatrix<f64, R, R>, length: f64) -> Responses {
     let matrix = *matrix;
-    let entries = (0..R).flat_map(|i| (0..R).map(move |j| (i, j)));
-    let response = |entry: (usize, usize)| -> Response {
-        Box::new(move |rate: f64| {
-            let resolvent = resolvent(&matrix, length * rate);
-            if length * rate >= 1.0 { resolvent[entry] / rate } else { (matrix * resolvent)[entry] * length }
-        })
-    };
-    entries.map(response).collect()
+    Box::new(move |rate, values| {
+        let resolvent = resolvent(&matrix, length * rate);
+        let within = matrix * resolvent;
+        values.extend((0..R * R).map(|entry| (entry / R, entry % R)).map(|entry| {
+            if length * rate >= 1.0 { resolvent[entry] / rate } else { within[entry] * length }
+        }));
+    })
 }
 
 /// (I + xA)⁻¹, also for x whose determinants overflow.

@@ -17,9 +17,10 @@ use std::fmt;
 
 use crate::Aligned;
 use crate::exponentials::rate_rules::{
-    Compression, Relaxation, Response, early_responses, late_responses, responses_beyond, responses_within,
+    Compression, Relaxation, Responses, early_responses, late_responses, responses_beyond, responses_within,
 };
 use crate::exponentials::spectrum::Spectrum;
+use crate::quadrature::inverse::power;
 use crate::quadrature::runge_kutta_weights::RungeKuttaWeights;
 use crate::transfer::TransferFunction;
 use fvi_core::{ParameterError, RateTable, Real, RungeKutta};
@@ -45,8 +46,8 @@ pub fn rate_table<T: Real, const R: usize>(
     tolerance: f64,
 ) -> Result<RateTable<Aligned<T>>, ParameterError> {
     check_ranges(shortest, horizon, tolerance)?;
-    let leading = *RungeKuttaWeights::new(method, exponent, 1.0, 1)?.leading();
     let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
+    let leading = leading(method, &matrix, exponent)?;
     let relaxations = if exponent == exponent.round() {
         Vec::new()
     } else {
@@ -55,6 +56,22 @@ pub fn rate_table<T: Real, const R: usize>(
     };
     let leading = (0..R * R).map(|index| T::of(leading[(index / R, index % R)])).collect();
     Ok(table(exponent, leading, &relaxations, [shortest, horizon]))
+}
+
+/// (A⁻¹)^β
+fn leading<const R: usize>(
+    method: &RungeKutta<R>,
+    matrix: &SMatrix<f64, R, R>,
+    exponent: f64,
+) -> Result<SMatrix<f64, R, R>, ParameterError> {
+    // The points of the contour around a larger spectrum take longer than the steps of a short run.
+    let beyond = exponent > -1.0 && exponent < 2.0 && R > 4;
+    Ok(match exponent {
+        _ if !beyond => *RungeKuttaWeights::new(method, exponent, 1.0, 1)?.leading(),
+        exponent if exponent < 0.0 => matrix * power(matrix, 1.0 + exponent),
+        exponent if exponent <= 1.0 => power(matrix, exponent),
+        exponent => power(matrix, 1.0) * power(matrix, exponent - 1.0),
+    })
 }
 
 pub(super) fn check_ranges(shortest: f64, horizon: f64, tolerance: f64) -> Result<(), ParameterError> {
@@ -198,9 +215,8 @@ pub fn rate_table_of<T: Real, const R: usize>(
             .map(|node| Relaxation { coefficient: node.coefficient.abs(), ..*node })
             .collect();
         let within = [1.0, 30.0].map(|ratio| responses_beyond(&matrix, ratio * shortest));
-        let early =
-            early_responses(&matrix, shortest).into_iter().chain(within.into_iter().flatten()).collect();
-        let late = late_responses(horizon).into_iter().chain(responses_within(&matrix, horizon)).collect();
+        let early = early_responses(&matrix, shortest).into_iter().chain(within).collect();
+        let late = late_responses(horizon).into_iter().chain([responses_within(&matrix, horizon)]).collect();
         let closing = Some(ENDLESS / shortest);
         let compression = Compression { early, late, shortest, horizon, tolerance, closing };
         compression.of(&nodes).into_iter().map(move |node| {
@@ -259,7 +275,7 @@ impl Power {
     /// shortest step.
     fn compressed(
         &self,
-        early: Vec<Response>,
+        early: Vec<Responses>,
         [shortest, horizon]: [f64; 2],
         tolerance: f64,
     ) -> Vec<Relaxation> {
@@ -292,6 +308,25 @@ mod tests {
                     let exact = time.powf(mu - 1.0) / libm::tgamma(mu);
                     let error = terms.sum::<f64>() / exact - 1.0;
                     assert!(error.abs() < tolerance, "{exponent}, {tolerance:e}: {error:e} at {time:e}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn tables_for_more_stages_sum_to_the_kernel_too() {
+        let method = RungeKutta::<7>::radau_iia().unwrap();
+        for exponent in [0.3, 0.9, 1.5, -0.4] {
+            for tolerance in [1e-14, 1e-7] {
+                let table = rate_table::<f64, 7>(&method, exponent, 1e-9, 1e8, tolerance).unwrap();
+                let mu = exponent.ceil() - exponent;
+                for decade in 0..=16 {
+                    let time = 1e-8 * 10_f64.powi(decade);
+                    let nodes = table.rates.as_ref().iter().zip(table.coefficients.as_ref());
+                    let sum: f64 = nodes.map(|(rate, c)| c * (-rate * time).exp()).sum();
+                    let error = sum * libm::tgamma(mu) / time.powf(mu - 1.0) - 1.0;
+                    let allowed = tolerance.max(4e-15);
+                    assert!(error.abs() < allowed, "{exponent}, {tolerance:e}: {error:e} at {time:e}");
                 }
             }
         }

@@ -107,9 +107,9 @@ pub struct History {
     /// end; absent: that of the run.
     #[serde(skip)]
     pub planned: Option<usize>,
-    /// Relative error that the table of rates for steps of any length should have, where 10⁻¹³ is too much:
-    /// an error ε of s^β shifts a motion that oscillates undamped by ε/β of its phase, which grows with the
-    /// time. At least 10⁻¹⁴; absent: 10⁻¹³.
+    /// Relative error that the table of rates for steps of any length should have: an error ε of s^β shifts a
+    /// motion that oscillates undamped by ε/β of its phase, which grows with the time. At least 10⁻¹⁴;
+    /// absent: 10⁻¹³.
     #[serde(skip)]
     pub rates: Option<f64>,
 }
