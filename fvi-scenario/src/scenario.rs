@@ -261,6 +261,18 @@ impl Scenario {
         self
     }
 
+    /// The convolution quadrature of an equation that names none.
+    fn convolution_of_equation(root: &Table<'_>) -> Result<Convolution, InputError> {
+        let time = root.required("time")?.table()?;
+        let given = |key: &str| time.optional(key).is_some();
+        // Of steps that are given the number of stages decides nothing but their accuracy.
+        if given("step") || given("steps") || given("points") || given("ratio") {
+            return Ok(Convolution::default_for(&Scheme::for_equations()));
+        }
+        let tolerance = time.optional("tolerance").and_then(|value| value.number().ok());
+        Ok(Convolution::for_equations(tolerance.unwrap_or(Adaptive::USUAL_TOLERANCE)))
+    }
+
     fn from_root(
         root: &Table<'_>,
         document: &Document,
@@ -282,6 +294,9 @@ impl Scenario {
         let convolution = match root.optional("convolution") {
             Some(value) => Convolution::read(&value.table()?, &scheme, system.is_mechanism())?,
             None if system.is_mechanism() => Convolution::of_mechanism(&scheme),
+            None if equation.is_some() && root.optional("scheme").is_none() => {
+                Self::convolution_of_equation(root)?
+            }
             None => Convolution::default_for(&scheme),
         };
         let scheme = scheme.with_quadrature_for(convolution.family);
@@ -303,7 +318,7 @@ impl Scenario {
             }
             None => History::default(),
         };
-        history.rates = time.adaptive().map(Adaptive::tolerance_of_rates);
+        history.rates = time.adaptive().and_then(Adaptive::tolerance_of_rates);
         let output = Self::read_output(root, &descriptor, (&system, &time), document)?;
         let input = match root.optional("input") {
             Some(value) => Some(SampledInput::read(&value.table()?, count, &time, document)?),

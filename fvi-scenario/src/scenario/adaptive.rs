@@ -6,6 +6,8 @@ use crate::language::document::Table;
 use crate::language::error::InputError;
 use crate::language::expression::Moment;
 use fvi_core::{max_or_nan, min_or_nan};
+use fvi_fft::exponentials::rate_table::SMALLEST_TOLERANCE as SMALLEST_ERROR_OF_RATES;
+use fvi_fft::memory::RATE_TOLERANCE;
 
 /// Largest number of steps chosen during the run.
 pub(super) const MOST_STEPS_CHOSEN: usize = 10_000_000;
@@ -42,14 +44,16 @@ const SHORTER_THAN_FIRST: f64 = 1e-3;
 
 /// Range of tolerances in double precision; see [`Adaptive::smallest_tolerance`] for single precision.
 const SMALLEST_TOLERANCE: f64 = 1e-12;
+const SMALLEST_OF_EQUATIONS: f64 = 1e-13;
 const LARGEST_TOLERANCE: f64 = 0.1;
-
-/// The tolerance of an equation, if none is given.
-const USUAL_TOLERANCE: f64 = 1e-6;
 
 /// The error of the table of rates as a part of the tolerance: an undamped oscillation of order α makes of it
 /// 1/α tolerances in a thousand radians.
 const PART_OF_RATES: f64 = 1e-3;
+
+/// The same for an equation, whose table is no more accurate than that, so that short runs are not spent on
+/// it.
+const PART_OF_RATES_OF_EQUATIONS: f64 = 1e-4;
 
 /// Settings for steps chosen during the run.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,18 +100,22 @@ pub struct Start {
 }
 
 impl Adaptive {
+    /// The tolerance of an equation, if none is given.
+    pub(super) const USUAL_TOLERANCE: f64 = 1e-6;
+
     /// Reads the keys.
     pub(super) fn read(table: &Table<'_>, start: Start) -> Result<Self, InputError> {
         let positive = |key: &str| table.optional(key).map(|value| value.positive()).transpose();
         let end = table.required("end")?.positive()?;
         let tolerance = match (table.optional("tolerance"), start.of_equation) {
-            (None, true) => USUAL_TOLERANCE,
+            (None, true) => Self::USUAL_TOLERANCE,
             _ => {
                 let value = table.required("tolerance")?;
                 let tolerance = value.number()?;
-                if !(SMALLEST_TOLERANCE..=LARGEST_TOLERANCE).contains(&tolerance) {
+                let smallest = if start.of_equation { SMALLEST_OF_EQUATIONS } else { SMALLEST_TOLERANCE };
+                if !(smallest..=LARGEST_TOLERANCE).contains(&tolerance) {
                     return Err(value.out_of_range(format!(
-                        "{SMALLEST_TOLERANCE:e} ≤ tolerance ≤ {LARGEST_TOLERANCE}: below, rounding decides and not the steps"
+                        "{smallest:e} ≤ tolerance ≤ {LARGEST_TOLERANCE}: below, rounding decides and not the steps"
                     )));
                 }
                 tolerance
@@ -259,13 +267,21 @@ impl Adaptive {
         if power < -0.01 { power } else { 0.0 }
     }
 
-    /// The relative error that the memory's table of rates may have.
-    pub(super) fn tolerance_of_rates(&self) -> f64 {
-        PART_OF_RATES * self.tolerance
+    /// The relative error that the memory's table of rates may have; `None` for the usual one.
+    pub(super) fn tolerance_of_rates(&self) -> Option<f64> {
+        match self.start.of_equation {
+            true => Some(self.error_of_rates()),
+            false => Some(PART_OF_RATES * self.tolerance).filter(|&error| error < RATE_TOLERANCE),
+        }
+    }
+
+    /// The relative error of the table of an equation.
+    pub fn error_of_rates(&self) -> f64 {
+        (PART_OF_RATES_OF_EQUATIONS * self.tolerance).max(SMALLEST_ERROR_OF_RATES)
     }
 
     /// The smallest tolerance in a precision with this rounding unit.
     pub fn smallest_tolerance(epsilon: f64) -> f64 {
-        SMALLEST_TOLERANCE.max(32.0 * epsilon)
+        SMALLEST_OF_EQUATIONS.max(32.0 * epsilon)
     }
 }

@@ -4,9 +4,13 @@ use super::system::{Damping, System};
 use crate::language::document::Table;
 use crate::language::error::{InputError, Problem};
 use fvi_core::min_or_nan;
-use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::quadrature::starting::starting_condition;
+use fvi_fft::quadrature::{ConvolutionFamily, StagedMethod};
 use serde::Serialize;
+
+/// Tolerances of equations from which on more stages take less time, in longer steps.
+const STAGES_5_FROM: f64 = 1e-4;
+const STAGES_7_FROM: f64 = 1e-8;
 
 /// The integrator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -250,6 +254,18 @@ impl Convolution {
         Self { family, at, starting: Vec::new() }
     }
 
+    /// The default of an equation solved to a tolerance: Radau IIA of as many stages as take least time.
+    pub(super) fn for_equations(tolerance: f64) -> Self {
+        let stages = if tolerance > STAGES_5_FROM {
+            3
+        } else if tolerance > STAGES_7_FROM {
+            5
+        } else {
+            7
+        };
+        Self { family: ConvolutionFamily::RadauIia { stages }, at: DampedAt::Nodes, starting: Vec::new() }
+    }
+
     /// The default of mechanisms: the weights of the Gauss method that is the scheme.
     pub fn of_mechanism(scheme: &Scheme) -> Self {
         let stages = if let Scheme::Galerkin { degree, .. } = scheme { *degree } else { 1 };
@@ -312,7 +328,17 @@ impl Convolution {
             }
             FamilyName::RadauIia => {
                 table.allow(&["family", "stages", "at", "starting"])?;
-                (ConvolutionFamily::RadauIia { stages: stages(1, 3)? }, DampedAt::of_stages(table)?)
+                let stages = match (table.optional("stages"), *scheme) {
+                    (Some(value), Scheme::Collocation) => {
+                        let stages = value.whole(1..=7)?;
+                        if !StagedMethod::STAGES_OF_RADAU_IIA.contains(&stages) {
+                            return Err(value.out_of_range("1, 2, 3, 5 or 7"));
+                        }
+                        stages
+                    }
+                    _ => stages(1, 3)?,
+                };
+                (ConvolutionFamily::RadauIia { stages }, DampedAt::of_stages(table)?)
             }
             FamilyName::LobattoIiic => {
                 table.allow(&["family", "stages", "at", "starting"])?;

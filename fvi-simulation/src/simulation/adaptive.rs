@@ -5,10 +5,11 @@ use super::crossings::{CrossingState, Crossings, Verdict};
 use super::error_budget::ErrorBudget;
 use super::step_control::StepControl;
 use super::{GridState, Precision, Simulation};
-use fvi_core::{StateError, StepError, max_or_nan};
+use fvi_core::{StateError, StepError, max_or_nan, min_or_nan};
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Adaptive, Scenario};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::FRAC_PI_2;
 
 /// The first attempt without other information, as a fraction of the end, times √tolerance.
 const FIRST: f64 = 1e-3;
@@ -18,6 +19,9 @@ const SHORTEST_IN_SINGLE: f64 = 1e-30;
 
 /// Growth from which on a solution that no step continues counts as unbounded.
 const UNBOUNDED: f64 = 1e6;
+
+/// Multiple of the tolerance within which errors are to stay.
+const ALLOWED: f64 = 10.0;
 
 /// Largest number of attempts at one step.
 const MOST_ATTEMPTS: usize = 60;
@@ -46,6 +50,8 @@ pub(crate) struct AdaptiveSteps<'s> {
     saved_between: Vec<u8>,
     whole: GridState,
     end: GridState,
+    /// The position where the pair begins.
+    begin: Vec<f64>,
     /// State inside the step by the polynomials of the whole step and of its first half, if states inside
     /// steps are needed.
     inside: Option<[GridState; 2]>,
@@ -75,6 +81,9 @@ pub struct Progress {
     /// True if the next pair begins at a break.
     at_break: bool,
     standing: Option<CrossingState>,
+    /// Σ |Δx| of each unknown of an equation.
+    #[serde(default)]
+    travelled: Vec<f64>,
 }
 
 impl Progress {
@@ -165,8 +174,18 @@ impl<'s> AdaptiveSteps<'s> {
             &start.position,
         );
         let standing = crossings.as_ref().map(|crossings| crossings.standing().clone());
-        let progress =
-            Progress { control, budget, second: None, time: 0.0, largest, counts, at_break: true, standing };
+        let travelled = vec![0.0; scenario.system.unknowns.unwrap_or(0)];
+        let progress = Progress {
+            control,
+            budget,
+            second: None,
+            time: 0.0,
+            largest,
+            counts,
+            at_break: true,
+            standing,
+            travelled,
+        };
         let forgetting = scenario.equation.as_ref().map_or_else(Vec::new, |equation| {
             let exponents = equation.orders_of_coordinates().map(|order| 1.0 - order).enumerate();
             exponents.map(|(row, power)| if row < equation.unknowns() { 0.0 } else { power }).collect()
@@ -184,6 +203,7 @@ impl<'s> AdaptiveSteps<'s> {
             saved_between: Vec::new(),
             whole: start.clone(),
             end: start.clone(),
+            begin: start.position.clone(),
             inside: scenario.is_looked_into().then(|| [start.clone(), start.clone()]),
             // In the middle of the whole step a variational scheme may have a control point, where its
             // polynomial is better than elsewhere.
@@ -208,6 +228,29 @@ impl<'s> AdaptiveSteps<'s> {
     /// State needed to continue in a later run from the state returned last.
     pub(crate) fn progress(&self) -> &Progress {
         &self.progress
+    }
+
+    /// What oscillations make of the error of the memory's table of rates, if that may be more than errors
+    /// may be.
+    ///
+    /// Over ωt radians an error ε of the table turns the phase of a solution of order α by ωtε/α, where
+    /// nothing damps it: radians are counted as Σ |Δx| in units of 2/π of the largest |x|.
+    pub(crate) fn note(&self) -> Option<String> {
+        let Self { rule, progress, scenario, .. } = self;
+        let orders = scenario.system.damping.iter().map(|term| term.transfer.growth());
+        let order = orders.filter(|order| order.fract() != 0.0).fold(f64::INFINITY, min_or_nan);
+        let sizes = progress.travelled.iter().zip(&progress.largest[0]);
+        let turns = sizes.filter(|(_, largest)| **largest > 0.0).map(|(sum, largest)| sum / largest);
+        let radians = FRAC_PI_2 * turns.fold(0.0, max_or_nan);
+        let error = radians * rule.error_of_rates() / order;
+        (order.is_finite() && error > ALLOWED * rule.tolerance).then(|| {
+            format!(
+                "time.tolerance: in some {radians:.0} radians of an oscillation that nothing damps the memory's errors, of {:.0e}, may \
+                 have grown to {error:.0e} in its phase, more than {ALLOWED} times {:e}",
+                rule.error_of_rates(),
+                rule.tolerance
+            )
+        })
     }
 
     /// Continues from this state.
@@ -320,6 +363,10 @@ impl<'s> AdaptiveSteps<'s> {
                 {
                     largest.iter_mut().zip(now).for_each(|(most, x)| *most = most.max(x.abs()));
                 }
+                let moved = self.end.position.iter().zip(&self.begin);
+                let moved = self.progress.travelled.iter_mut().zip(moved);
+                moved.for_each(|(sum, (now, before))| *sum += (now - before).abs());
+                self.begin.clone_from(&self.end.position);
                 (self.progress.second, self.progress.time, self.ahead) = (Some((half, end)), between, true);
                 self.progress.at_break = at_break;
                 self.progress.budget.count();

@@ -461,7 +461,7 @@ impl<'s> Motion<'s> {
         &self.simulation
     }
 
-    /// Warnings about forces of time.
+    /// Warnings about forces of time, and about oscillations of equations.
     pub fn notes(&self) -> Vec<String> {
         let missed = self.simulation.unresolved_since().map(|time| {
             format!(
@@ -469,7 +469,8 @@ impl<'s> Motion<'s> {
                  shorter steps tell them apart"
             )
         });
-        self.notes.iter().cloned().chain(missed).collect()
+        let turned = self.adaptive.as_ref().and_then(|adaptive| adaptive.note());
+        self.notes.iter().cloned().chain(missed).chain(turned).collect()
     }
 
     /// Warning of the energy guard.

@@ -31,7 +31,7 @@ fn error_in_tolerances(name: &str, tolerance: f64) -> f64 {
 }
 
 #[test]
-fn errors_stay_within_ten_tolerances_from_three_digits_to_twelve() {
+fn errors_stay_within_ten_tolerances_from_three_digits_to_thirteen() {
     let mut seen = 0;
     for entry in std::fs::read_dir(folder()).unwrap() {
         let name = entry.unwrap().file_name().into_string().unwrap();
@@ -40,7 +40,7 @@ fn errors_stay_within_ten_tolerances_from_three_digits_to_twelve() {
             continue;
         }
         let tolerances: &[f64] =
-            if name == "roots.toml" { &[1e-3, 1e-6] } else { &[1e-3, 1e-6, 1e-9, 1e-12] };
+            if name == "roots.toml" { &[1e-3, 1e-6] } else { &[1e-3, 1e-6, 1e-9, 1e-12, 1e-13] };
         for &tolerance in tolerances {
             let error = error_in_tolerances(&name, tolerance);
             assert!(error <= 10.0, "{name} to {tolerance:e}: {error:.1} tolerances");
@@ -67,6 +67,39 @@ fn published_test_problems_stay_within_ten_tolerances() {
         }
     }
     assert!(seen >= 24, "{seen}");
+}
+
+#[test]
+fn stages_are_chosen_by_the_tolerance_or_named() {
+    let place = Workplace::new();
+    let keys = json!({ "order": 0.5, "right": "-x0", "initial": [1.0] });
+    let of = |tolerance: f64, rest: &str| {
+        let run =
+            place.run(&(equation(keys.clone(), json!({ "end": 5.0, "tolerance": tolerance })) + rest), &[]);
+        let stages = run.summary["scenario"]["convolution"]["stages"].as_u64().unwrap();
+        (stages, run.summary["steps"].as_u64().unwrap())
+    };
+    let (coarse, fine) = (of(1e-3, ""), of(1e-12, ""));
+    assert!(coarse.0 < 7 && fine.0 == 7, "{coarse:?} {fine:?}");
+    let named = of(1e-12, "[convolution]\nstages = 3\n");
+    assert!(named.0 == 3 && named.1 > 3 * fine.1, "{named:?} {fine:?}");
+    place.write("four.toml", &(equation(keys, json!({ "end": 5.0 })) + "[convolution]\nstages = 4\n"));
+    let output = place.fvi(&["run", "four.toml"]);
+    assert!(!output.status.success() && text(&output.stderr).contains("1, 2, 3, 5 or 7"));
+}
+
+#[test]
+fn more_radians_than_the_memory_keeps_the_phase_for_are_told() {
+    let place = Workplace::new();
+    let warned = |end: f64, right: [&str; 2]| {
+        let keys = json!({ "order": 0.5, "right": right, "initial": [1.0, 0.0] });
+        let run = place.run(&equation(keys, json!({ "end": end, "tolerance": 1e-13 })), &[]);
+        run.summary["warnings"].to_string().contains("radians")
+    };
+    // D^½ x = λx with arg λ = π/4 oscillates without end, |λ|² radians in a unit of time.
+    assert!(warned(20.0, ["2*(x0 - x1)", "2*(x0 + x1)"]));
+    assert!(!warned(1.0, ["2*(x0 - x1)", "2*(x0 + x1)"]));
+    assert!(!warned(20.0, ["-x0", "-x1"]));
 }
 
 fn equation(keys: Value, time: Value) -> String {

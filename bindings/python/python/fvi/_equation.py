@@ -83,6 +83,7 @@ def solve_fde(
     parameters: Mapping[str, float] | None = None,
     scale: float | None = None,
     max_step: float | None = None,
+    stages: int | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Solves D^α x = f(t, x) for one or several unknowns, with steps chosen for a tolerance.
@@ -99,7 +100,7 @@ def solve_fde(
     initial : array_like
         x(t₀) of each unknown; for orders above 1 a list [x(t₀), x'(t₀), …] for each, as many values as the order rounded up.
     rtol : float
-        Error allowed, from 1e-12 to 0.1, relative to the largest value of an unknown so far or, while that is smaller, to `scale`.
+        Error allowed, from 1e-13 to 0.1, relative to the largest value of an unknown so far or, while that is smaller, to `scale`.
     t_eval : array_like, optional
         Increasing times of the rows; default: the steps.
     args : tuple
@@ -120,6 +121,8 @@ def solve_fde(
         Size of unknowns below which errors are absolute; default: 1.
     max_step : float, optional
         The longest step.
+    stages : {1, 2, 3, 5, 7}, optional
+        Stages of the Radau IIA method, of order 2 stages − 1; default: by `rtol`.
     progress : callable, optional
         As in `run`.
 
@@ -179,6 +182,8 @@ def solve_fde(
     if max_step is not None and np.isfinite(max_step):
         time["longest"] = _arrays.real("max_step", max_step)
     scenario: dict[str, Any] = {"equation": equation, "time": time}
+    if stages is not None:
+        scenario["convolution"] = {"stages": _arrays.whole("stages", stages, 1)}
     if t_eval is not None:
         scenario["output"] = {"times": [float(at) - begin for at in _arrays.numbers("t_eval", t_eval)]}
     described, watched = _events(events, begin, args, count)
@@ -332,6 +337,7 @@ NAMES = (
     ("time.end", "span"),
     ("time.longest", "max_step"),
     ("time.scale", "scale"),
+    ("convolution.stages", "stages"),
     ("output.times", "t_eval"),
     ("event", "events"),
     ("force.jacobian", "jac"),
