@@ -7,7 +7,7 @@ use crate::damping::Damping;
 use crate::galerkin::in_place;
 use crate::linear::add_multiple;
 use crate::linear::all_finite;
-use crate::newton::{Equations, StepMatrix, newton, size};
+use crate::newton::{ASIDE, Equations, Linearised, StepMatrix, Stiffened, newton, size};
 use crate::node_galerkin::NodeStorage;
 use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
@@ -178,7 +178,8 @@ impl<T: Real> CollocationTables<'_, T> {
         let iterations = if linear {
             let stays = equations.damping.leading_is_constant();
             if work.kept.length != step.size {
-                equations.residual(work.increments, work.residual, Some(&mut *work.matrix));
+                let matrix = Some((&mut *work.matrix, None));
+                equations.residual(work.increments, work.residual, matrix);
                 let inertia = (T::zero(), equations.mechanics.mass());
                 work.matrix.keep(&mut work.kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
                 work.kept.length = if stays { step.size } else { T::zero() };
@@ -193,12 +194,13 @@ impl<T: Real> CollocationTables<'_, T> {
             }
             LINEAR_CORRECTIONS
         } else {
-            let balance = |accelerations: &[T], residual: &mut [T], matrix: Option<&mut E>| {
+            let moves = equations.mechanics.depends_on_velocity();
+            let balance = |accelerations: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
                 equations.residual(accelerations, residual, matrix);
             };
             // A residual below the rounding of the positions, divided by h², does not change an acceleration.
             let offset = size(X::slice(position)) / (step.size * step.size);
-            newton(work.increments, work.residual, offset, work.matrix, balance)?.iterations
+            newton(work.increments, work.residual, (offset, moves), work.matrix, balance)?.iterations
         };
         self.place_stages(work.increments, X::slice(&velocity), step.size, work.stages);
         let rise = last_vector(work.stages, coordinates);
@@ -257,7 +259,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEqua
         &mut self,
         accelerations: &[T],
         residual: &mut [T],
-        matrix: Option<&mut E>,
+        matrix: Option<Linearised<'_, E, T>>,
     ) {
         if X::KNOWN_SIZE {
             self.write_residual(accelerations, residual, matrix);
@@ -271,8 +273,10 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEqua
         &mut self,
         accelerations: &[T],
         residual: &mut [T],
-        mut matrix: Option<&mut E>,
+        matrix: Option<Linearised<'_, E, T>>,
     ) {
+        let (mut matrix, stiffened) = matrix.unzip();
+        let stiffened = stiffened.flatten();
         let (tables, h) = (self.tables, self.step.size);
         let (coordinates, stages) = (self.position.len(), tables.nodes.len());
         tables.place_stages(accelerations, self.velocity, h, self.stages);
@@ -304,9 +308,27 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEqua
                     for (j, &factor) in row.iter().enumerate() {
                         matrix.add(i, j, h * h * factor, self.stiffness);
                     }
+                    let aside = stiffened.map(|slopes| {
+                        let by = slopes.aside * h + T::of(ASIDE) * T::EPSILON * size(self.velocity);
+                        Stiffened::move_aside(velocity, by);
+                        let written = (&mut *force, &mut *self.stiffness);
+                        self.mechanics
+                            .linearise_in_motion(instant, self.point, velocity, written.0, written.1);
+                        by
+                    });
                     self.mechanics.resistance(instant, self.point, velocity, self.stiffness);
+                    let stiffening = stiffened.map_or(T::one(), |slopes| slopes.factor);
                     for (j, &factor) in integrals.iter().enumerate() {
-                        matrix.add(i, j, h * factor, self.stiffness);
+                        matrix.add(i, j, h * factor * stiffening, self.stiffness);
+                    }
+                    if aside.is_some() {
+                        velocity.iter_mut().zip(self.velocity).for_each(|(place, &v)| *place = v);
+                        for (&factor, acceleration) in
+                            integrals.iter().zip(vectors(accelerations, coordinates))
+                        {
+                            add_multiple(velocity, h * factor, acceleration);
+                        }
+                        self.mechanics.restoring_force_in_motion(instant, self.point, velocity, force);
                     }
                 } else {
                     self.mechanics.restoring_force_in_motion(instant, self.point, velocity, force);

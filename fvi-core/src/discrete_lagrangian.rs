@@ -5,11 +5,13 @@ use core::marker::PhantomData;
 use crate::damping::Damping;
 use crate::linear::all_finite;
 use crate::linear::{add_multiple, at, combine};
-use crate::newton::{Equations, newton, size};
+use crate::newton::{Equations, Linearised, Stiffened, newton, size};
 use crate::one_node::OneNode;
 use crate::real::Real;
 use crate::scheme::{Outcome, State, Step, StepError, conclude};
-use crate::space::{Block, Space, called, last_vector, part, part_mut, vector_at, vectors, vectors_mut};
+use crate::space::{
+    Block, Space, called, last_vector, part, part_mut, parts_mut, vector_at, vectors, vectors_mut,
+};
 use crate::system::{Instant, Mechanics, NodalRule};
 use crate::workspace::Workspace;
 
@@ -189,6 +191,27 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
         Ok(iterations)
     }
 
+    /// Sums to the first N numbers of `residual` the impulse of the forces that the S equations need besides
+    /// those at hand, which leave this residual r: h Σ_i b_i δG_i, where h Σ_i b_i ℓ_ν(c_i) δG_i = r_ν for
+    /// ν < S.
+    ///
+    /// With as many points as unknowns the polynomial P = Π_i (τ − c_i) is zero at the points, so that
+    /// ℓ_S(c_i) = −Σ_{ν<S} P(d_ν)/P(1) ℓ_ν(c_i), and the impulse is Σ_{ν<S} (1 − P(d_ν)/P(1)) r_ν. With more
+    /// points, or one at the end, what the equations do not contain of δG is taken as zero.
+    fn sum_missed_impulse(&self, coordinates: usize, residual: &mut [T]) {
+        let node = |point: T| self.nodes.iter().fold(T::one(), |product, &c| product * (point - c));
+        let end = node(T::one());
+        let share = |point: T| match self.nodes.len() == self.degree() && end.abs() > T::EPSILON {
+            true => T::one() - node(point) / end,
+            false => T::one(),
+        };
+        let (sum, others) = parts_mut(residual, coordinates);
+        sum.iter_mut().for_each(|number| *number *= share(T::zero()));
+        for (missed, &point) in vectors(others, coordinates).zip(self.control_points) {
+            add_multiple(sum, share(point), missed);
+        }
+    }
+
     /// Solves the first S equations for the nodes and leaves, in the first N numbers of `work.residual`, the
     /// impulse h Σ_i b_i G_i: what the momentum loses by the forces at the quadrature nodes.
     ///
@@ -298,6 +321,7 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             point: &mut *work.point,
             stiffness: &mut *work.stiffness,
         };
+        let mut missed = false;
         let iterations = if self.drifts() {
             0
         } else if equations.mechanics.is_linear() {
@@ -305,7 +329,8 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             if work.kept.length == step.size {
                 equations.residual::<E>(work.increments, work.residual, None);
             } else {
-                equations.residual(work.increments, work.residual, Some(&mut *work.matrix));
+                let matrix = Some((&mut *work.matrix, None));
+                equations.residual(work.increments, work.residual, matrix);
                 // With several nodes a symmetric perturbation of the matrix is not one of the mass alone: no
                 // inertia is given.
                 let inertia = (T::zero(), equations.mechanics.mass());
@@ -331,16 +356,25 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             }
             1
         } else {
-            let balance = |increments: &[T], residual: &mut [T], matrix: Option<&mut E>| {
+            let moves = equations.mechanics.depends_on_velocity();
+            let balance = |increments: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
                 equations.residual(increments, residual, matrix);
             };
-            newton(work.increments, work.residual, size(position), work.matrix, balance)?.iterations
+            let at = (size(position), moves);
+            let converged = newton(work.increments, work.residual, at, work.matrix, balance)?;
+            missed = converged.leaves_residual;
+            converged.iterations
         };
         if !equations.mechanics.is_linear() || self.drifts() {
             equations.forces::<E>(work.increments, None);
         }
+        if missed {
+            equations.balance(work.increments, work.residual);
+            self.sum_missed_impulse(coordinates, work.residual);
+        } else {
+            part_mut(work.residual, coordinates).fill(T::zero());
+        }
         let impulse = part_mut(work.residual, coordinates);
-        impulse.fill(T::zero());
         for (&weight, force) in self.weights.iter().zip(vectors(equations.forces, coordinates)) {
             add_multiple(impulse, step.size * weight, force);
         }
@@ -380,9 +414,9 @@ where
     D: Damping<T, Y>,
 {
     /// Places the stages and writes G_i to `forces`; adds −h Σ_i b_i ℓ_ν(c_i) ∂G_i/∂e^μ to the matrix if
-    /// there is one.
+    /// there is one, stiffened if it is to be so.
     #[inline(always)]
-    fn forces<E: Equations<T, X::Block>>(&mut self, increments: &[T], matrix: Option<&mut E>) {
+    fn forces<E: Equations<T, X::Block>>(&mut self, increments: &[T], matrix: Option<Linearised<'_, E, T>>) {
         if X::KNOWN_SIZE {
             self.write_forces(increments, matrix)
         } else {
@@ -391,7 +425,13 @@ where
     }
 
     #[inline(always)]
-    fn write_forces<E: Equations<T, X::Block>>(&mut self, increments: &[T], mut matrix: Option<&mut E>) {
+    fn write_forces<E: Equations<T, X::Block>>(
+        &mut self,
+        increments: &[T],
+        matrix: Option<Linearised<'_, E, T>>,
+    ) {
+        let (mut matrix, stiffened) = matrix.unzip();
+        let stiffened = stiffened.flatten();
         let (lagrangian, h) = (self.lagrangian, self.step.size);
         let (coordinates, degree) = (self.position.len(), lagrangian.degree());
         lagrangian.place_stages(increments, self.stages, coordinates);
@@ -419,12 +459,23 @@ where
                             matrix.add(row, column, -(factor * shape), self.stiffness);
                         }
                     }
+                    if let Some(slopes) = stiffened {
+                        Stiffened::move_aside(velocity, slopes.aside / h);
+                        let written = (&mut *force, &mut *self.stiffness);
+                        self.mechanics
+                            .linearise_in_motion(instant, self.point, velocity, written.0, written.1);
+                    }
                     self.mechanics.resistance(instant, self.point, velocity, self.stiffness);
+                    let stiffening = stiffened.map_or(T::one(), |slopes| slopes.factor);
                     for (row, &test) in tests.iter().enumerate() {
                         for column in 0..degree {
                             let factor = weight * test * lagrangian.slope(index, column);
-                            matrix.add(row, column, -factor, self.stiffness);
+                            matrix.add(row, column, -(factor * stiffening), self.stiffness);
                         }
+                    }
+                    if stiffened.is_some() {
+                        lagrangian.velocity_at(index, increments, h, velocity);
+                        self.mechanics.restoring_force_in_motion(instant, self.point, velocity, force);
                     }
                 } else {
                     self.mechanics.restoring_force_in_motion(instant, self.point, velocity, force);
@@ -466,11 +517,11 @@ where
         &mut self,
         increments: &[T],
         residual: &mut [T],
-        mut matrix: Option<&mut E>,
+        mut matrix: Option<Linearised<'_, E, T>>,
     ) {
         let (lagrangian, h) = (self.lagrangian, self.step.size);
         let degree = lagrangian.degree();
-        if let Some(matrix) = matrix.as_deref_mut() {
+        if let Some((matrix, _)) = &mut matrix {
             matrix.clear();
             for (row, numbers) in vectors(lagrangian.kinetic, degree).enumerate() {
                 for (column, &kinetic) in numbers.iter().enumerate() {

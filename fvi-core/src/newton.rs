@@ -198,6 +198,10 @@ pub(crate) struct Converged<T> {
     pub(crate) iterations: u32,
     /// Estimate of the residual at the end without rounding; `None` without one.
     pub(crate) residual: Option<T>,
+    /// True if only stiffened equations led there ([`Stiffening`]), which may leave a residual: velocities
+    /// are then known to rounding only, which decides forces with slopes that are nearly infinite. What these
+    /// are is what the equations need.
+    pub(crate) leaves_residual: bool,
 }
 
 /// Newton's method apart from its equations: which corrections reuse the factors of the previous one, and
@@ -306,6 +310,7 @@ impl<T: Real> Corrections<T> {
             return Ok(Verdict::Converged(Converged {
                 iterations: self.count,
                 residual: left.map(|left| residual * left),
+                leaves_residual: false,
             }));
         }
         if self.count == MAX_ITERATIONS {
@@ -329,10 +334,135 @@ impl<T: Real> Corrections<T> {
     }
 }
 
-/// Solves residual(x) = 0 from the guess `unknowns`, and leaves the last correction in `correction`, by the
-/// iteration of [`Corrections`].
+/// How the derivatives of forces with respect to velocities enter the matrix of a stiffened correction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Stiffened<T> {
+    /// λ, by which they are multiplied.
+    pub(crate) factor: T,
+    /// How far from the velocities they are taken, in units of the unknowns: no further than rounding.
+    pub(crate) aside: T,
+}
+
+impl<T: Real> Stiffened<T> {
+    /// Moves velocities aside, each by something else, so that no difference of two of them stays zero.
+    pub(crate) fn move_aside(velocity: &mut [T], by: T) {
+        let mut share = T::of(0.5);
+        for velocity in velocity {
+            *velocity += share * by;
+            share += T::of(0.618_033_988_749_895);
+            share = if share > T::of(1.5) { share - T::one() } else { share };
+        }
+    }
+}
+
+/// How a second attempt solves equations whose forces resist velocities with slopes that fall as these grow,
+/// as c sign(v)|v|^γ with γ < 1 does, where Newton's corrections go round in a cycle across v = 0.
 ///
-/// `balance` writes the residual at x, and its Jacobian if it gets a matrix.
+/// The slope ∂F/∂v is multiplied by λ ≥ 1. With λ = 1/γ it is the secant c|v|^γ/|v|, with which every
+/// correction lowers the convex potential of the step ∫ r·dx whatever the start, since the secant's parabola
+/// lies above |v|^{1+γ} everywhere (majorisation, as in iteratively reweighted least squares). λ doubles
+/// whenever the residual does not fall, and otherwise falls slowly towards 1, Newton's method. The first
+/// correction has λ = 0: its size is that of the motion without resistance, beside which slopes are taken no
+/// nearer to v = 0 than rounding, so that they are finite and hide no mass. The iteration ends when a
+/// correction is no larger than that, and the residual is rounding or no longer falls. If only the latter,
+/// the velocity is 0 as far as numbers tell it, and the force whatever the equations need.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Stiffening<T> {
+    pub(crate) slopes: Stiffened<T>,
+    before: T,
+    /// The largest residual, against which rounding is judged.
+    largest: T,
+    /// The smallest residual that halved the one before it, and the corrections since.
+    best: T,
+    since: u32,
+    widened: u32,
+    pub(crate) count: u32,
+}
+
+/// How far aside slopes are taken, in units of rounding, and how often sixteen times as far.
+pub(crate) const ASIDE: f64 = 256.0;
+const MOST_WIDENED: u32 = 3;
+
+/// Largest λ, for powers down to γ = 1/64.
+const STIFFEST: f64 = 64.0;
+
+/// After how many corrections a residual that has not halved is one of rounding.
+const NO_LONGER_FALLS: u32 = 300;
+
+/// How many corrections then bring velocities to rest, and after how many of them one is Newton's.
+const SHRINKS: u32 = 8 * TURN;
+const TURN: u32 = 60;
+
+impl<T: Real> Stiffening<T> {
+    /// No correction made yet.
+    #[inline(always)]
+    pub(crate) fn new() -> Self {
+        let slopes = Stiffened { factor: T::zero(), aside: T::SMALLEST_NORMAL.sqrt() };
+        let none = T::zero();
+        Self { slopes, before: none, largest: none, best: none, since: 0, widened: 0, count: 0 }
+    }
+
+    /// Judges a correction from its residual, its size, the rounding of the unknowns, and their size after
+    /// it: true if it was the last one. Chooses λ for the next one.
+    ///
+    /// # Errors
+    /// [`StepError::NotConverged`] after too many corrections.
+    #[inline(always)]
+    pub(crate) fn judge(
+        &mut self,
+        residual: T,
+        change: T,
+        (rounding, extent): (T, T),
+    ) -> Result<bool, StepError> {
+        let Stiffened { factor, aside } = &mut self.slopes;
+        if self.count == 0 {
+            *factor = T::of(2.0);
+            *aside = (*aside).max(T::of(ASIDE) * T::EPSILON * extent);
+            (self.before, self.best) = (residual, residual);
+        } else {
+            let grows = residual >= T::of(0.999) * self.before;
+            let by = if grows { T::of(2.0) } else { T::of(0.95) };
+            *factor = (*factor * by).max(T::one()).min(T::of(STIFFEST));
+            if self.since > NO_LONGER_FALLS {
+                // What is held goes round v = 0 in a cycle, which stiff corrections shrink; a correction of
+                // Newton's now and then brings all else to its place.
+                let turn = (self.since - NO_LONGER_FALLS).is_multiple_of(TURN);
+                *factor = if turn { T::one() } else { T::of(STIFFEST) };
+            }
+        }
+        let resolved = (*aside + *aside).max(T::of(ASIDE) * rounding);
+        self.count += 1;
+        (self.before, self.largest) = (residual, self.largest.max(residual));
+        (self.best, self.since) =
+            if residual < T::of(0.5) * self.best { (residual, 0) } else { (self.best, self.since + 1) };
+        let is_balanced = residual <= T::of(16.0) * T::EPSILON * self.largest;
+        let rests = self.since > NO_LONGER_FALLS;
+        if (is_balanced || rests) && change <= resolved {
+            return Ok(true);
+        }
+        if self.since > NO_LONGER_FALLS + SHRINKS && !self.widen() {
+            return Err(StepError::NotConverged { iterations: self.count, residual: residual.to_f64() });
+        }
+        Ok(false)
+    }
+
+    /// Takes slopes farther aside; false if they are too far already.
+    #[inline(always)]
+    pub(crate) fn widen(&mut self) -> bool {
+        (self.since, self.widened) = (0, self.widened + 1);
+        self.slopes.aside *= T::of(16.0);
+        self.widened <= MOST_WIDENED && self.count > 0
+    }
+}
+
+/// The matrix of a correction, and how slopes enter it if it is stiffened.
+pub(crate) type Linearised<'a, E, T> = (&'a mut E, Option<Stiffened<T>>);
+
+/// Solves residual(x) = 0 from the guess `unknowns`, and leaves the last correction in `correction`, by the
+/// iteration of [`Corrections`]; where that does not converge and forces depend on the velocity (`moves`), by
+/// that of [`Stiffening`].
+///
+/// `balance` writes the residual at x, and its Jacobian if it gets a matrix, stiffened if it is told so.
 ///
 /// # Errors
 /// [`StepError::NotFinite`], [`StepError::SingularJacobian`] or [`StepError::NotConverged`].
@@ -340,14 +470,14 @@ impl<T: Real> Corrections<T> {
 pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
     unknowns: &mut [T],
     correction: &mut [T],
-    offset: T,
+    (offset, moves): (T, bool),
     matrix: &mut E,
-    mut balance: impl FnMut(&[T], &mut [T], Option<&mut E>),
+    mut balance: impl FnMut(&[T], &mut [T], Option<Linearised<'_, E, T>>),
 ) -> Result<Converged<T>, StepError> {
     let mut corrections = Corrections::new(offset).sparing(matrix.spares_factors());
-    loop {
+    let failure = loop {
         let again = corrections.takes_factors_again();
-        balance(unknowns, correction, if again { None } else { Some(&mut *matrix) });
+        balance(unknowns, correction, if again { None } else { Some((&mut *matrix, None)) });
         let residual = size(correction);
         if !residual.is_finite() {
             return Err(StepError::NotFinite);
@@ -358,13 +488,41 @@ pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
             matrix.solve(correction).map_err(|_| StepError::SingularJacobian)?;
         }
         let sizes = subtract_and_fold(unknowns, correction, max_or_nan);
-        match corrections.judge(residual, sizes, matrix.has_factors())? {
-            Verdict::Converged(converged) => return Ok(converged),
-            Verdict::Continue => {}
-            Verdict::Halve => {
+        match corrections.judge(residual, sizes, matrix.has_factors()) {
+            Ok(Verdict::Converged(converged)) => return Ok(converged),
+            Ok(Verdict::Continue) => {}
+            Ok(Verdict::Halve) => {
                 let half = T::of(0.5);
                 unknowns.iter_mut().zip(&*correction).for_each(|(x, &change)| *x += half * change);
             }
+            Err(failure) => break failure,
+        }
+    };
+    if !moves || failure == StepError::NotFinite {
+        return Err(failure);
+    }
+    unknowns.fill(T::zero());
+    let mut stiffening = Stiffening::new();
+    loop {
+        balance(unknowns, correction, Some((&mut *matrix, Some(stiffening.slopes))));
+        let residual = size(correction);
+        if !residual.is_finite() {
+            return Err(StepError::NotFinite);
+        }
+        if matrix.solve(correction).is_err() {
+            if stiffening.widen() {
+                continue;
+            }
+            return Err(StepError::SingularJacobian);
+        }
+        let (change, extent) = subtract_and_fold(unknowns, correction, max_or_nan);
+        if !change.is_finite() {
+            return Err(StepError::NotFinite);
+        }
+        let rounding = T::EPSILON * (offset + extent) + T::SMALLEST_NORMAL;
+        if stiffening.judge(residual, change, (rounding, extent))? {
+            let iterations = MAX_ITERATIONS + stiffening.count;
+            return Ok(Converged { iterations, residual: None, leaves_residual: true });
         }
     }
 }
@@ -378,16 +536,22 @@ mod tests {
     fn scalar(guess: f64, f: impl Fn(f64) -> (f64, f64)) -> Result<(f64, u32), StepError> {
         let mut unknown = [guess];
         let mut matrix = StepMatrix::<f64, 1, 1>::zero();
-        let balance = |x: &[f64], residual: &mut [f64], matrix: Option<&mut StepMatrix<f64, 1, 1>>| {
-            let (value, slope) = f(x[0]);
-            residual[0] = value;
-            if let Some(matrix) = matrix {
-                Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
-                matrix.add(0, 0, slope, &Coefficients::Diagonal([1.0].into()));
-            }
-        };
-        let converged =
-            newton::<_, Coefficients<f64, 1>, _>(&mut unknown, &mut [0.0], 0.0, &mut matrix, balance)?;
+        let balance =
+            |x: &[f64], residual: &mut [f64], matrix: Option<Linearised<'_, StepMatrix<f64, 1, 1>, f64>>| {
+                let (value, slope) = f(x[0]);
+                residual[0] = value;
+                if let Some((matrix, _)) = matrix {
+                    Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
+                    matrix.add(0, 0, slope, &Coefficients::Diagonal([1.0].into()));
+                }
+            };
+        let converged = newton::<_, Coefficients<f64, 1>, _>(
+            &mut unknown,
+            &mut [0.0],
+            (0.0, false),
+            &mut matrix,
+            balance,
+        )?;
         Ok((unknown[0], converged.iterations))
     }
 
@@ -399,20 +563,71 @@ mod tests {
     }
 
     #[test]
+    fn a_force_with_an_infinite_slope_at_rest_is_balanced_as_far_as_rounding_allows() {
+        // x + c sign(x)|x|^γ = r from afar, for roots down to 1e-100, where Newton's method goes round.
+        for power in [0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9] {
+            for root in [-3.0, 1.0, 1e-3, -1e-9, 1e-40, 1e-100] {
+                for c in [1e-3, 1.0, 1e3] {
+                    let force = |x: f64| x + c * x.signum() * x.abs().powf(power);
+                    let right = force(root);
+                    let mut unknown = [7.0];
+                    let mut matrix = StepMatrix::<f64, 1, 1>::zero();
+                    let balance =
+                        |x: &[f64],
+                         residual: &mut [f64],
+                         matrix: Option<Linearised<'_, StepMatrix<f64, 1, 1>, f64>>| {
+                            residual[0] = if x[0] == 0.0 { -right } else { force(x[0]) - right };
+                            if let Some((matrix, stiffened)) = matrix {
+                                let (factor, aside) = stiffened
+                                    .map_or((1.0, 0.0), |slopes| (slopes.factor, 0.5 * slopes.aside));
+                                let place = x[0] + aside;
+                                let slope = if place == 0.0 {
+                                    0.0
+                                } else {
+                                    power * c * place.abs().powf(power - 1.0)
+                                };
+                                Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
+                                matrix.add(0, 0, 1.0 + factor * slope, &Coefficients::Diagonal([1.0].into()));
+                            }
+                        };
+                    let converged = newton::<_, Coefficients<f64, 1>, _>(
+                        &mut unknown,
+                        &mut [0.0],
+                        (1.0, true),
+                        &mut matrix,
+                        balance,
+                    );
+                    let error = (force(unknown[0]) - right).abs();
+                    // Newton's method ends where x is known beside the offset 1.
+                    let bound = 2.0 * c * 1e-12_f64.powf(power);
+                    let ended = converged.is_ok() && error <= bound;
+                    assert!(ended, "{c} |x|^{power}, root {root:e}: {converged:?}, {error:e}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn factors_of_a_small_correction_serve_the_next_one() {
         let slopes = Cell::new(0);
         let mut matrix = StepMatrix::<f64, 1, 1>::zero();
-        let balance = |x: &[f64], residual: &mut [f64], matrix: Option<&mut StepMatrix<f64, 1, 1>>| {
-            residual[0] = x[0] * x[0] - 2.0;
-            if let Some(matrix) = matrix {
-                slopes.set(slopes.get() + 1);
-                Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
-                matrix.add(0, 0, 2.0 * x[0], &Coefficients::Diagonal([1.0].into()));
-            }
-        };
+        let balance =
+            |x: &[f64], residual: &mut [f64], matrix: Option<Linearised<'_, StepMatrix<f64, 1, 1>, f64>>| {
+                residual[0] = x[0] * x[0] - 2.0;
+                if let Some((matrix, _)) = matrix {
+                    slopes.set(slopes.get() + 1);
+                    Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
+                    matrix.add(0, 0, 2.0 * x[0], &Coefficients::Diagonal([1.0].into()));
+                }
+            };
         let (mut unknown, mut correction) = ([2f64.sqrt() + 1e-6], [0.0]);
-        let converged =
-            newton::<_, Coefficients<f64, 1>, _>(&mut unknown, &mut correction, 0.0, &mut matrix, balance);
+        let converged = newton::<_, Coefficients<f64, 1>, _>(
+            &mut unknown,
+            &mut correction,
+            (0.0, false),
+            &mut matrix,
+            balance,
+        );
         assert_eq!(converged.map(|converged| converged.iterations), Ok(2));
         assert!((unknown[0] - 2f64.sqrt()).abs() <= f64::EPSILON && slopes.get() == 1, "{unknown:?}");
     }
@@ -457,17 +672,23 @@ mod tests {
         // x + c x³ = 1 from 0.9: one factor where the slope hardly changes, another one where it does.
         let solve = |c: f64, sparing: bool| {
             let slopes = Cell::new(0);
-            let balance = |x: &[f64], residual: &mut [f64], matrix: Option<&mut Dear>| {
+            let balance = |x: &[f64], residual: &mut [f64], matrix: Option<Linearised<'_, Dear, f64>>| {
                 residual[0] = x[0] + c * x[0] * x[0] * x[0] - 1.0;
-                if let Some(matrix) = matrix {
+                if let Some((matrix, _)) = matrix {
                     slopes.set(slopes.get() + 1);
                     matrix.clear();
                     matrix.add(0, 0, 1.0 + 3.0 * c * x[0] * x[0], &Coefficients::Diagonal([1.0].into()));
                 }
             };
             let (mut unknown, mut matrix) = ([0.9], Dear(StepMatrix::zero(), sparing));
-            newton::<_, Coefficients<f64, 1>, _>(&mut unknown, &mut [0.0], 0.0, &mut matrix, balance)
-                .unwrap();
+            newton::<_, Coefficients<f64, 1>, _>(
+                &mut unknown,
+                &mut [0.0],
+                (0.0, false),
+                &mut matrix,
+                balance,
+            )
+            .unwrap();
             let [x] = unknown;
             assert!((x + c * x * x * x - 1.0).abs() <= 2.0 * f64::EPSILON, "{c} {x}");
             slopes.get()
@@ -553,7 +774,10 @@ mod tests {
         near(corrections.judge(1e-3, (1e-8, 0.0), true).unwrap(), 2, 1e-3 * 4e-8);
         // A first correction of rounding size gives no estimate of the residual.
         let first = Corrections::new(64.0).judge(1e-3, (1e-14, 0.0), true);
-        assert_eq!(first, Ok(Verdict::Converged(Converged { iterations: 1, residual: None })));
+        assert_eq!(
+            first,
+            Ok(Verdict::Converged(Converged { iterations: 1, residual: None, leaves_residual: false }))
+        );
     }
 
     #[test]
@@ -565,17 +789,25 @@ mod tests {
             for (guess, c) in [(1.0, 0.5), (0.3, 0.4), (0.01, -0.2), (-0.7, 3.0), (0.0, 10.0)] {
                 let mut unknown = [guess * h];
                 let balance =
-                    |x: &[f64], residual: &mut [f64], matrix: Option<&mut StepMatrix<f64, 1, 1>>| {
+                    |x: &[f64],
+                     residual: &mut [f64],
+                     matrix: Option<Linearised<'_, StepMatrix<f64, 1, 1>, f64>>| {
                         let v = x[0] / h;
                         residual[0] = v + 50.0 * v * v * v - c;
-                        if let Some(matrix) = matrix {
+                        if let Some((matrix, _)) = matrix {
                             Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
                             let slope = (1.0 + 150.0 * v * v) / h;
                             matrix.add(0, 0, slope, &Coefficients::Diagonal([1.0].into()));
                         }
                     };
-                newton::<_, Coefficients<f64, 1>, _>(&mut unknown, &mut [0.0], 1.0, &mut matrix, balance)
-                    .unwrap();
+                newton::<_, Coefficients<f64, 1>, _>(
+                    &mut unknown,
+                    &mut [0.0],
+                    (1.0, false),
+                    &mut matrix,
+                    balance,
+                )
+                .unwrap();
                 let v = unknown[0] / h;
                 let error = (v + 50.0 * v * v * v - c).abs() / (1.0 + 150.0 * v * v);
                 assert!(error <= 1e-15 / h, "h = {h:e}, from {guess} for {c}: {v}, {error:e}");
@@ -590,18 +822,27 @@ mod tests {
             let (h, offset) = (1e-9, 1.0);
             let mut matrix = StepMatrix::<f64, 1, 1>::zero();
             let mut unknown = [guess * h];
-            let balance = |x: &[f64], residual: &mut [f64], matrix: Option<&mut StepMatrix<f64, 1, 1>>| {
-                let v = x[0] / h;
-                let root = libm::sqrt(1.0 + v * v);
-                residual[0] = v / root;
-                if let Some(matrix) = matrix {
-                    Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
-                    let slope = 1.0 / (root * root * root * h);
-                    matrix.add(0, 0, slope, &Coefficients::Diagonal([1.0].into()));
-                }
-            };
-            newton::<_, Coefficients<f64, 1>, _>(&mut unknown, &mut [0.0], offset, &mut matrix, balance)
-                .unwrap();
+            let balance =
+                |x: &[f64],
+                 residual: &mut [f64],
+                 matrix: Option<Linearised<'_, StepMatrix<f64, 1, 1>, f64>>| {
+                    let v = x[0] / h;
+                    let root = libm::sqrt(1.0 + v * v);
+                    residual[0] = v / root;
+                    if let Some((matrix, _)) = matrix {
+                        Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
+                        let slope = 1.0 / (root * root * root * h);
+                        matrix.add(0, 0, slope, &Coefficients::Diagonal([1.0].into()));
+                    }
+                };
+            newton::<_, Coefficients<f64, 1>, _>(
+                &mut unknown,
+                &mut [0.0],
+                (offset, false),
+                &mut matrix,
+                balance,
+            )
+            .unwrap();
             assert!((unknown[0] / h).abs() < 1e-6, "from {guess}: {}", unknown[0] / h);
         }
     }

@@ -5,7 +5,7 @@ use core::marker::PhantomData;
 
 use crate::damping::Damping;
 use crate::linear::{combine, combine_two, fill_pair};
-use crate::newton::{Equations, newton, size};
+use crate::newton::{Equations, Linearised, Stiffened, newton, size};
 use crate::real::Real;
 use crate::scheme::{State, Step, StepError};
 use crate::space::{Block, Space, part, part_mut, vectors};
@@ -104,7 +104,7 @@ impl<T: Real> OneNode<T> {
                 equation.evaluate_first(increments, from_rest, false);
             } else {
                 equation.evaluate_first(increments, from_rest, true);
-                equation.write_matrix(increments, &mut *work.matrix);
+                equation.write_matrix(increments, (&mut *work.matrix, None));
                 let inertia = (self.kinetic / step.size, equation.mechanics.mass());
                 work.matrix.keep(&mut work.kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
                 work.kept.length = if stays { step.size } else { T::zero() };
@@ -128,23 +128,27 @@ impl<T: Real> OneNode<T> {
             }
             1
         } else {
-            let balance = |increments: &[T], residual: &mut [T], matrix: Option<&mut E>| {
+            let moves = equation.mechanics.depends_on_velocity();
+            let balance = |increments: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
                 equation.evaluate(increments, matrix.is_some());
                 equation.balance(increments, residual);
                 if let Some(matrix) = matrix {
                     equation.write_matrix(increments, matrix);
                 }
             };
-            let converged = newton(increments, residual, size(position), &mut *work.matrix, balance)?;
+            let converged =
+                newton(increments, residual, (size(position), moves), &mut *work.matrix, balance)?;
             // The final force is the last one plus its linear change, if the neglected remainder is of
             // rounding size.
             let rounding = T::of(0.25) * T::EPSILON * step.size * self.weight * size(equation.force);
             // With a velocity-dependent force the matrix at hand is the resistance, not the stiffness.
-            let changes = !equation.mechanics.depends_on_velocity();
-            if changes && converged.residual.is_some_and(|left| left <= rounding) {
+            if !moves && converged.residual.is_some_and(|left| left <= rounding) {
                 equation.carry_on(increments, residual);
             } else {
                 equation.evaluate(increments, false);
+                if converged.leaves_residual {
+                    equation.settle(increments, residual);
+                }
             }
             converged.iterations
         };
@@ -323,9 +327,21 @@ where
         residual.iter_mut().zip(self.moment_correction).for_each(|(place, &moment)| *place += moment * h);
     }
 
-    /// Writes the derivative of the residual at the increments of the last linearisation.
+    /// Changes the force to that which the equation needs.
+    fn settle(&mut self, increments: &[T], residual: &mut [T]) {
+        self.balance(increments, residual);
+        let factor = self.step.size * self.numbers.weight * self.numbers.test;
+        combine(self.force, residual, |force, left| force + left / factor);
+    }
+
+    /// Writes the derivative of the residual at the increments of the last linearisation, with that of the
+    /// forces with respect to the velocity stiffened if the matrix is to be so.
     #[inline(always)]
-    fn write_matrix<E: Equations<T, X::Block>>(&mut self, increments: &[T], matrix: &mut E) {
+    fn write_matrix<E: Equations<T, X::Block>>(
+        &mut self,
+        increments: &[T],
+        (matrix, stiffened): Linearised<'_, E, T>,
+    ) {
         let (h, numbers) = (self.step.size, self.numbers);
         let factor = h * numbers.weight * numbers.test * numbers.shape;
         matrix.clear();
@@ -335,8 +351,16 @@ where
             let instant = Instant::in_step(self.step.time, numbers.node, h);
             let velocity = part_mut(self.scratch, increments.len());
             line_velocity(increments, h, velocity);
+            let factor = if let Some(slopes) = stiffened {
+                // The slopes of the velocities aside are computed with a force that replaces none.
+                Stiffened::move_aside(velocity, slopes.aside / h);
+                self.mechanics.linearise_in_motion(instant, self.point, velocity, self.stage, self.stiffness);
+                slopes.factor
+            } else {
+                T::one()
+            };
             self.mechanics.resistance(instant, self.point, velocity, self.stiffness);
-            matrix.add(0, 0, -(numbers.weight * numbers.test), self.stiffness);
+            matrix.add(0, 0, -(numbers.weight * numbers.test * factor), self.stiffness);
         }
         if let Some(damping) = self.damping {
             damping.visit_leading(1, |_, _, leading, rho| matrix.add(0, 0, -(factor * leading), rho));

@@ -488,6 +488,7 @@ where
             position: &*carried.position,
             momentum: &*carried.momentum,
             input,
+            stiffened: None,
         };
         let corrections = equations.solve(&mut room, self.pivots.as_mut())?;
         let last = Instant { time: end, approach: Approach::FromLeft };

@@ -3,6 +3,7 @@
 use crate::linear::{Singular, all_finite, at, factor, substitute};
 use crate::mechanism::gauss_lobatto::GaussLobatto;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian, Second};
+use crate::newton::{Stiffened, Stiffening};
 use crate::real::{Real, max_or_nan};
 use crate::scheme::StepError;
 use crate::space::{part, part_from, parts_mut};
@@ -173,6 +174,8 @@ pub(super) struct Equations<'a, T, L, D> {
     pub(super) momentum: &'a [T],
     /// A force held over the step; missing numbers are zero.
     pub(super) input: &'a [T],
+    /// How the derivatives of forces with respect to velocities enter the matrix, if it is stiffened.
+    pub(super) stiffened: Option<Stiffened<T>>,
 }
 
 impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
@@ -208,9 +211,50 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
             }
             last = correction;
         }
+        self.solve_stiffened(room, pivots)
+    }
+
+    /// As [`solve`](Self::solve), by the iteration of [`Stiffening`], from velocities of zero.
+    fn solve_stiffened(
+        &mut self,
+        room: &mut StepBuffers<'_, T>,
+        pivots: &mut [usize],
+    ) -> Result<u32, StepError> {
+        let velocities = self.shape.s * self.shape.n;
+        let size = |numbers: &[T]| numbers.iter().fold(T::zero(), |most, x| max_or_nan(most, x.abs()));
+        room.unknowns.fill(T::zero());
         self.evaluate(room);
-        let residual = room.residual.iter().fold(T::zero(), |most, x| max_or_nan(most, x.abs())).to_f64();
-        Err(StepError::NotConverged { iterations: MOST_CORRECTIONS, residual })
+        let mut iteration = Stiffening::new();
+        loop {
+            self.stiffened = Some(iteration.slopes);
+            self.linearise(room);
+            let residual = size(room.residual);
+            if !(residual.is_finite() && all_finite(room.matrix)) {
+                return Err(StepError::NotFinite);
+            }
+            if factor(room.matrix, pivots).is_err() {
+                if iteration.widen() {
+                    continue;
+                }
+                return Err(StepError::SingularJacobian);
+            }
+            substitute(room.matrix, pivots, room.residual);
+            if !all_finite(room.residual) {
+                return Err(StepError::SingularJacobian);
+            }
+            self.correct(room);
+            let extent = size(part(room.unknowns, velocities));
+            let change = size(part(room.residual, velocities));
+            let rounding = T::of(2.0) * T::EPSILON * (T::one() + extent);
+            self.evaluate(room);
+            if iteration.judge(residual, change, (rounding, extent))? {
+                return if all_finite(room.residual) {
+                    Ok(MOST_CORRECTIONS + iteration.count)
+                } else {
+                    Err(StepError::NotFinite)
+                };
+            }
+        }
     }
 
     /// Subtracts the solution; multipliers are solved for in units of 1/h.
@@ -349,17 +393,24 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
                 stiffness: vector_mut(room.stiffness, square, i),
                 resistance: vector_mut(room.resistance, square, i),
             };
-            self.system.second(self.instant(i), position, velocity, parts);
+            if let Some(slopes) = self.stiffened {
+                copy(room.vector, velocity);
+                Stiffened::move_aside(room.vector, slopes.aside);
+                self.system.second(self.instant(i), position, room.vector, parts);
+            } else {
+                self.system.second(self.instant(i), position, velocity, parts);
+            }
             let (tensions, turning) = (vector(room.tensions, e, i), vector_mut(room.turning, e * n, i));
             self.system.turn(position, velocity, tensions, turning, vector_mut(room.stiffness, square, i));
         }
+        let stiffening = self.stiffened.map_or(T::one(), |slopes| slopes.factor);
         for (j, l) in (0..s).flat_map(|j| (0..s).map(move |l| (j, l))) {
             let own = if j == l { T::one() } else { T::zero() };
             let moved = self.length * self.rule.matrix(j, l);
             let slope = vector_mut(room.slopes, square, j * s + l);
             let parts = vector(room.resistance, square, j).iter().zip(vector(room.stiffness, square, j));
             let of_point = |(place, (&resistance, &stiffness)): (&mut T, (&T, &T))| {
-                *place = own * resistance + moved * stiffness;
+                *place = own * resistance * stiffening + moved * stiffness;
             };
             slope.iter_mut().zip(parts).for_each(of_point);
             for row in 0..e {

@@ -126,12 +126,15 @@ impl Held {
                 velocity.iter().enumerate().map(|(i, v)| v + 1.0 + 0.1 * (i as f64).sin()).collect();
             let other = at(&elsewhere, &mut stiffness);
             let here = at(&velocity, &mut stiffness);
-            for (row, _, entry) in here.entries().into_iter().chain(other.entries()) {
+            // A dashpot resists as such a force does; velocities of others then only push.
+            let dashpots = dashpots(scenario, &places, rows.len());
+            for (row, column, entry) in here.entries().into_iter().chain(other.entries()) {
                 if let (Some(place), true) = (places[row], entry != 0.0) {
-                    resisted[place] = true;
+                    resisted[place] |= row == column || dashpots[place] == 0.0;
                 }
             }
-            let own = own_entries(&here, &places, rows.len());
+            let mut own = own_entries(&here, &places, rows.len());
+            own.iter_mut().zip(&dashpots).for_each(|(own, dashpot)| *own += dashpot);
             if let Some(place) =
                 (0..rows.len()).find(|&place| resisted[place] && (own[place] <= 0.0 || own[place].is_nan()))
             {
@@ -411,6 +414,17 @@ impl Held {
         let remembered = of(&|place| self.remembered[place]);
         MasslessRows { all: self.rows, held, remembered, means }
     }
+}
+
+/// The diagonal coefficients of the dashpots, terms of order 1, for the coordinates that have places.
+fn dashpots(scenario: &Scenario, places: &[Option<usize>], count: usize) -> Vec<f64> {
+    let mut sum = vec![0.0; count];
+    let of_order_1 = scenario.system.damping.iter().filter(|term| term.transfer.exponent() == Some(1.0));
+    for term in of_order_1 {
+        let own = own_entries(&matrix(&term.coefficient), places, count);
+        sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
+    }
+    sum
 }
 
 /// The diagonal entries of a matrix for the coordinates that have places.

@@ -4,6 +4,7 @@ mod adaptive;
 mod checkpoints;
 mod controllers;
 mod convergence;
+mod dampers;
 mod engine_comparison;
 mod equations;
 mod events;
