@@ -260,15 +260,17 @@ impl TransferFunction {
     /// Σ g τ s/(1 + τ s), a Prony series: Maxwell elements in parallel.
     ///
     /// # Errors
-    /// If there is no term, the numbers of strengths and times differ, a strength is not finite or zero, or a
-    /// time not positive and finite.
+    /// If there is no term, the numbers of strengths and times differ, a strength is not finite or all are
+    /// zero, or a time not positive and finite.
     pub fn prony(strengths: &[f64], times: &[f64]) -> Result<Self, ParameterError> {
         check(!strengths.is_empty(), "number of strengths", 0.0, "at least 1")?;
         let count = times.len();
         check(count == strengths.len(), "number of times", count as f64, "as many as strengths")?;
         for &strength in strengths {
-            check(strength != 0.0 && strength.is_finite(), "strength", strength, "finite, and not 0")?;
+            check(strength.is_finite(), "strength", strength, "finite")?;
         }
+        let some = strengths.iter().any(|&strength| strength != 0.0);
+        check(some, "strength", 0.0, "not 0 for one term at least")?;
         times.iter().try_for_each(|&time| positive("time", time))?;
         Ok(Self { form: Form::Prony { strengths: strengths.to_vec(), times: times.to_vec() } })
     }
@@ -561,7 +563,8 @@ impl TransferFunction {
         match &self.form {
             // g τ s/(1 + τ s) = g − (g/τ)/(s + 1/τ)
             Form::Prony { strengths, times } => {
-                let poles = strengths.iter().zip(times);
+                // An element without strength has no pole.
+                let poles = strengths.iter().zip(times).filter(|(strength, _)| **strength != 0.0);
                 let pole = |(&g, &time): (&f64, &f64)| {
                     let ([rate, rest], [residue, rest_of_residue]) = (ratio(1.0, time), ratio(-g, time));
                     Pole { rate, residue, rests: [rest, rest_of_residue] }
@@ -719,7 +722,7 @@ impl TransferFunction {
         match &self.form {
             Form::Power { order } if *order >= 0.0 => None,
             Form::Tempered { .. } | Form::Maxwell { .. } => None,
-            Form::Prony { strengths, .. } if strengths.iter().all(|&strength| strength > 0.0) => None,
+            Form::Prony { strengths, .. } if strengths.iter().all(|&strength| strength >= 0.0) => None,
             Form::HavriliakNegami { order, power, .. } if order * power <= 1.0 => None,
             Form::Formula { active, .. } => *active,
             Form::Weights(table) => table.active(),

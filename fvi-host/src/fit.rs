@@ -13,7 +13,9 @@ mod output;
 mod pictures;
 mod plan;
 mod prediction;
+mod prony;
 mod search;
+mod shift;
 mod statistics;
 
 pub use data::KEYS as DATA_KEYS;
@@ -88,7 +90,7 @@ pub fn fit(plan: &Fit, stop: &AtomicBool, progress: &mut dyn FnMut(usize)) -> Re
             made = before + runs;
             progress(made);
         };
-        let mut predictions = Predictions::new(model, &plan.records, stop, &mut told)
+        let mut predictions = Predictions::new(model, (&plan.records, plan.shift.as_ref()), stop, &mut told)
             .map_err(|reason| of_model(model.name.as_deref(), reason.into()))?;
         let found = estimate(plan, model, &mut Search::new(plan, model, &mut predictions));
         models.push(found.map_err(|error| of_model(model.name.as_deref(), error))?);

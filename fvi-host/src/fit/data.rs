@@ -178,7 +178,7 @@ impl Domain {
 }
 
 /// Keys of a table of data.
-pub const KEYS: [&str; 13] = [
+pub const KEYS: [&str; 14] = [
     "file",
     "columns",
     "units",
@@ -192,6 +192,7 @@ pub const KEYS: [&str; 13] = [
     "relative_deviation",
     "relative_to",
     "set",
+    "temperature",
 ];
 
 /// Sizes of a scenario that restrict what its data may refer to.
@@ -577,6 +578,13 @@ impl Record {
     /// Numbers of data.
     pub(super) fn len(&self) -> usize {
         self.places.len() * self.columns.len()
+    }
+
+    /// The times > 0 that the rows tell: t, or 1/ω.
+    pub(super) fn times(&self) -> impl Iterator<Item = f64> {
+        let over_time = self.over() == "t";
+        let times = self.places.iter().map(move |&place| if over_time { place } else { place.recip() });
+        times.filter(|time| *time > 0.0)
     }
 
     /// Name of the independent variable.

@@ -4,7 +4,7 @@ use super::FitError;
 use super::data::{Deviations, Domain};
 use super::least_squares::{End, Minimum, Refusal, Region, gradient, held};
 use super::no_prediction::NoPrediction;
-use super::plan::{Fit, Free, Model, Profile, Scale};
+use super::plan::{Fit, Free, Model, Profile, Scale, numbers_at};
 use super::prediction::Predicted;
 use super::search::{Ended, Search};
 use super::statistics::{Covariance, excess, half_width};
@@ -129,6 +129,12 @@ pub struct TableRecord {
     pub chi2: f64,
     /// The root of the mean of (model − datum)² of each column.
     pub rms: Vec<f64>,
+    /// Its temperature, and log₁₀ of the factor by which it shifts frequencies, where tables are shifted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub temperature: Option<f64>,
+    /// See `temperature`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log10_shift: Option<f64>,
 }
 
 fn by_path<S: Serializer>(parameters: &[(String, Estimate)], serializer: S) -> Result<S::Ok, S::Error> {
@@ -551,7 +557,7 @@ fn surprises(plan: &Fit, best: &Minimum, known: bool, chi2: f64, degrees_of_free
         if sigmas > SURPRISE {
             notes.push(format!(
                 "the model does not describe the data to their deviations (reduced χ² = {reduced:.3}): it is wrong, or the \
-                 deviations are max_or_nan; the errors, which take it and them for right, are too small"
+                 deviations are larger; the errors, which take it and them for right, are too small"
             ));
         } else if sigmas < -SURPRISE {
             notes.push(format!(
@@ -642,6 +648,7 @@ fn resolution_note(search: &Search<'_, '_>, predicted: &Predicted, variance: Opt
 }
 
 fn tables(plan: &Fit, search: &Search<'_, '_>, best: &Minimum) -> Vec<TableRecord> {
+    let values = &search.outside(&best.point);
     let residuals = &best.evaluation.residuals;
     let of = |(index, record): (usize, &super::data::Record)| {
         let place = search.predictions.place(index);
@@ -659,6 +666,11 @@ fn tables(plan: &Fit, search: &Search<'_, '_>, best: &Minimum) -> Vec<TableRecor
             left_out: record.left_out.len(),
             chi2: place.clone().map(|place| residuals[place].powi(2)).sum(),
             rms: (0..columns).map(rms).collect(),
+            temperature: plan.shift.as_ref().map(|shift| shift.temperature(index)),
+            log10_shift: plan
+                .shift
+                .as_ref()
+                .and_then(|shift| shift.log10(index, &numbers_at(search.free, values))),
         }
     };
     plan.records.iter().enumerate().map(of).collect()

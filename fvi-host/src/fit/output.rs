@@ -26,6 +26,9 @@ struct Summary<'a> {
 /// The name of the file with the record.
 const SUMMARY: &str = "fit.json";
 
+/// The name of the table of models.
+const MODELS: &str = "models.csv";
+
 impl Fit {
     /// The scenario of a model with its estimates; for a table of data, also with the values that this table
     /// sets. With `moved`, for a scenario written to another directory, the files that it names have absolute
@@ -112,6 +115,41 @@ fn name_files_whole(model: &Model, value: &mut toml::Value) {
 }
 
 impl Fitted {
+    /// AIC above the smallest, model by model.
+    pub fn aic_differences(&self) -> Vec<f64> {
+        let smallest = self.best().aic;
+        // The AIC of a perfect fit is −∞.
+        let above = |aic: f64| if aic == smallest { 0.0 } else { aic - smallest };
+        self.models.iter().map(|model| above(model.aic)).collect()
+    }
+
+    /// Akaike's weights e^{−Δ/2}/Σ e^{−Δ/2} of the models, which sum to 1: how much the data speak for each.
+    pub fn aic_weights(&self) -> Vec<f64> {
+        let shares: Vec<f64> =
+            self.aic_differences().into_iter().map(|above| libm::exp(-0.5 * above)).collect();
+        let sum: f64 = shares.iter().sum();
+        shares.into_iter().map(|share| share / sum).collect()
+    }
+
+    /// The models as a table; `None` if there is one only.
+    fn comparison(&self) -> Option<String> {
+        if self.models.len() < 2 {
+            return None;
+        }
+        let mut text = "model,parameters,chi2,aic,aic_difference,aic_weight,bic\n".to_owned();
+        let (differences, weights) = (self.aic_differences(), self.aic_weights());
+        for (model, (difference, weight)) in self.models.iter().zip(differences.iter().zip(weights)) {
+            let name = model.name.as_deref().unwrap_or_default().replace('"', "\"\"");
+            let (count, chi2) = (model.parameters.len(), model.chi2);
+            let (aic, bic) = (model.aic, model.bic);
+            let _ = writeln!(
+                text,
+                "\"{name}\",{count},{chi2:.16e},{aic:.16e},{difference:.16e},{weight:.16e},{bic:.16e}"
+            );
+        }
+        Some(text)
+    }
+
     /// Writes the files of a fit, the record last.
     ///
     /// # Errors
@@ -152,12 +190,22 @@ impl Fitted {
                 None => remove(&directory.join(name))?,
             }
         }
+        match self.comparison() {
+            Some(table) => texts.push((MODELS.to_owned(), table)),
+            None => remove(&directory.join(MODELS))?,
+        }
         for (name, text) in &texts {
             write_text(&directory.join(name), text)?;
         }
         let mut files: Vec<String> = texts.into_iter().map(|(name, _)| name).collect();
         #[cfg(feature = "pictures")]
-        for (name, chart) in super::pictures::charts(plan, best) {
+        let pictures = {
+            let own = super::pictures::charts(plan, best).into_iter();
+            own.chain(super::pictures::comparison(plan, self))
+                .chain(super::pictures::master_curve(plan, best))
+        };
+        #[cfg(feature = "pictures")]
+        for (name, chart) in pictures {
             crate::results::files::write_picture(&directory.join(&name), &chart)?;
             files.push(name);
         }
@@ -181,15 +229,22 @@ impl Fitted {
         if self.models.len() > 1 {
             let name = |model: &FittedModel| model.name.clone().unwrap_or_default();
             let width = self.models.iter().map(|model| name(model).chars().count()).max().unwrap_or(0).max(5);
-            let _ = writeln!(text, "\n{:width$}  parameters           χ²          AIC          BIC", "model");
-            for model in &self.models {
+            let (differences, weights) = (self.aic_differences(), self.aic_weights());
+            let _ = writeln!(
+                text,
+                "\n{:width$}  parameters           χ²          AIC     AIC − min    weight          BIC",
+                "model"
+            );
+            for (model, (difference, weight)) in self.models.iter().zip(differences.iter().zip(weights)) {
                 let _ = writeln!(
                     text,
-                    "{:width$}  {:10} {:12.6e} {:12.2} {:12.2}",
+                    "{:width$}  {:10} {:12.6e} {:12.2} {:13.2} {:9.3} {:12.2}",
                     name(model),
                     model.parameters.len(),
                     model.chi2,
                     model.aic,
+                    difference,
+                    weight,
                     model.bic
                 );
             }

@@ -1,8 +1,8 @@
-//! The pictures of a fit: data with model, and residuals.
+//! The pictures of a fit: data with model, and residuals; the comparison of models; the master curve.
 
-use super::FittedModel;
 use super::data::{Column, Deviations, Domain, Over, Record};
 use super::plan::Fit;
+use super::{Fitted, FittedModel};
 use crate::results::picture::{Axis, Chart, Series, Style};
 
 /// Largest number of tables of data that are drawn.
@@ -52,6 +52,51 @@ pub(super) fn charts(plan: &Fit, fitted: &FittedModel) -> Vec<(String, Chart)> {
         charts.push((format!("residuals_{index}.svg"), left));
     }
     charts
+}
+
+/// AIC above the smallest over the number of parameters of each model, with the name of the file.
+pub(super) fn comparison(plan: &Fit, fitted: &Fitted) -> Option<(String, Chart)> {
+    let differences = fitted.aic_differences();
+    if differences.len() < 2 {
+        return None;
+    }
+    let (x, y) = (Axis::linear("free parameters"), Axis::linear("AIC − smallest AIC"));
+    let appearance = plan.appearance();
+    let mut chart = Chart::new(plan.heading(), x, y).on_paper(appearance.paper);
+    for (model, difference) in fitted.models.iter().zip(differences) {
+        let place = (model.parameters.len() as f64, difference);
+        let name = model.name.clone().unwrap_or_default();
+        chart = chart.with(Series::new(name, Style::Points, vec![place]));
+    }
+    Some(("models.svg".to_owned(), chart))
+}
+
+/// All shifted tables over the reduced frequency or time, with the name of the file.
+pub(super) fn master_curve(plan: &Fit, fitted: &FittedModel) -> Option<(String, Chart)> {
+    let over_time = plan.records.first()?.over() == "t";
+    let alike = plan.records.iter().all(|record| (record.over() == "t") == over_time);
+    plan.shift.as_ref().filter(|_| alike)?;
+    let of_columns = plan.records.iter().flat_map(|record| &record.columns);
+    let is_positive = of_columns.flat_map(|column| &column.values).all(|&value| value > 0.0);
+    let names: Vec<&str> = plan.records[0].columns.iter().map(|column| column.name.as_str()).collect();
+    let names = names.join(", ");
+    let x = Axis::logarithmic(if over_time { "reduced time t/a" } else { "reduced angular frequency a ω" });
+    let y = if is_positive { Axis::logarithmic(&names) } else { Axis::linear(&names) };
+    let mut chart = Chart::new(plan.heading(), x, y).on_paper(plan.appearance().paper);
+    for (index, (record, table)) in plan.records.iter().zip(&fitted.tables).take(MOST_TABLES).enumerate() {
+        let factor = libm::exp10(table.log10_shift?);
+        let moved = |values: &[f64]| -> Vec<(f64, f64)> {
+            let reduced = |place: f64| if over_time { place / factor } else { place * factor };
+            points(record, values).into_iter().map(|(place, value)| (reduced(place), value)).collect()
+        };
+        for (column, told) in record.columns.iter().zip(&fitted.told[index]) {
+            let name = format!("{} at {}", column.name, table.temperature?);
+            let data = Series::new(name, Style::Points, moved(&column.values)).with_colour_of(index);
+            let model = Series::new(String::new(), Style::Line, moved(told)).with_colour_of(index);
+            chart = chart.with(data).with(model);
+        }
+    }
+    Some(("master_curve.svg".to_owned(), chart))
 }
 
 fn points(record: &Record, values: &[f64]) -> Vec<(f64, f64)> {

@@ -1,6 +1,8 @@
 //! The file of a fit: a scenario, which of its numbers are free, and the data.
 
 use super::data::{Deviations, Domain, Extent, Record};
+use super::prony::Series;
+use super::shift::{Shift, is_of_shift};
 use fvi_scenario::language::document::{Document, Table, Value};
 use fvi_scenario::language::{InputError, Problem, put, value_at};
 #[cfg(feature = "pictures")]
@@ -20,6 +22,8 @@ pub struct Fit {
     pub(super) seed: u64,
     pub(super) most_iterations: usize,
     pub(super) profile: Profile,
+    /// The shift of the tables of data with the temperature.
+    pub(super) shift: Option<Shift>,
 }
 
 /// A scenario some of whose numbers are sought.
@@ -61,8 +65,9 @@ pub(super) enum Profile {
     Some(Vec<String>),
 }
 
-const KEYS: [&str; 10] = [
+const KEYS: [&str; 11] = [
     "title",
+    "shift",
     "scenario",
     "free",
     "data",
@@ -124,9 +129,17 @@ impl Free {
     }
 }
 
+/// The free numbers at a point by their paths.
+pub(super) fn numbers_at<'a>(free: &'a [Free], point: &'a [f64]) -> impl Fn(&str) -> Option<f64> + 'a {
+    move |path| free.iter().zip(point).find(|(free, _)| free.path == path).map(|(_, &number)| number)
+}
+
 /// Puts a number at a path, and at its mirror image in a symmetric matrix, with the opposite sign in a
-/// skew-symmetric one.
+/// skew-symmetric one. Numbers of the shift are none of the scenario.
 pub(super) fn put_number(values: &mut toml::Table, path: &str, number: f64) -> Result<(), String> {
+    if is_of_shift(path) {
+        return Ok(());
+    }
     put(values, path, toml::Value::Float(number))?;
     if let Some((mirrored, sign)) = mirrored(path) {
         put(values, &mirrored, toml::Value::Float(sign * number))?;
@@ -193,10 +206,12 @@ impl Fit {
             records.push(Record::read(value, plain, extent)?);
         }
         let deviations = deviations(root, &tables, &records)?;
-        let common = read_free(root.optional("free").as_ref(), records.len())?;
+        let shift = Shift::read(root, &tables, &records)?;
+        let context = Context { records: &records, shift: shift.as_ref() };
+        let common = read_free(root.optional("free").as_ref(), context)?;
         let models = match root.optional("model") {
-            None => vec![Model::new(None, base, base.document().values()?, &common, &[])?],
-            Some(value) => read_models(&value, document, base, (&common, records.len()), plain)?,
+            None => Model::all(None, (base, base.document().values()?), &common, &[])?,
+            Some(value) => read_models(&value, document, base, (&common, context), plain)?,
         };
         let most = MOST_PARAMETERS;
         if models.iter().any(|model| model.free.is_empty() || model.free.len() > most) {
@@ -252,6 +267,7 @@ impl Fit {
             seed: seed as u64,
             most_iterations,
             profile,
+            shift,
         })
     }
 
@@ -307,7 +323,15 @@ fn deviations(root: &Table<'_>, tables: &[Value<'_>], records: &[Record]) -> Res
     Ok(said)
 }
 
+/// What entries of `[[free]]` may refer to.
+#[derive(Clone, Copy)]
+struct Context<'a> {
+    records: &'a [Record],
+    shift: Option<&'a Shift>,
+}
+
 /// A free parameter as written in the file, not yet checked against a scenario.
+#[derive(Clone)]
 struct Wanted<'v> {
     place: Value<'v>,
     path: String,
@@ -315,18 +339,28 @@ struct Wanted<'v> {
     start: Option<f64>,
     bounds: (f64, f64),
     scale: Scale,
+    /// The Prony series that is sought at the path.
+    series: Option<Series>,
 }
 
-fn read_free<'v>(value: Option<&Value<'v>>, records: usize) -> Result<Vec<Wanted<'v>>, InputError> {
+fn read_free<'v>(
+    value: Option<&Value<'v>>,
+    Context { records, shift }: Context<'_>,
+) -> Result<Vec<Wanted<'v>>, InputError> {
     let Some(value) = value else { return Ok(Vec::new()) };
     let mut free: Vec<Wanted<'v>> = Vec::new();
     for place in value.list("a list of tables, each headed [[free]]")? {
         let table = place.table()?;
-        table.allow(&["path", "start", "bounds", "scale", "data"])?;
+        table.allow(&["path", "start", "bounds", "scale", "data", "terms", "between"])?;
         let path_value = table.required("path")?;
         let path = path_value.text()?.to_owned();
-        let record = table.optional("data").map(|value| value.whole(0..=records.saturating_sub(1)));
+        let record = table.optional("data").map(|value| value.whole(0..=records.len().saturating_sub(1)));
         let record = record.transpose()?;
+        let series = Series::read(&table, records)?;
+        let elsewhere = ["start", "bounds", "scale", "data"].into_iter().find_map(|key| table.optional(key));
+        if let (true, Some(value)) = (series.is_some(), elsewhere) {
+            return Err(value.key_error(Problem::Conflict { other: "terms".to_owned() }));
+        }
         let same = |known: &Wanted<'_>| {
             known.path == path && (known.record == record || known.record.is_none() || record.is_none())
         };
@@ -360,9 +394,37 @@ fn read_free<'v>(value: Option<&Value<'v>>, records: usize) -> Result<Vec<Wanted
             }
             None => None,
         };
-        free.push(Wanted { place, path, record, start, bounds, scale });
+        let wanted = Wanted { place, path, record, start, bounds, scale, series };
+        if !is_of_shift(&wanted.path) {
+            free.push(wanted);
+            continue;
+        }
+        let Some(shift) = shift else {
+            return Err(path_value.out_of_range("`[shift]` beside it, the law of the shift"));
+        };
+        let numbers = shift.numbers(&wanted.path);
+        let Some(numbers) = numbers.filter(|_| wanted.record.is_none() && wanted.series.is_none()) else {
+            return Err(path_value.out_of_range(format!("{}, for all tables together", shift.names())));
+        };
+        for (path, own) in numbers {
+            let start = wanted.start.unwrap_or(own);
+            check_number(&wanted.place, start, bounds, scale)?;
+            free.push(Wanted { path, start: Some(start), ..wanted.clone() });
+        }
+    }
+    let ranges = free.iter().filter(|wanted| wanted.terms() > 1);
+    if let Some(second) = ranges.clone().nth(1) {
+        let allowed = "one list of which the number of terms is sought";
+        return Err(second.place.out_of_range(allowed));
     }
     Ok(free)
+}
+
+impl Wanted<'_> {
+    /// How many numbers of terms are tried.
+    fn terms(&self) -> usize {
+        self.series.as_ref().map_or(1, |series| series.terms.clone().count())
+    }
 }
 
 fn check_number(value: &Value<'_>, start: f64, bounds: (f64, f64), scale: Scale) -> Result<(), InputError> {
@@ -382,7 +444,7 @@ fn read_models(
     value: &Value<'_>,
     document: &Document,
     base: &Scenario,
-    (common, records): (&[Wanted<'_>], usize),
+    (common, context): (&[Wanted<'_>], Context<'_>),
     plain: &toml::Table,
 ) -> Result<Vec<Model>, InputError> {
     let plain = plain.get("model").and_then(toml::Value::as_array);
@@ -418,11 +480,11 @@ fn read_models(
                 return Err(refused(&set, from, &said(&error)));
             }
         }
-        let more = read_free(table.optional("free").as_ref(), records)?;
+        let more = read_free(table.optional("free").as_ref(), context)?;
         if let Some(twice) = more.iter().find(|more| common.iter().any(|known| known.path == more.path)) {
             return Err(twice.place.out_of_range("each number once, for all models or for this one"));
         }
-        models.push(Model::new(Some(name), from, values, common, &more)?);
+        models.extend(Model::all(Some(name), (from, values), common, &more)?);
     }
     if models.is_empty() {
         return Err(value.out_of_range("one model at least"));
@@ -448,15 +510,57 @@ pub(super) fn said(error: &InputError) -> String {
 }
 
 impl Model {
+    /// The model, or one for each number of terms of its Prony series.
+    fn all(
+        name: Option<String>,
+        (base, values): (&Scenario, toml::Table),
+        common: &[Wanted<'_>],
+        more: &[Wanted<'_>],
+    ) -> Result<Vec<Self>, InputError> {
+        let wanted: Vec<&Wanted<'_>> = common.iter().chain(more).collect();
+        let mut ranges = wanted.iter().filter(|wanted| wanted.terms() > 1);
+        let several = ranges.next().and_then(|wanted| wanted.series.as_ref());
+        if let Some(second) = ranges.next() {
+            return Err(second.place.out_of_range("one list of which the number of terms is sought"));
+        }
+        let Some(series) = several else { return Ok(vec![Self::new(name, base, values, &wanted, None)?]) };
+        let of = |terms: usize| {
+            let own = format!("{terms} {}", if terms == 1 { "term" } else { "terms" });
+            let name = name.as_ref().map_or_else(|| own.clone(), |name| format!("{name}, {own}"));
+            Self::new(Some(name), base, values.clone(), &wanted, Some(terms))
+        };
+        series.terms.clone().map(of).collect()
+    }
+
+    /// The model; a Prony series of which the number of terms is sought has `terms`.
     fn new(
         name: Option<String>,
         base: &Scenario,
-        values: toml::Table,
-        common: &[Wanted<'_>],
-        more: &[Wanted<'_>],
+        mut values: toml::Table,
+        wanted: &[&Wanted<'_>],
+        terms: Option<usize>,
     ) -> Result<Self, InputError> {
         let mut free = Vec::new();
-        for Wanted { place, path, record, start, bounds, scale } in common.iter().chain(more) {
+        for Wanted { place, path, record, start, bounds, scale, series } in wanted {
+            if let Some(series) = series {
+                let count = terms.filter(|terms| series.terms.contains(terms));
+                let count = count.unwrap_or(*series.terms.start());
+                let path_value = place.table()?.required("path")?;
+                let put = series.put(&mut values, path, count);
+                let (paths, start) = put.map_err(|reason| refused(&path_value, base, &reason))?;
+                if let Err(error) = Scenario::from_document(base.document().with_values(&values)) {
+                    return Err(refused(&path_value, base, &said(&error)));
+                }
+                let (scale, bounds) = (Scale::Linear, (0.0, f64::INFINITY));
+                free.extend(paths.into_iter().map(|path| Free { path, record: None, start, bounds, scale }));
+                continue;
+            }
+            if is_of_shift(path) {
+                let start = start.unwrap_or_default();
+                let (path, bounds, scale) = (path.clone(), *bounds, *scale);
+                free.push(Free { path, record: None, start, bounds, scale });
+                continue;
+            }
             let found = value_at(&values, path)
                 .and_then(|value| value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64)));
             let is_of_the_system = SOUGHT.iter().any(|part| path.starts_with(part));

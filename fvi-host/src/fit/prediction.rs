@@ -1,10 +1,11 @@
 //! Predictions of a model for the data, and their derivatives with respect to its parameters.
 
 use super::closed::Closed;
-use super::data::{Domain, Observed, Record};
+use super::data::{Domain, Observed, Over, Record};
 use super::interpolation::{Sought, Stencil};
 use super::no_prediction::NoPrediction;
-use super::plan::{Free, Model, put_number, said};
+use super::plan::{Free, Model, numbers_at, put_number, said};
+use super::shift::Shift;
 use fvi_core::Mechanics;
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::{InputError, put};
@@ -45,6 +46,7 @@ struct Need {
 pub(super) struct Predictions<'f> {
     model: &'f Model,
     records: &'f [Record],
+    shift: Option<&'f Shift>,
     /// Index in the vector of all data at which the values of each table begin; the last entry is the length
     /// of the vector.
     begins: Vec<usize>,
@@ -78,7 +80,7 @@ impl<'f> Predictions<'f> {
     /// Predictions of a model; the start values of the parameters decide which derivatives are available.
     pub(super) fn new(
         model: &'f Model,
-        records: &'f [Record],
+        (records, shift): (&'f [Record], Option<&'f Shift>),
         stop: &'f AtomicBool,
         progress: &'f mut dyn FnMut(usize),
     ) -> Result<Self, NoPrediction> {
@@ -89,6 +91,7 @@ impl<'f> Predictions<'f> {
         let mut made = Self {
             model,
             records,
+            shift,
             begins,
             groups: Vec::new(),
             exact: vec![true; model.free.len()],
@@ -440,6 +443,19 @@ impl<'f> Predictions<'f> {
         Ok(())
     }
 
+    /// a_T of a table of data.
+    fn shift_factor(&self, record: usize, point: &[f64]) -> Result<f64, NoPrediction> {
+        let Some(shift) = self.shift else { return Ok(1.0) };
+        let log10 = shift.log10(record, &numbers_at(&self.model.free, point));
+        let factor = log10.map(libm::exp10).filter(|factor| factor.is_normal());
+        factor.ok_or_else(|| {
+            NoPrediction::Refused(format!(
+                "shift: the factor at the temperature {} is no finite number > 0; c2 + T − T₀ must be > 0",
+                shift.temperature(record)
+            ))
+        })
+    }
+
     fn write_answer(
         &mut self,
         record: usize,
@@ -454,7 +470,9 @@ impl<'f> Predictions<'f> {
         let Domain::Closed { over, answer, position } = &table.domain else { return Ok(()) };
         let position = position.as_ref().unwrap_or(&scenario.initial.position);
         let closed = Closed::new(&scenario, *answer, position)?;
+        let factor = self.shift_factor(record, point)?;
         for (row, &place) in table.places.iter().enumerate() {
+            let place = if *over == Over::Time { place / factor } else { place * factor };
             let begin = self.begins[record] + row * table.columns.len();
             let columns = table.columns.iter().map(|column| column.what);
             closed.write(*over, place, columns, &mut predicted.values.as_mut_slice()[begin..])?;

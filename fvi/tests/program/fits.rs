@@ -895,6 +895,241 @@ fn kernels_are_compared() {
     }
 }
 
+/// The strengths of a series with given times, for G = e + Σ g_i s τ_i/(1 + s τ_i) at s = iω.
+fn storage_and_loss(e: f64, strengths: &[f64], times: &[f64], omega: f64) -> Complex {
+    strengths.iter().zip(times).fold(Complex(e, 0.0), |sum, (&g, &tau)| {
+        let s = Complex(0.0, omega * tau);
+        sum.plus(s.times(s.plus(Complex(1.0, 0.0)).inverse()).scaled(g))
+    })
+}
+
+/// A table of storage and loss at 41 frequencies from 0.01 to 100 rad/s, each with a deviation of 2 %.
+fn noisy_moduli(e: f64, strengths: &[f64], times: &[f64], noise: &mut Noise) -> String {
+    (-20..=20).fold("omega,storage,loss\n".to_owned(), |text, k| {
+        let omega = 10f64.powf(0.1 * f64::from(k));
+        let Complex(storage, loss) = storage_and_loss(e, strengths, times, omega);
+        let mut blurred = |number: f64| number * (1.0 + 0.02 * noise.next());
+        let (storage, loss) = (blurred(storage), blurred(loss));
+        text + &format!("{omega:e},{storage:e},{loss:e}\n")
+    })
+}
+
+const PRONY: &str = r#"
+scenario = "scenario.toml"
+[[free]]
+path = "system.parameters.e"
+bounds = [0, 1e9]
+[[free]]
+path = "system.damping[0].kernel"
+terms = TERMS
+[[data]]
+file = "data.csv"
+relative_deviation = 0.02
+relative_to = "datum"
+"#;
+
+/// The strengths of eleven terms are those of least squares under g ≥ 0, which are known by their conditions:
+/// no residual is left along a term with g > 0, and a term with g = 0 could only be less than that.
+#[test]
+fn strengths_of_a_prony_series_are_the_best_ones_that_are_not_negative() {
+    let data = noisy_moduli(2.0, &[5.0, 3.0], &[0.05, 4.0], &mut Noise(3));
+    let found = fitted_here(STANDARD_SOLID, &PRONY.replace("TERMS", "11"), &data);
+    assert_eq!(found.parameters.len(), 12, "{found:?}");
+    let numbers: Vec<f64> = found.parameters.iter().map(|(_, found)| found.estimate).collect();
+    // The times of the data from 1/100 to 1/0.01 in equal ratios.
+    let times: Vec<f64> = (0..11).map(|k| 10f64.powf(-2.0 + 0.4 * f64::from(k))).collect();
+    let (mut slopes, mut sizes) = (vec![0.0; 12], vec![0.0; 12]);
+    for line in data.lines().skip(1) {
+        let row: Vec<f64> = line.split(',').map(|cell| cell.parse().unwrap()).collect();
+        let unit = |index: usize| match index {
+            0 => Complex(1.0, 0.0),
+            _ => storage_and_loss(0.0, &[1.0], &times[index - 1..index], row[0]),
+        };
+        let told = storage_and_loss(numbers[0], &numbers[1..], &times, row[0]);
+        for (datum, part) in [(row[1], (|z| z.0) as fn(Complex) -> f64), (row[2], |z| z.1)] {
+            let deviation = 0.02 * datum;
+            for index in 0..12 {
+                let slope = part(unit(index)) / deviation;
+                slopes[index] += slope * (part(told) - datum) / deviation;
+                sizes[index] += slope.powi(2);
+            }
+        }
+    }
+    let mut at_zero = 0;
+    for (index, &number) in numbers.iter().enumerate() {
+        let off = slopes[index] / sizes[index].sqrt();
+        assert!(number >= 0.0);
+        at_zero += usize::from(number == 0.0);
+        assert!(if number > 0.0 { off.abs() < 1e-7 } else { off > 0.0 }, "{index}: {number}, {off:e}");
+    }
+    assert!(at_zero > 2, "{numbers:?}");
+}
+
+#[test]
+fn the_number_of_terms_is_that_of_the_smallest_aic() {
+    let place = Workplace::new();
+    place.write("scenario.toml", STANDARD_SOLID);
+    // Three terms, whose times are those of three between 0.01 and 100.
+    place.write("data.csv", &noisy_moduli(2.0, &[5.0, 3.0, 4.0], &[0.01, 1.0, 100.0], &mut Noise(5)));
+    let found = fitted(&place, &PRONY.replace("TERMS", "[1, 5]"));
+    assert_eq!(found["name"], "3 terms", "{found:#}");
+    let models = found["models"].as_array().unwrap();
+    assert_eq!(models.len(), 5);
+    for (index, strength) in [5.0, 3.0, 4.0].into_iter().enumerate() {
+        let path = format!("system.damping[0].kernel.strengths[{index}]");
+        let own = &found["parameters"][&path];
+        let error = own["standard_error"].as_f64().unwrap();
+        assert!((own["estimate"].as_f64().unwrap() - strength).abs() < 3.5 * error, "{own:#}");
+    }
+    // The table and the picture of the comparison.
+    let table = std::fs::read_to_string(place.path("out/models.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows[0], ["model", "parameters", "chi2", "aic", "aic_difference", "aic_weight", "bic"]);
+    let number = |row: usize, column: usize| rows[row][column].parse::<f64>().unwrap();
+    assert_eq!((rows.len(), rows[3][0]), (6, "\"3 terms\""));
+    assert!(number(3, 4) == 0.0 && (1..=5).all(|row| number(row, 4) >= 0.0), "{table}");
+    assert!(((1..=5).map(|row| number(row, 5)).sum::<f64>() - 1.0).abs() < 1e-12, "{table}");
+    for (row, model) in models.iter().enumerate() {
+        assert_eq!(number(row + 1, 3), model["aic"].as_f64().unwrap());
+    }
+    let picture = std::fs::read_to_string(place.path("out/models.svg")).unwrap();
+    assert!(picture.contains("4 terms"), "{picture}");
+}
+
+/// The truth of the shifts: log₁₀ a_T by the law of Williams, Landel and Ferry with c₁ = 8, c₂ = 120 about
+/// 20 °C.
+fn wlf(temperature: f64) -> f64 {
+    -8.0 * (temperature - 20.0) / (120.0 + temperature - 20.0)
+}
+
+/// A fit of e, the stiffness and the time of [`STANDARD_SOLID`] and the shift, to moduli at four
+/// temperatures.
+fn at_four_temperatures(shift: &str, log10: fn(f64) -> f64) -> Value {
+    let place = Workplace::new();
+    let mut fit = format!("{}{shift}", STANDARD_FREE.replace("[[data]]\nfile = \"data.csv\"\n", ""));
+    for temperature in [0.0, 20.0, 35.0, 60.0] {
+        let mut text = "omega,storage,loss\n".to_owned();
+        for k in -10..=10 {
+            let omega = 10f64.powf(0.1 * f64::from(k));
+            let reduced = omega * 10f64.powf(log10(temperature));
+            let Complex(storage, loss) = storage_and_loss(2.0, &[5.0], &[0.3], reduced);
+            text += &format!("{omega:e},{storage:e},{loss:e}\n");
+        }
+        place.write(&format!("{temperature}.csv"), &text);
+        write!(fit, "[[data]]\nfile = \"{temperature}.csv\"\ntemperature = {temperature}\n").unwrap();
+    }
+    place.write("scenario.toml", STANDARD_SOLID);
+    let found = fitted(&place, &fit);
+    let picture = std::fs::read_to_string(place.path("out/master_curve.svg")).unwrap();
+    assert!(picture.contains("reduced angular frequency") && picture.contains("storage at 35"), "{picture}");
+    for (table, temperature) in found["tables"].as_array().unwrap().iter().zip([0.0, 20.0, 35.0, 60.0]) {
+        assert_eq!(table["temperature"], temperature);
+        let shifted = table["log10_shift"].as_f64().unwrap();
+        assert!((shifted - log10(temperature)).abs() < 1e-7, "{table:#}");
+    }
+    for (path, truth) in
+        [("parameters.e", 2.0), ("damping[0].coefficient[0]", 5.0), ("damping[0].kernel.times[0]", 0.3)]
+    {
+        let found = estimate(&found, &format!("system.{path}"));
+        assert!((found / truth - 1.0).abs() < 1e-7, "{path}: {found}");
+    }
+    found
+}
+
+#[test]
+fn moduli_at_several_temperatures_make_one_master_curve() {
+    let found = at_four_temperatures(
+        r#"
+        [shift]
+        law = "wlf"
+        reference = 20.0
+        c1 = 5.0
+        c2 = 80.0
+        [[free]]
+        path = "shift.c1"
+        [[free]]
+        path = "shift.c2"
+        scale = "log"
+        "#,
+        wlf,
+    );
+    assert!((estimate(&found, "shift.c1") - 8.0).abs() < 1e-6);
+    assert!((estimate(&found, "shift.c2") - 120.0).abs() < 1e-4);
+    // Activation energy 90 kJ/mol.
+    let found = at_four_temperatures(
+        r#"
+        [shift]
+        law = "arrhenius"
+        reference = 20.0
+        energy = 50e3
+        [[free]]
+        path = "shift.energy"
+        "#,
+        |t| 90e3 / 8.314_462_618 * (1.0 / (t + 273.15) - 1.0 / 293.15) / std::f64::consts::LN_10,
+    );
+    assert!((estimate(&found, "shift.energy") / 90e3 - 1.0).abs() < 1e-7);
+    // A number for each temperature but the reference.
+    let found = at_four_temperatures(
+        r#"
+        [shift]
+        law = "free"
+        reference = 20.0
+        [[free]]
+        path = "shift.log10"
+        "#,
+        wlf,
+    );
+    let parameters = found["parameters"].as_object().unwrap();
+    let of_shift: Vec<&String> = parameters.keys().filter(|path| path.starts_with("shift")).collect();
+    assert_eq!(of_shift.len(), 3, "{of_shift:?}");
+    assert!((estimate(&found, "shift.log10[3]") - wlf(60.0)).abs() < 1e-7);
+}
+
+#[test]
+fn series_and_shifts_that_do_not_fit_are_refused() {
+    let data = "omega,storage\n1,2\n2,2.1\n3,2.2\n4,2.3\n5,2.4\n";
+    let fit = |more: &str, of_data: &str| {
+        format!("scenario = \"scenario.toml\"\n{more}\n[[data]]\nfile = \"data.csv\"\n{of_data}")
+    };
+    let e = "[[free]]\npath = \"system.mass[0]\"\n";
+    let warm = "temperature = 30.0\n";
+    let wlf = "shift = { law = \"wlf\", reference = 20.0, c1 = 8.0, c2 = 120.0 }\n";
+    let cases: &[(String, &[&str])] = &[
+        (
+            fit("[[free]]\npath = \"system.damping[0].kernel\"\nterms = 3\n", ""),
+            &["no kernel of the form \"prony\"", "system.damping[0].kernel"],
+        ),
+        (
+            fit("[[free]]\npath = \"system.damping[0].kernel\"\nterms = [3, 2]\n", ""),
+            &["free[0].terms[1]", "3"],
+        ),
+        (
+            fit("[[free]]\npath = \"system.mass[0]\"\nbetween = [1, 2]\n", ""),
+            &["free[0].between", "`terms` beside it"],
+        ),
+        (
+            fit("[[free]]\npath = \"system.damping[0].kernel\"\nterms = 3\nstart = 1.0\n", ""),
+            &["free[0].start", "terms"],
+        ),
+        (fit(e, warm), &["data[0].temperature", "without `[shift]`"]),
+        (fit(&format!("{wlf}{e}"), ""), &["data[0]", "temperature"]),
+        (fit("[[free]]\npath = \"shift.c1\"\n", ""), &["free[0].path", "`[shift]` beside it"]),
+        (
+            fit(&format!("{wlf}[[free]]\npath = \"shift.energy\"\n"), warm),
+            &["free[0].path", "shift.c1, shift.c2"],
+        ),
+        (
+            fit(&format!("{wlf}{e}").replace("120.0", "-5.0"), "temperature = 22.0\n"),
+            &["shift.c2", "data[0]"],
+        ),
+        (fit(&format!("{wlf}{e}").replace("wlf", "vft"), warm), &["shift.law", "\"wlf\", \"arrhenius\""]),
+    ];
+    let cases: Vec<_> = cases.iter().map(|(fit, said)| (data, fit.clone(), *said)).collect();
+    refuses(&cases);
+    let motion = fit(&format!("{wlf}{e}"), warm);
+    refuses(&[("t,q0\n0.1,0.5\n", motion, &["data[0].temperature", "a motion over time"])]);
+}
+
 #[test]
 fn times_between_grid_points_are_told_or_refused() {
     let truth = Oscillator { order: 0.6, coefficient: 0.3, stiffness: 4.0, position: 1.0, velocity: 0.0 };

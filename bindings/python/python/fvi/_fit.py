@@ -7,6 +7,7 @@ import csv
 import html
 import io
 import json
+import re
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -68,6 +69,9 @@ class FitTable:
         Times, or angular frequencies.
     data, model, deviation : dict of ndarray
         Data, predictions and standard deviations, by the names of the columns.
+    temperature, log10_shift : float or None
+        Its temperature, and log₁₀ of the factor a by which that shifts it, where tables are shifted: the master curve is over
+        a ω, or t/a.
     """
 
     over: str
@@ -75,6 +79,8 @@ class FitTable:
     data: dict[str, FloatArray]
     model: dict[str, FloatArray]
     deviation: dict[str, FloatArray]
+    temperature: float | None = None
+    log10_shift: float | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -135,6 +141,26 @@ class Fit:
     def estimates(self) -> dict[str, float]:
         """The estimates by their paths."""
         return {path: found.estimate for path, found in self.parameters.items()}
+
+    @property
+    def comparison(self) -> dict[str, dict[str, float]]:
+        """The models that were compared: `parameters`, `chi2`, `aic`, `aic_difference` from the smallest, Akaike's weight
+        `aic_weight`, e^(−difference/2) over the sum of all, and `bic`. A DataFrame by ``pandas.DataFrame(fit.comparison).T``."""
+        aic = {name: _number(model["aic"]) for name, model in self.models.items()}
+        smallest = min(aic.values(), default=0.0)
+        above = {name: 0.0 if own == smallest else own - smallest for name, own in aic.items()}
+        total = sum(np.exp(-0.5 * own) for own in above.values())
+        return {
+            name: {
+                "parameters": len(model["parameters"]),
+                "chi2": model["chi2"],
+                "aic": aic[name],
+                "aic_difference": above[name],
+                "aic_weight": float(np.exp(-0.5 * above[name]) / total),
+                "bic": _number(model["bic"]),
+            }
+            for name, model in self.models.items()
+        }
 
     @property
     def standard_errors(self) -> dict[str, float | None]:
@@ -204,6 +230,63 @@ class Fit:
         return Picture(axes)
 
 
+    def plot_models(self, axes: Any = None) -> Picture:
+        """Draws AIC minus the smallest over the number of parameters of the models that were compared.
+
+        Parameters
+        ----------
+        axes : matplotlib axes, optional
+            Default: a new figure.
+
+        Raises
+        ------
+        InputError
+            If there is one model only.
+        """
+        if not self.models:
+            raise InputError("models: there is one model only", "models")
+        axes = new_axes(axes, 1, 1, (6.0, 4.0))
+        for name, row in self.comparison.items():
+            axes[0].plot(row["parameters"], row["aic_difference"], "o", label=name)
+        axes[0].set_xlabel("free parameters")
+        axes[0].set_ylabel("AIC − smallest AIC")
+        axes[0].legend()
+        return Picture(axes)
+
+    def plot_master_curve(self, axes: Any = None, *, units: Mapping[str, str] | None = None) -> Picture:
+        """Draws data of all temperatures and the model over the reduced frequency a ω, or the reduced time t/a.
+
+        Parameters
+        ----------
+        axes : matplotlib axes, optional
+            Default: a new figure.
+        units : mapping of str to str, optional
+            Units for the labels, by the names of the columns.
+
+        Raises
+        ------
+        InputError
+            If the tables are not shifted, or some are over time and others over frequencies.
+        """
+        units = {} if units is None else units
+        if len({table.over for table in self.tables}) != 1 or any(table.log10_shift is None for table in self.tables):
+            raise InputError("shift: tables over one variable with a shift are needed for a master curve", "shift")
+        axes, over_time = new_axes(axes, 1, 1, (6.0, 4.5)), self.tables[0].over == "t"
+        for index, table in enumerate(self.tables):
+            factor = 10.0 ** (table.log10_shift or 0.0)
+            places = table.places / factor if over_time else table.places * factor
+            for name, values in table.data.items():
+                label = f"{labelled(name, units.get(name, ''))} at {table.temperature:g}"
+                axes[0].plot(places, values, ".", color=f"C{index}", label=label)
+                axes[0].plot(places, table.model[name], "-", color=f"C{index}")
+        axes[0].set_xscale("log")
+        if all((values > 0).all() for table in self.tables for values in (*table.data.values(), *table.model.values())):
+            axes[0].set_yscale("log")
+        axes[0].set_xlabel(labelled("t/a" if over_time else "a ω", units.get(self.tables[0].over, "")))
+        axes[0].legend()
+        return Picture(axes)
+
+
 Data = Mapping[str, Any] | Any
 """A table of data: a dictionary, or a DataFrame of pandas."""
 
@@ -217,6 +300,7 @@ def fit(
     data: Data | Sequence[Data],
     *,
     models: Mapping[str, Mapping[str, Any]] | None = None,
+    shift: Mapping[str, Any] | None = None,
     starts: int = 1,
     seed: int = 1,
     deviations: Literal["known", "relative"] | None = None,
@@ -238,7 +322,9 @@ def fit(
     free : dict or list
         Paths of the free parameters, such as ``"system.damping[0].order"``; as a dictionary with a value for each: None, a start
         value, or a dictionary of `start` (default: the scenario's value), `bounds`, `scale` ("linear" or "log") and `data`, the
-        index of the only table that the parameter applies to.
+        index of the only table that the parameter applies to. The path of a kernel of the form "prony" with ``{"terms": 8}``
+        seeks strengths ≥ 0 of 8 terms, whose times are spread over those of the data, or `between` two; ``{"terms": (1, 8)}``
+        compares all these numbers of terms as `models`.
     data : dict or DataFrame, or list of them
         Tables of data: `t` and any of `q0`, `p0`, `v0`, `a0`, …, `energy`; or `omega` with `re` and `im`, a complex
         `value`, or `magnitude`: a receptance (`input`, `output`), or with `quantity` a "mobility" or "accelerance"; or `omega`
@@ -253,7 +339,11 @@ def fit(
         the file. Rows are brought into order; those with a NaN are left out, as one of the `notes` tells.
     models : dict, optional
         Models to compare by their names: dictionaries of `set`, values by their paths, `scenario`, a path, and `free`, further
-        free parameters, as above. The one with the smallest AIC is returned.
+        free parameters, as above. The one with the smallest AIC is returned; `Fit.comparison` is the table of all.
+    shift : dict, optional
+        Makes one master curve of tables at several temperatures, each with a key `temperature`: `law` "wlf" with `c1` and `c2`,
+        "arrhenius" with `energy` in J/mol, or "free", and `reference`, the temperature without shift; `unit` "celsius" or
+        "kelvin". Its numbers may be free: "shift.c1", "shift.c2", "shift.energy", "shift.log10".
     starts, seed : int
         Number of searches, from points between the bounds, and the seed for choosing them.
     deviations : {"known", "relative"}, optional
@@ -313,6 +403,8 @@ def fit(
         plan["most_iterations"] = _arrays.whole("most_iterations", most_iterations, 1)
     if deviations is not None:
         plan["deviations"] = deviations
+    if shift is not None:
+        plan["shift"] = dict(shift)
     if models is not None:
         plan["model"] = [_model(name, model) for name, model in models.items()]
     name, directory, written, more = source(plan, {}, "fit")
@@ -327,7 +419,8 @@ def fit(
     fitted = [json.loads(entry) for entry in scenarios]
     if isinstance(scenario, Mapping) and isinstance(given, tuple) and given[3]:
         # There arrays are replaced by names of files: the original dictionary receives the estimates.
-        fitted = [_with_estimates(scenario, by_path(overrides, changed), plan, record, index) for index in range(len(fitted))]
+        changes = by_path(overrides, changed)
+        fitted = [_with_estimates(scenario, changes, plan, record, index, told) for index, told in enumerate(fitted)]
     return Fit(
         parameters={path: _estimate(entry) for path, entry in record["parameters"].items()},
         correlation=np.array(record["correlation"], dtype=np.float64),
@@ -478,11 +571,16 @@ def _told(table: tuple[FloatArray, str, list[tuple[FloatArray, FloatArray, Float
     places, over, columns = table
     names = entry["columns"]
     data, model, deviation = ({name: column[which] for name, column in zip(names, columns)} for which in range(3))
-    return FitTable(over, places, data, model, deviation)
+    return FitTable(over, places, data, model, deviation, entry.get("temperature"), entry.get("log10_shift"))
 
 
 def _with_estimates(
-    scenario: Mapping[str, Any], changes: Mapping[str, Any], plan: dict[str, Any], record: dict[str, Any], index: int
+    scenario: Mapping[str, Any],
+    changes: Mapping[str, Any],
+    plan: dict[str, Any],
+    record: dict[str, Any],
+    index: int,
+    fitted: dict[str, Any],
 ) -> dict[str, Any]:
     """The given dictionary with the estimates as values; for an index from 1 on, that for a table of data."""
     values = copy.deepcopy(dict(scenario))
@@ -496,8 +594,14 @@ def _with_estimates(
     if index > 0:
         for path, value in plan["data"][index - 1].get("set", {}).items():
             put(values, path, value)
+    free = [*plan["free"], *(entry for model in plan.get("model", []) for entry in model.get("free", []))]
+    for entry in free:
+        if "terms" in entry and (found := re.fullmatch(r"system\.damping\[(\d+)\]\.kernel", entry["path"])):
+            put(values, entry["path"], fitted["system"]["damping"][int(found[1])]["kernel"])
     for key, entry in record["parameters"].items():
         own, _, path = key.rpartition("]: ")
+        if path.startswith("shift."):
+            continue
         if not own or own == f"data[{index - 1}":
             put(values, path, entry["estimate"])
     return values
