@@ -22,4 +22,4 @@ mod paths;
 
 pub use document::Document;
 pub use error::{Cause, InputError, Problem};
-pub use paths::{put, value_at};
+pub use paths::{number_at, put, value_at};

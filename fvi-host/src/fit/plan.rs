@@ -4,7 +4,7 @@ use super::data::{Deviations, Domain, Extent, Record};
 use super::prony::Series;
 use super::shift::{Shift, is_of_shift};
 use fvi_scenario::language::document::{Document, Table, Value};
-use fvi_scenario::language::{InputError, Problem, put, value_at};
+use fvi_scenario::language::{InputError, Problem, number_at, put, value_at};
 #[cfg(feature = "pictures")]
 use fvi_scenario::scenario::Appearance;
 use fvi_scenario::scenario::{Feature, Scenario};
@@ -561,8 +561,7 @@ impl Model {
                 free.push(Free { path, record: None, start, bounds, scale });
                 continue;
             }
-            let found = value_at(&values, path)
-                .and_then(|value| value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64)));
+            let found = number_at(&values, path);
             let is_of_the_system = SOUGHT.iter().any(|part| path.starts_with(part));
             let Some(own) = found.filter(|_| is_of_the_system) else {
                 let reason = format!(

@@ -1,6 +1,7 @@
 //! Values of a document by their paths.
 
-/// Puts a value at a path, such as `system.damping[0].order`. Tables that are missing on the way are added.
+/// Puts a value at a path, such as `system.damping[0].order`. Tables that are missing on the way are added; a
+/// number at a list of one number takes the place of that number.
 ///
 /// # Errors
 /// Which part of the path does not exist.
@@ -17,7 +18,10 @@ pub fn put(table: &mut toml::Table, path: &str, value: toml::Value) -> Result<()
         let last = depth + 1 == parts.len();
         let indices = indices_of(indices).ok_or_else(|| format!("`{indices}` is no list of indices"))?;
         if last && indices.is_empty() {
-            here.insert(key.to_owned(), value);
+            match here.get_mut(key).and_then(lone) {
+                Some(place) if is_number(&value) => *place = value,
+                _ => drop(here.insert(key.to_owned(), value)),
+            }
             return Ok(());
         }
         let mut place = match indices.is_empty() {
@@ -33,12 +37,34 @@ pub fn put(table: &mut toml::Table, path: &str, value: toml::Value) -> Result<()
             so_far += &format!("[{index}]");
         }
         if last {
-            *place = value;
+            match is_number(&value) && lone(place).is_some() {
+                true => lone(place).into_iter().for_each(|place| *place = value.clone()),
+                false => *place = value,
+            }
             return Ok(());
         }
         here = place.as_table_mut().ok_or_else(|| format!("`{so_far}` has no keys"))?;
     }
     Ok(())
+}
+
+fn is_number(value: &toml::Value) -> bool {
+    matches!(value, toml::Value::Float(_) | toml::Value::Integer(_))
+}
+
+/// The number of a list of one number, or of a matrix of one row and column.
+fn lone(value: &mut toml::Value) -> Option<&mut toml::Value> {
+    let [only] = value.as_array_mut()?.as_mut_slice() else { return None };
+    if is_number(only) { Some(only) } else { lone(only) }
+}
+
+/// The number at a path of a table: also that of a list of one number.
+pub fn number_at(values: &toml::Table, path: &str) -> Option<f64> {
+    let mut value = value_at(values, path)?;
+    while let Some([only]) = value.as_array().map(Vec::as_slice) {
+        value = only;
+    }
+    value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
 }
 
 /// The indices of `[0][1]`.
@@ -82,6 +108,15 @@ mod tests {
         put(&mut table, "a.list[1][0]", four()).unwrap();
         put(&mut table, "b[0].c", four()).unwrap();
         put(&mut table, "new.key", four()).unwrap();
+        // A list of one number is named with or without its index.
+        let mut lists: toml::Table = "one = [1.0]\nmatrix = [[2.0]]\ntwo = [1.0, 2.0]".parse().unwrap();
+        for path in ["one", "matrix", "matrix[0]", "two"] {
+            put(&mut lists, path, four()).unwrap();
+        }
+        let expected: toml::Table = "one = [4.0]\nmatrix = [[4.0]]\ntwo = 4.0".parse().unwrap();
+        assert_eq!(lists, expected);
+        let numbers = ["one", "one[0]", "matrix"].map(|path| number_at(&lists, path));
+        assert_eq!(numbers, [Some(4.0); 3]);
         assert_eq!(table["a"]["list"][1][0], four());
         assert_eq!(table["b"][0]["c"], four());
         assert_eq!(table["new"]["key"], four());

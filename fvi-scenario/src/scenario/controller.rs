@@ -1,5 +1,6 @@
 //! `[controller]`: a sampled fractional PID controller whose output is a force on the coordinates.
 
+use super::Scenario;
 use super::load::Pattern;
 use super::system::System;
 use super::time::TimeGrid;
@@ -7,6 +8,7 @@ use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Elementary, Expression, Moment};
 use crate::language::number_table::NumberTable;
+use crate::language::{number_at, value_at};
 use fvi_core::{
     AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, ParameterError, PidGains, PidLaw, PidSettings, Real,
 };
@@ -131,6 +133,41 @@ fn in_steps(time: f64, step: f64) -> (f64, f64) {
         return (nearest, 0.0);
     }
     (steps.floor(), steps - steps.floor())
+}
+
+impl Scenario {
+    /// The scenario of a document, or of one with `[controller]` alone, as `fvi tune` writes it.
+    ///
+    /// The constants of a controller do not depend on what it controls: masses at rest, one for each entry of
+    /// `drives`, stand in for that.
+    ///
+    /// # Errors
+    /// The first invalid entry.
+    pub fn with_controllers(document: Document) -> Result<Self, InputError> {
+        let mut values = document.values()?;
+        let is_alone = values.contains_key("controller") && !values.contains_key("system");
+        if !is_alone || values.contains_key("equation") {
+            return Self::from_document(document);
+        }
+        let paths = ["controller", "controller[0]"];
+        let drives = paths.iter().find_map(|path| value_at(&values, &format!("{path}.drives")));
+        let count = drives.and_then(toml::Value::as_array).map_or(1, Vec::len);
+        let sample = paths.iter().find_map(|path| number_at(&values, &format!("{path}.sample")));
+        let step = match sample {
+            Some(sample) if sample > 0.0 && sample.is_finite() => sample,
+            // It is refused by its own key.
+            _ => 1.0,
+        };
+        let numbers = |number: f64| toml::Value::Array(vec![toml::Value::Float(number); count]);
+        let mut table = |name: &str, entries: Vec<(&str, toml::Value)>| {
+            let entries = entries.into_iter().map(|(key, value)| (key.to_owned(), value));
+            values.entry(name).or_insert_with(|| toml::Value::Table(entries.collect()));
+        };
+        table("system", vec![("mass", numbers(1.0))]);
+        table("initial", vec![("position", numbers(0.0))]);
+        table("time", vec![("step", toml::Value::Float(step)), ("steps", toml::Value::Integer(1))]);
+        Self::from_document(document.with_values(&values))
+    }
 }
 
 impl Controller {

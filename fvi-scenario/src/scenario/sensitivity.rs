@@ -148,8 +148,15 @@ impl Reader<'_> {
 
     fn read(&self, path: &str) -> Result<Quantity, InputError> {
         let Some(parts) = parts(path) else { return Err(self.refused(PATHS)) };
-        let parts: Vec<(&str, &[usize])> =
-            parts.iter().map(|(name, indices)| (*name, &indices[..])).collect();
+        // The index of a list of one number may be left out.
+        let is_alone = |name: &str, indices: &[usize]| {
+            let of_coordinates = ["position", "momentum", "velocity"].contains(&name);
+            of_coordinates && indices.is_empty() && self.scenario.coordinates() == 1
+        };
+        let parts: Vec<(&str, &[usize])> = parts
+            .iter()
+            .map(|(name, indices)| (*name, if is_alone(name, indices) { &[0][..] } else { &indices[..] }))
+            .collect();
         let system = &self.scenario.system;
         match parts[..] {
             [("initial", []), ("position", &[index])] => Ok(Quantity::Position(self.coordinate(index)?)),
@@ -227,6 +234,9 @@ impl Reader<'_> {
             (SymmetricMatrix::Diagonal(_), &[index]) => Ok((self.coordinate(index)?, index)),
             (SymmetricMatrix::Dense(_), &[row, column]) => {
                 Ok((self.coordinate(row)?, self.coordinate(column)?))
+            }
+            (SymmetricMatrix::Diagonal(_) | SymmetricMatrix::Dense(_), []) if matrix.size() == 1 => {
+                Ok((0, 0))
             }
             (SymmetricMatrix::Diagonal(_), _) => {
                 Err(self.refused("`[i]` behind it: the matrix is a diagonal"))

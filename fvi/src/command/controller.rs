@@ -9,7 +9,7 @@ use super::terminal::mention;
 use fvi_core::{AntiWindup, DerivativeFilter, DerivativeOf, PidGains, Real};
 use fvi_fft::exponentials::controller_source::{ControllerSourceError, ControllerTables, source_with_tables};
 use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
-use fvi_scenario::language::Problem;
+use fvi_scenario::language::{Document, Problem};
 use fvi_scenario::scenario::{Controller, Scenario};
 use fvi_simulation::simulation::control::{Unusable, tables_of_firmware};
 use std::fmt::{LowerExp, Write as _};
@@ -18,7 +18,7 @@ use std::path::PathBuf;
 /// Arguments of `fvi controller`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct ControllerArguments {
-    /// The scenario, a TOML file with [controller]
+    /// A scenario with [controller], or `controller.toml` of `fvi tune`, a TOML file
     scenario: PathBuf,
     /// Constants of Rust, or of C for fvi.h. Memories are endless and, in single precision, accurate to 1e-7,
     /// unless [history] has a horizon and a tolerance
@@ -55,7 +55,7 @@ struct Listed<'a> {
 
 impl ControllerArguments {
     pub(super) fn execute(self) -> Result<(), CommandError> {
-        let scenario = Scenario::read(&self.scenario)?;
+        let scenario = Scenario::with_controllers(Document::read(&self.scenario)?)?;
         if scenario.controllers.is_empty() {
             let problem = Problem::MissingKey { key: "controller".to_owned() };
             return Err(scenario.error_at("", problem).into());

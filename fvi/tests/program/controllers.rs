@@ -637,6 +637,38 @@ fn numbers_that_leave_single_precision_are_refused_under_their_key() {
     assert!(message.contains("controller.sample = 1e-30") && message.contains("derivative"), "{message}");
 }
 
+/// What `fvi tune` writes is taken as it is, and has the constants of a scenario with the same controller.
+#[test]
+fn constants_follow_from_what_a_tuning_wrote() {
+    let place = Workplace::new();
+    place.write(
+        "tune.toml",
+        "[plant]\ngain = 2.0\ntime_constant = 4.0\ndead_time = 0.5\n[specification]\nms = 1.5\n[controller]\nstructure = \"pi\"\nsample = 0.05\n",
+    );
+    let output = place.fvi(&["tune", "tune.toml", "--out", "tuned"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let alone = std::fs::read_to_string(place.path("tuned/controller.toml")).unwrap();
+    let system = "[system]\nmass = [1.0]\npotential = \"q0^2\"\n[initial]\nposition = [0.3]\n[time]\nstep = 0.05\nend = 10.0\n";
+    place.write("scenario.toml", &format!("{system}{alone}"));
+    for format in ["c", "rust"] {
+        let constants = |file: &str| {
+            let output = place.fvi(&["controller", file, "--format", format]);
+            assert!(output.status.success(), "{file}: {}", text(&output.stderr));
+            assert_eq!(text(&output.stderr), "", "endless memories end nowhere");
+            text(&output.stdout)
+        };
+        let found = constants("tuned/controller.toml");
+        assert_eq!(found, constants("scenario.toml"));
+        assert!(found.contains("integral"), "{found}");
+    }
+    place.write("empty.toml", "title = \"nothing\"\n");
+    let output = place.fvi(&["controller", "empty.toml", "--format", "c"]);
+    assert_eq!(output.status.code(), Some(2));
+    place.write("wrong.toml", &alone.replace("sample = 0.05", "sample = -1.0"));
+    let message = text(&place.fvi(&["controller", "wrong.toml", "--format", "c"]).stderr);
+    assert!(message.contains("controller.sample") && message.contains("wrong.toml"), "{message}");
+}
+
 #[test]
 fn a_measured_value_that_is_no_number_ends_the_run_there() {
     let scenario = oscillator(&LOOP.replace("measures = \"q0\"", "measures = \"sqrt(1.1 - q0)\""), 8.0)

@@ -217,6 +217,22 @@ fn a_truth_without_noise_is_found_again() {
     }
 }
 
+/// A list of one number is named with or without its index.
+#[test]
+fn the_index_of_a_list_of_one_number_may_be_left_out() {
+    let place = Workplace::new();
+    let data = data_of_run(&place, OSCILLATOR, &["t", "q0"], 3);
+    place.write("data.csv", &data);
+    let free = FREE.replace("coefficient[0]", "coefficient");
+    assert_ne!(free, FREE);
+    let more = "[[free]]\npath = \"initial.position\"\nstart = 0.9\n";
+    let found = fitted(&place, &format!("{free}{more}[[data]]\nfile = \"data.csv\"\n"));
+    for (path, truth) in [("system.damping[0].coefficient", 0.3), ("initial.position", 1.0)] {
+        assert!((estimate(&found, path) - truth).abs() < 1e-8, "{path}: {found:#}");
+        assert_eq!(found["parameters"][path]["derivative"], "exact");
+    }
+}
+
 #[test]
 fn momenta_velocities_accelerations_and_energies_are_data() {
     let scenario = OSCILLATOR.replace("mass = [1.0]", "mass = [2.0]").replace("step = 0.02", "step = 0.01");
