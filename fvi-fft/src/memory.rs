@@ -881,13 +881,14 @@ fn reach_over(samples: usize) -> usize {
     reach.max(samples)
 }
 
-/// The same for exponentials in complex pairs, which are compared with every weight up to there.
+/// The same for exponentials in complex pairs, which are compared with every weight up to there. With lag 0
+/// these are a power of two: one more, and the transform that they come from is twice as long.
 fn reach_of_pairs(samples: usize) -> usize {
-    let mut reach: usize = 1 << 12;
-    while reach / 2 < samples && reach < usize::MAX / 4 {
-        reach *= 4;
+    let mut count: usize = 1 << 12;
+    while count / 2 < samples && count < usize::MAX / 4 {
+        count *= 4;
     }
-    reach.max(samples)
+    (count - 1).max(samples)
 }
 
 /// A kernel of matrices that lie plane by plane.
@@ -1090,6 +1091,15 @@ mod tests {
             request.samples = usize::MAX;
             let refused = EngineError::NoRoom { engine, samples: usize::MAX };
             assert_eq!(request.build::<f64>().err(), Some(refused));
+        }
+    }
+
+    #[test]
+    fn tables_of_pairs_reach_twice_as_far_and_their_transform_no_farther() {
+        for samples in [1, 1000, 2048, 2049, 131_072, 131_073] {
+            let reach = reach_of_pairs(samples);
+            assert!(reach + 1 >= 2 * samples && reach < 8 * samples.max(1024), "{samples}: {reach}");
+            assert!((reach + 1).is_power_of_two(), "{samples}: {reach}");
         }
     }
 
