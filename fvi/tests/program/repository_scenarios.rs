@@ -226,3 +226,63 @@ fn the_stage_in_a_loop_goes_where_it_is_told() {
     assert!((position[2000] - 0.1).abs() < 0.01 && (position[3750] - 0.04).abs() < 0.006);
     assert!(output.iter().all(|u| u.abs() <= 8.0));
 }
+
+/// Energy and the energies of the dampers make up the start, to the error of the scheme, and the dampers take.
+#[test]
+fn mechanisms_lose_what_their_dampers_take() {
+    for (name, accuracy) in
+        [("double-pendulum", 1e-6), ("slider-crank", 1e-4), ("four-bar", 1e-4), ("heavy-top", 1e-8)]
+    {
+        let run = run(name);
+        let [energy, stored, dissipated] =
+            ["energy", "memory_stored", "memory_dissipated"].map(|column| run.column(column));
+        let largest = energy.iter().fold(1.0, |most, energy| max_or_nan(most, energy.abs()));
+        let rows = energy.iter().zip(&stored).zip(&dissipated);
+        let off =
+            rows.map(|((energy, stored), dissipated)| (energy + stored + dissipated - energy_of(&run)).abs());
+        let off = off.fold(0.0, max_or_nan);
+        assert!(off < accuracy * largest, "{name}: {off:e} of {largest}");
+        let rises = dissipated.windows(2).map(|pair| pair[0] - pair[1]).fold(f64::MIN, max_or_nan);
+        assert!(rises < 1e-12 * largest, "{name}: the dampers give back {rises:e}");
+        assert!(dissipated.last().unwrap() > &0.0, "{name}");
+    }
+}
+
+/// The energy of the first row.
+fn energy_of(run: &Run) -> f64 {
+    run.column("energy")[0]
+}
+
+#[test]
+fn linkages_and_bodies_keep_their_constraints() {
+    let four_bar = run("four-bar");
+    let [a, b, c, d] = ["q0", "q1", "q2", "q3"].map(|name| four_bar.column(name));
+    for row in 0..a.len() {
+        let crank = a[row].hypot(b[row]) - 0.5;
+        let rod = (c[row] - a[row]).hypot(d[row] - b[row]) - 1.2;
+        let rocker = (c[row] - 1.3).hypot(d[row]) - 1.0;
+        for length in [crank, rod, rocker] {
+            assert!(length.abs() < 1e-13, "row {row}: {length:e}");
+        }
+    }
+    let top = run("heavy-top");
+    let [w, x, y, z] = ["q0", "q1", "q2", "q3"].map(|name| top.column(name));
+    for row in 0..w.len() {
+        let length = w[row].powi(2) + x[row].powi(2) + y[row].powi(2) + z[row].powi(2);
+        assert!((length - 1.0).abs() < 1e-13, "row {row}: {length}");
+    }
+    // It spins fast enough to stay up.
+    let lean = |row: usize| 1.0 - 2.0 * (x[row].powi(2) + y[row].powi(2));
+    assert!((0..w.len()).all(|row| lean(row) > 0.7), "{:?}", (0..w.len()).map(lean).fold(1.0, min_or_nan));
+}
+
+#[test]
+fn the_arm_goes_where_its_controllers_are_told() {
+    let run = run("robot-arm");
+    let (shoulder, upper) = (run.column("q0"), run.column("q1"));
+    let end = shoulder.len() - 1;
+    let told = -std::f64::consts::FRAC_PI_2 + 1.2;
+    assert!((shoulder[end] - told).abs() < 3e-3, "{}", shoulder[end]);
+    assert!((upper[end] - shoulder[end] - 0.9).abs() < 3e-3, "{}", upper[end] - shoulder[end]);
+    assert!(run.column("u0").iter().all(|torque| torque.abs() <= 40.0));
+}

@@ -29,6 +29,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `fit`                   numbers of a scenario from data, with their errors
 `tune`                  gains and orders of a fractional controller for a plant
 `extremal`              two-point fractional Euler–Lagrange problems
+`fvi.mechanism`         chains, linkages and rigid bodies in words, and pictures of their motion
 `fvi.petsc`             one large run on MPI ranks, with PETSc; imported separately
 ======================  ==============================================================
 
