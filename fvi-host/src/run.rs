@@ -1,5 +1,6 @@
 //! One run: from a checked scenario to the files of its output directory.
 
+mod choice;
 mod portion;
 
 use crate::checkpoint::{self, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer};
@@ -8,6 +9,7 @@ use crate::results::files::{FileError, remove, write_json};
 use crate::results::measure::{Largest, ReferenceErrors};
 use crate::results::output_directory::OutputDirectory;
 use crate::results::trajectory::Format;
+pub use choice::{Choice, Chosen, choose};
 use fvi_core::StateError;
 use fvi_fft::memory::Engine;
 use fvi_fft::memory::Tables;
@@ -158,6 +160,9 @@ pub struct RunSummary {
     pub starting_condition: Option<f64>,
     /// The files of results beside this one.
     pub files: Vec<&'static str>,
+    /// What was chosen for `scheme.kind` = "auto", and why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub choice: Option<Choice>,
     /// The inputs as used, defaults filled in.
     pub scenario: Scenario,
     /// Notes about the start of the run, such as the checkpoint that it continues from.
@@ -277,6 +282,9 @@ pub enum RunError {
     /// It cannot go on from what is in its directory.
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
+    /// It was stopped before its first step, while a scheme was chosen.
+    #[error("stopped while a scheme was chosen")]
+    Stopped,
     /// A memory cannot be saved.
     #[error("no checkpoint can be written: {0}")]
     Unsaved(#[from] StateError),
@@ -331,10 +339,11 @@ pub fn run(
     if options.format == Some(Format::Npz) {
         scenario.check_use(Feature::Npz)?;
     }
-    let mut scenario = scenario.clone();
+    let (tables, mut notes) = (Tables::default(), Vec::new());
+    let (mut scenario, choice) = settled(scenario, options, &tables, stop)?;
+    notes.extend(choice.as_ref().map(Choice::note));
     let mut found = None;
     let mut claimed = None;
-    let mut notes = Vec::new();
     if options.resume {
         if options.directory.is_dir() {
             found = Checkpoint::find(claimed.insert(OutputDirectory::claim(&options.directory)?))?;
@@ -347,7 +356,7 @@ pub fn run(
             )),
         }
     }
-    let builder = Run::of(&scenario).precision(options.precision);
+    let builder = Run::of(&scenario).precision(options.precision).tables(&tables).chosen(choice.as_ref());
     let mut run = builder.prepared_for(options.reading_seconds).start()?;
     let identity = Identity::new(&scenario, options.precision, run.motion.simulation().engines());
     if let Some(checkpoint) = &mut found {
@@ -414,6 +423,20 @@ pub fn run(
         write_checkpoint(&run, &mut sinks)?;
     }
     finish(run, end, (sinks, notes), &directory)
+}
+
+/// A scenario with its scheme, and how that was chosen if the file asks for it.
+fn settled(
+    scenario: &Scenario,
+    options: &RunOptions,
+    tables: &Tables,
+    stop: &AtomicBool,
+) -> Result<(Scenario, Option<Choice>), RunError> {
+    if scenario.automatic.is_none() {
+        return Ok((scenario.clone(), None));
+    }
+    let Chosen { scenario, choice } = choose(scenario, options.precision, tables, stop)?;
+    Ok((scenario, Some(choice)))
 }
 
 /// Writes the rest of the files of a run that has ended so, and its record with these notes.
@@ -531,6 +554,8 @@ pub struct Run<'s> {
     watch: Watch,
     /// The state at the event that has ended the run.
     ended: Option<GridState>,
+    /// How its scheme was chosen.
+    choice: Option<&'s Choice>,
 }
 
 /// How a run begins.
@@ -540,6 +565,7 @@ pub struct RunBuilder<'s, 't> {
     precision: Precision,
     tables: Option<&'t Tables>,
     seconds: f64,
+    choice: Option<&'s Choice>,
 }
 
 impl<'s, 't> RunBuilder<'s, 't> {
@@ -552,8 +578,8 @@ impl<'s, 't> RunBuilder<'s, 't> {
     /// The tables of its memories are shared with other runs.
     #[must_use]
     pub fn tables<'u>(self, tables: &'u Tables) -> RunBuilder<'s, 'u> {
-        let Self { scenario, precision, seconds, .. } = self;
-        RunBuilder { scenario, precision, tables: Some(tables), seconds }
+        let Self { scenario, precision, seconds, choice, .. } = self;
+        RunBuilder { scenario, precision, tables: Some(tables), seconds, choice }
     }
 
     /// Adds seconds that its caller spent on preparation to those of the run.
@@ -562,12 +588,18 @@ impl<'s, 't> RunBuilder<'s, 't> {
         Self { seconds, ..self }
     }
 
+    /// The record of how its scheme was chosen, for the summary.
+    #[must_use]
+    pub fn chosen(self, choice: Option<&'s Choice>) -> Self {
+        Self { choice, ..self }
+    }
+
     /// The run before its first step.
     ///
     /// # Errors
     /// If the scenario cannot be run.
     pub fn start(self) -> Result<Run<'s>, InputError> {
-        let Self { scenario, precision, tables, seconds } = self;
+        let Self { scenario, precision, tables, seconds, choice } = self;
         let own = Tables::default();
         let tables = tables.unwrap_or(&own);
         let preparation = Instant::now();
@@ -577,6 +609,7 @@ impl<'s, 't> RunBuilder<'s, 't> {
             passed: 0,
             watch: Watch::new(scenario, motion.state()),
             ended: None,
+            choice,
             scenario,
             motion,
             seen: false,
@@ -598,7 +631,7 @@ impl<'s> Run<'s> {
     /// A run of a scenario, all its load cases together, in double precision and with tables of its own
     /// unless the builder is told otherwise.
     pub fn of(scenario: &'s Scenario) -> RunBuilder<'s, 'static> {
-        RunBuilder { scenario, precision: Precision::F64, tables: None, seconds: 0.0 }
+        RunBuilder { scenario, precision: Precision::F64, tables: None, seconds: 0.0, choice: None }
     }
 
     /// Makes all steps, or until one fails, or until the end of the current portion when `stop` is set.
@@ -943,6 +976,7 @@ impl<'s> Run<'s> {
             warnings,
             errors: Some(self.errors).filter(ReferenceErrors::any),
             files: Vec::new(),
+            choice: self.choice.cloned(),
             scenario: scenario.clone(),
             notes: Vec::new(),
         }

@@ -5,6 +5,7 @@
 
 mod adaptive;
 mod appearance;
+mod automatic;
 mod builder;
 mod case;
 mod combinations;
@@ -41,6 +42,9 @@ pub use adaptive::Adaptive;
 #[doc(hidden)]
 pub use adaptive::Start;
 pub use appearance::{Appearance, Paper, Units};
+pub use automatic::Automatic;
+#[doc(hidden)]
+pub use automatic::{Candidate, Fineness, Method, Spread};
 pub use builder::{Damper, Entries, ScenarioBuilder};
 pub use case::Case;
 #[doc(hidden)]
@@ -162,6 +166,10 @@ pub struct Scenario {
     /// Parameters for which the derivatives of the motion are computed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<Sensitivity>,
+    /// What is asked for in place of a scheme and a grid; scheme, convolution and grid are the default ones
+    /// until they are chosen, and nothing moves before.
+    #[serde(skip)]
+    pub automatic: Option<Automatic>,
     #[serde(skip)]
     document: Document,
 }
@@ -221,6 +229,9 @@ impl Scenario {
     }
 
     fn sharing(document: Document, known: Option<&KnownMatrices>) -> Result<Self, InputError> {
+        if let Some(automatic) = Automatic::of(&document)? {
+            return automatic.unchosen(document, known);
+        }
         let scenario = document.with_root(|root| Self::from_root(&root, &document, known))?;
         scenario.check_start()?;
         scenario.check_combinations()?;
@@ -361,6 +372,7 @@ impl Scenario {
             events,
             controllers,
             sensitivity: None,
+            automatic: None,
             document,
         };
         if let Some(value) = root.optional("sensitivity") {

@@ -61,7 +61,7 @@ use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_scenario::language::error::Cause;
 use fvi_scenario::language::expression::Elementary;
 use fvi_scenario::language::{InputError, Problem};
-use fvi_scenario::scenario::{self, DampedAt, Past, ReportedMomentum, Scenario};
+use fvi_scenario::scenario::{self, DampedAt, Feature, Past, ReportedMomentum, Scenario};
 use gyroscopic::Gyroscopic;
 use massless::Placed;
 use mechanism::TypedMechanism;
@@ -214,6 +214,7 @@ impl Simulation {
     ) -> Result<Self, InputError> {
         // Code may have changed what was read.
         scenario.check_combinations()?;
+        scenario.check_use(Feature::Motion)?;
         forces_of_time::check(scenario)?;
         given_weights::check(scenario)?;
         if scenario.is_mechanism() {

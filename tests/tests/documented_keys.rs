@@ -10,7 +10,7 @@ const BASE: [(&str, &str); 3] =
     [("system", "mass = [1.0]\n"), ("initial", "position = [1.0]\n"), ("time", "step = 0.1\nsteps = 10\n")];
 
 /// Tables by their headers, with what else they need to be read as far as their keys.
-const TABLES: [(&str, &str); 35] = [
+const TABLES: [(&str, &str); 36] = [
     ("[equation]", "order = 0.5\nright = [\"-x0\"]\ninitial = [1.0]"),
     ("[system]", "mass = [1.0]"),
     ("[[system.damping]]", "order = 0.5\ncoefficient = [1.0]"),
@@ -19,6 +19,7 @@ const TABLES: [(&str, &str); 35] = [
     ("[system.load.pattern]", "coordinate = 0"),
     ("[system.load.amplitude]", "file = \"record.csv\""),
     ("[initial]", "position = [1.0]"),
+    ("[scheme]", "kind = \"auto\""),
     ("[scheme]", "kind = \"low-order\""),
     ("[scheme]", "kind = \"galerkin\"\ndegree = 2"),
     ("[scheme]", "kind = \"collocation\""),

@@ -8,7 +8,7 @@ use fvi_fft::memory::Engine;
 use fvi_fft::memory::Tables;
 use fvi_host::checkpoint::IntervalError;
 use fvi_host::run::{
-    Run, RunEnd, RunError, RunOptions, RunSummary, RunSnapshot as HostSnapshot, run as run_into_files,
+    Run, RunEnd, RunError, RunOptions, RunSummary, RunSnapshot as HostSnapshot, choose, run as run_into_files,
 };
 use fvi_host::results::rows::Rows;
 use fvi_host::results::trajectory::Format;
@@ -282,12 +282,23 @@ fn compute(
     slot: &ErrorSlot,
     (resume, keep): (Option<&RunSnapshot>, Option<bool>),
 ) -> Outcome<Computed> {
+    let raised = |error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised);
+    let begin = Instant::now();
+    let chosen = match scenario.automatic {
+        Some(_) => Some(choose(scenario, precision, tables, &AtomicBool::new(false)).map_err(|error| match error {
+            RunError::Input(error) => raised(error),
+            other => slot.take().map_or_else(|| Failure::Failed(other.to_string()), Failure::Raised),
+        })?),
+        None => None,
+    };
+    let scenario = chosen.as_ref().map_or(scenario, |chosen| &chosen.scenario);
     let mut run = Run::of(scenario)
         .precision(precision)
         .tables(tables)
-        .prepared_for(spent)
+        .chosen(chosen.as_ref().map(|chosen| &chosen.choice))
+        .prepared_for(spent + begin.elapsed().as_secs_f64())
         .start()
-        .map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?;
+        .map_err(raised)?;
     if let Some(RunSnapshot { snapshot }) = resume {
         run.resume_from(snapshot).map_err(|error| Failure::Failed(format!("continue_from: {error}")))?;
     }
@@ -312,7 +323,7 @@ fn compute(
         let rows = motions.iter().map(Rows::bytes).sum::<usize>();
         run.memory_bytes() <= rows.max(SMALL)
     };
-    let wanted = scenario.cases.is_empty() && keep.unwrap_or_else(small);
+    let wanted = scenario.cases.is_empty() && chosen.is_none() && keep.unwrap_or_else(small);
     let snapshot = match wanted {
         true => run.snapshot().map_err(|error| Failure::Failed(error.to_string()))?,
         false => None,

@@ -156,6 +156,20 @@ def test_the_help_names_every_scheme():
         fvi.integrate(**COMMON, scheme=scheme, **more)
 
 
+def test_a_tolerance_chooses_the_scheme():
+    system = dict(mass=[1.0], stiffness=[4.0], position=[1.0])
+    r = fvi.integrate(**system, scheme="auto", tolerance=1e-8, end=10.0)
+    assert np.abs(r.q[:, 0] - np.cos(2.0 * r.t)).max() < 1e-8
+    assert r.summary["choice"]["tolerance"] == 1e-8 and r.summary["scenario"]["scheme"]["kind"] == "galerkin"
+    spaced = fvi.integrate(**system, scheme="auto", tolerance=1e-8, end=10.0, step=0.5)
+    assert np.array_equal(spaced.t, 0.5 * np.arange(21))
+    with pytest.raises(fvi.InputError, match="chosen for its end"):
+        fvi.integrate(continue_from=spaced, end=20.0)
+    with pytest.raises(fvi.InputError, match="tolerance") as error:
+        fvi.integrate(**system, scheme="auto", end=10.0, step=0.5, tolerance=2.0)
+    assert error.value.key == "tolerance"
+
+
 def test_the_error_near_the_start_is_the_one_that_is_told():
     t = np.arange(200) * 1e-3
     ratio = fvi.derivative(t, 0.5, 1e-3)[1:] / (2 * np.sqrt(t[1:] / np.pi))

@@ -18,7 +18,7 @@ pub(super) const UNITS: [&str; 4] = ["time", "position", "momentum", "energy"];
 pub(super) const PICTURE: [&str; 3] = ["width", "height", "font"];
 
 /// Keys of `[scheme]`, for all kinds.
-const SCHEME: [&str; 5] = ["kind", "kappa", "degree", "quadrature", "points"];
+const SCHEME: [&str; 6] = ["kind", "kappa", "degree", "quadrature", "points", "tolerance"];
 
 /// Keys of `[convolution]`, for all families.
 const CONVOLUTION: [&str; 6] = ["family", "symbol", "order", "stages", "at", "starting"];

@@ -130,6 +130,8 @@ impl Scheme {
                 ("energy", SchemeKind::Energy),
                 ("explicit-euler", SchemeKind::ExplicitEuler),
                 ("implicit-euler", SchemeKind::ImplicitEuler),
+                // Chosen before this table is read, see `automatic`.
+                ("auto", SchemeKind::LowOrder),
             ])?,
         };
         match kind {

@@ -66,7 +66,8 @@ impl RunArguments {
         } else if let Some(steps) = self.steps {
             scenario = scenario.ending_after(steps)?;
         }
-        let warnings = scenario.warnings();
+        // Before a scheme has been chosen there is nothing to warn of.
+        let warnings = if scenario.automatic.is_none() { scenario.warnings() } else { Vec::new() };
         let before = warnings.len();
         warn(warnings);
         let directory = self.out.unwrap_or_else(|| default_directory(&self.scenario, "run"));
@@ -93,6 +94,7 @@ impl RunArguments {
             RunError::Input(error) => CommandError::Input(error),
             RunError::File(error) => CommandError::File(error),
             RunError::Checkpoint(error) => CommandError::Checkpoint(error),
+            error @ RunError::Stopped => CommandError::Stopped(error.to_string()),
             error => CommandError::Failed(error.to_string()),
         })?;
         progress.finish();

@@ -15,7 +15,7 @@ from fvi import _arrays, _fvi
 from fvi._errors import InputError
 from fvi._result import Result
 from fvi._run import Progress, compute, compute_cases
-from fvi._scenario import SEVERAL, SHORT_NAMES, Files, Ready, by_path, source, symmetric
+from fvi._scenario import SEVERAL, SHORT_NAMES, Files, Ready, by_path, chooses, source, symmetric
 from fvi._system import System
 from fvi._terms import (
     Damping,
@@ -129,7 +129,9 @@ def integrate(
         million.
     **keys
         How to integrate, by the names in a scenario: scheme="low-order" (kappa=0.5), "galerkin" (degree, quadrature, points),
-        "collocation", "energy", "explicit-euler" or "implicit-euler"; convolution="bdf" (order from 1 to 6), "radau-iia" or
+        "collocation", "energy", "explicit-euler" or "implicit-euler", or scheme="auto" with a `tolerance` of positions and momenta,
+        relative to their size, which chooses scheme, grid and step (then `step` is the time between rows, and may be left out; the
+        choice is in `Result.summary["choice"]`); convolution="bdf" (order from 1 to 6), "radau-iia" or
         "lobatto-iiic" (stages), "gauss" or "trapezoidal", likewise symbol="trapezoidal"; at; starting; engine, tolerance, horizon, capacity, overflow, states, threads;
         every, times, coordinates; allow_unstable; energy_guard; title;
         sensitivities, paths such as "system.damping[0].order" of the numbers with respect to which the motion is differentiated
@@ -420,7 +422,7 @@ def _scenario(
         raise InputError("mass: needed, unless there is `kinetic` or a result to continue_from", "mass", "None")
     if mass is not None and kinetic is not None:
         raise InputError("kinetic: cannot stand beside mass: give one of them", "kinetic")
-    time = _time(start, step, steps, end, keys.get("grid"))
+    time = _time(start, step, steps, end, keys.get("grid"), keys.get("scheme"))
     samples = None if past is None else _Past(past, time)
     if position is None and samples is not None and samples.end is not None:
         position = samples.end
@@ -560,7 +562,7 @@ MOST_COLUMNS = 64
 """Coordinates of a large system up to which a scenario writes all of them without being asked."""
 
 
-def _time(start: Any, step: Any, steps: Any, end: Any, grid: Any) -> dict[str, Any]:
+def _time(start: Any, step: Any, steps: Any, end: Any, grid: Any, scheme: Any) -> dict[str, Any]:
     time: dict[str, Any] = {}
     if start is not None:
         time["start"] = _arrays.real("start", start)
@@ -573,7 +575,7 @@ def _time(start: Any, step: Any, steps: Any, end: Any, grid: Any) -> dict[str, A
     if end is not None:
         time["end"] = _arrays.real("end", end)
     if grid is None or (isinstance(grid, str) and grid == "uniform"):
-        if step is None:
+        if step is None and not chooses(scheme):
             raise InputError("step: needed, unless there is a grid with other steps", "step", "None")
         if (steps is None) == (end is None):
             raise InputError("steps: give either steps or end", "steps")
@@ -595,7 +597,7 @@ def named_after_argument(error: InputError) -> InputError:
         f"system.{name}": name for name in ("mass", "stiffness", "gyroscopic", "potential", "force", "damping")
     }
     arguments |= {"system.load": "loads", "system.element": "elements", "case": "cases", "event": "events", "sensitivity": "sensitivities"}
-    arguments |= {"time.points": "grid", "time.tolerance": "tolerance"}
+    arguments |= {"time.points": "grid", "time.tolerance": "tolerance", "scheme.tolerance": "tolerance"}
     for path, name in arguments.items():
         if error.key == path or error.key.startswith((f"{path}.", f"{path}[")):
             key = name + error.key[len(path) :]

@@ -144,6 +144,8 @@ class Result:
         """Why there is nothing to continue from."""
         if self.status == -1:
             return "the result ends with a step that failed"
+        if "choice" in self.summary:
+            return "its scheme and steps were chosen for its end; take a scheme and a step to continue"
         time = self.summary.get("scenario", {}).get("time", {})
         if time.get("grid", "uniform") != "uniform":
             return "the steps of the result differ; only runs with equal steps are continued"

@@ -31,6 +31,7 @@ SHORT_NAMES = {
     "sensitivities": "sensitivity.parameters",
     # A key that several tables have is that of the first.
     **{key: f"{table}.{key}" for table, keys in reversed(_fvi.KEYS) for key in keys if key not in ("kind", "family")},
+    "tolerance": "history.tolerance",
 }
 """Names of arguments, with the keys of a scenario that they stand for."""
 
@@ -277,6 +278,11 @@ def is_adaptive(grid: Any) -> bool:
     return isinstance(grid, str) and grid == "adaptive"
 
 
+def chooses(scheme: Any) -> bool:
+    """Whether `tolerance` is that of the motion, for which scheme and steps are chosen."""
+    return isinstance(scheme, str) and scheme == "auto"
+
+
 def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any], others: Sequence[str] = ()) -> dict[str, Any]:
     """Changes given by short names or paths, as a dictionary by paths. `others` are further arguments of the call, which a
     misspelt name may have meant."""
@@ -297,6 +303,9 @@ def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any], other
         if name == "convolution" and isinstance(value, str) and value == "trapezoidal":
             # The name used by `weights` and `Memory`.
             changes["convolution.symbol"] = value
+            continue
+        if name == "tolerance" and chooses(short.get("scheme")):
+            changes["scheme.tolerance"] = value
             continue
         if name == "tolerance" and is_adaptive(short.get("grid")):
             changes["time.tolerance"] = value

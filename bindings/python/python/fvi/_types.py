@@ -21,7 +21,7 @@ class OutputKeys(TypedDict, total=False):
     """How to integrate, and what to keep, by the names of the keys in a scenario; `None` leaves a default."""
 
     title: str | None
-    scheme: Literal["low-order", "galerkin", "collocation", "energy", "explicit-euler", "implicit-euler"] | None
+    scheme: Literal["low-order", "galerkin", "collocation", "energy", "explicit-euler", "implicit-euler", "auto"] | None
     kappa: float | None
     degree: int | None
     quadrature: Literal["gauss", "lobatto"] | None

@@ -79,6 +79,7 @@ features! {
         |s| s.system.damping.iter().position(|term| term.derivative == Derivative::RiemannLiouville);
     Past: "a past", "initial.past", |s| on(s.initial.past.is_some());
     LaterStart: "a later start", "time.start", |s| on(s.time.start != 0.0);
+    Automatic: "a scheme that a tolerance chooses", "scheme.kind", |s| on(s.automatic.is_some());
     Euler: "Euler's methods", "scheme.kind",
         |s| on(matches!(s.scheme, Scheme::ExplicitEuler | Scheme::ImplicitEuler));
     OneNode: "a scheme without stages", "scheme.kind",
@@ -135,6 +136,7 @@ features! {
     SinglePrecision: "single precision", "", |_| None;
     Npz: "the output format npz", "", |_| None;
     OneMotion: "a run of one motion", "", |_| None;
+    Motion: "a motion", "", |_| None;
     AnotherEnd: "another end", "", |_| None;
     Sweep: "a sweep", "", |_| None;
     Converge: "`fvi converge`", "", |_| None;

@@ -13,6 +13,7 @@ const LINEAR: &str = "cases of a linear structure, one factor for all: springs i
 const SMOOTH: &str = "expressions without jumps and kinks in the position";
 const WITH_MASS: &str = "a scenario without it where a coordinate has no mass";
 const MAXWELL: &str = "kernels that are Maxwell elements side by side";
+const CHOSEN: &str = "the scheme and the steps that `fvi run` has chosen: `scenario` in its `summary.json`";
 const ONE_MOTION: &str = "scenarios without cases; `fvi run` and `fvi.run_cases` take those with them";
 
 /// The table. Where several rows apply, the first is told.
@@ -156,6 +157,9 @@ pub const ROWS: &[Row] = &[
         "weights do not tell the kernel K(s), whose exponentials it takes",
         ANY_WEIGHTS,
     ),
+    // A tolerance in place of a scheme.
+    row(GivenWeights, Automatic, "they are for steps of one length", "a kernel by its formula"),
+    row(Past, Automatic, "its rows are for steps of one length", "a scheme and a step of your own"),
     // A past, and a start other than t = 0.
     row(Past, Steps, "", "equal steps, whose memories have a sample for each step of the past"),
     row(LaterStart, Steps, "", "equal steps; the other grids begin at t = 0"),
@@ -262,6 +266,17 @@ pub const ROWS: &[Row] = &[
     row(Sensitivity, SinglePrecision, "", "double precision: `--precision f64`"),
     row(Sensitivity, Npz, "", "derivatives are columns of `trajectory.csv`"),
     row(Cases, OneMotion, "", ONE_MOTION),
+    row(
+        Automatic,
+        Motion,
+        "it has no scheme before one is chosen",
+        "`fvi run`, `fvi.run` and `fvi.integrate`, which choose it",
+    ),
+    row(Automatic, AnotherEnd, "what is chosen depends on the end", "another `time.end` in the file"),
+    row(Automatic, Sweep, "every point would choose another one", CHOSEN),
+    row(Automatic, Converge, "it chooses the steps", CHOSEN),
+    row(Automatic, Fit, "every point would choose another one", CHOSEN),
+    row(Automatic, Response, "a response is that of one scheme", CHOSEN),
     row(Steps, AnotherEnd, "", "\"uniform\" here: the other grids end where they say"),
     row(Cases, Sweep, "", ONE_MOTION),
     row(Cases, Converge, "", ONE_MOTION),
