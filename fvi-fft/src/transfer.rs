@@ -116,6 +116,11 @@ pub trait Formula: fmt::Debug + Send + Sync {
     fn numbers(&self) -> &[f64] {
         &[]
     }
+    /// Sentences on how the numbers were amended.
+    #[doc(hidden)]
+    fn notes(&self) -> &[String] {
+        &[]
+    }
     /// Its partial fractions, if it is rational.
     fn fractions(&self) -> Option<Fractions> {
         None
@@ -845,6 +850,15 @@ impl TransferFunction {
             Form::Formula { formula, .. } => Some(formula.0.text()),
             Form::Weights(table) => Some(table.name()),
             _ => None,
+        }
+    }
+
+    /// Sentences on how the numbers of a file were amended.
+    #[doc(hidden)]
+    pub fn notes(&self) -> &[String] {
+        match &self.form {
+            Form::Formula { formula, .. } => formula.0.notes(),
+            _ => &[],
         }
     }
 

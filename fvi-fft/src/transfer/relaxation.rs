@@ -27,6 +27,9 @@ pub struct Relaxation {
     spacing: Option<f64>,
     /// True if the kernel is an entry of a matrix, for which passivity is a property of the whole.
     part: bool,
+    /// Up to which tolerances the rows were amended, by their names in files, and sentences on how.
+    tolerances: Vec<(&'static str, f64)>,
+    notes: Vec<String>,
 }
 
 /// Number of rows from which weights come from one transform, with errors relative to the first weight, in
@@ -42,7 +45,21 @@ impl Relaxation {
     pub fn new(name: &str, rows: &[(f64, f64)], decay: Option<f64>) -> Self {
         let spacing = equal_spacing(rows);
         let rows = rows.iter().flat_map(|&(time, modulus)| [time, modulus]).collect();
-        Self { name: name.to_owned(), rows, decay, spacing, part: false }
+        Self {
+            name: name.to_owned(),
+            rows,
+            decay,
+            spacing,
+            part: false,
+            tolerances: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    /// The same with the tolerances up to which its rows were amended, and sentences on how.
+    #[doc(hidden)]
+    pub fn amended(self, tolerances: Vec<(&'static str, f64)>, notes: Vec<String>) -> Self {
+        Self { tolerances, notes, ..self }
     }
 
     /// The same as an entry of a matrix: its passivity is not checked by itself.
@@ -349,11 +366,15 @@ impl Formula for Relaxation {
     }
 
     fn parameters(&self) -> Vec<(&'static str, f64)> {
-        self.decay.map(|decay| ("decay", decay)).into_iter().collect()
+        self.decay.map(|decay| ("decay", decay)).into_iter().chain(self.tolerances.iter().copied()).collect()
     }
 
     fn numbers(&self) -> &[f64] {
         &self.rows
+    }
+
+    fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     fn passivity(&self) -> Passivity {

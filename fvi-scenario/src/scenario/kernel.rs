@@ -7,6 +7,7 @@ use crate::language::error::{InputError, Problem};
 use crate::language::expression::Symbols;
 use crate::language::number_table::NumberTable;
 use fvi_core::ParameterError;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::TransferFunction;
 use fvi_fft::transfer::given_weights::GivenWeights;
 use fvi_fft::transfer::relaxation::Relaxation;
@@ -66,7 +67,8 @@ pub(super) fn read_transfer(
     }
     match transfer.active() {
         Some(active) if !allow_active => Err(value.out_of_range(format!(
-            "a passive kernel: this one can drive the motion at {active}; `allow_active = true` admits it"
+            "a passive kernel: this one can drive the motion at {active}; `allow_active = true` admits it{}",
+            remedy(&kernel)?
         ))),
         _ => Ok(transfer),
     }
@@ -200,72 +202,239 @@ pub(super) fn read_kernel(
 
 /// Reads a relaxation function: a file with the columns `t,G`, or rows of t and G.
 fn read_relaxation(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction, InputError> {
-    table.allow(&["relaxation", "decay"])?;
-    let decay = table.optional("decay").map(|decay| decay.positive()).transpose()?;
-    relaxation_of(value, decay, None)
+    table.allow(&["relaxation", "decay", "begin", "end", "activity"])?;
+    let (decay, tolerances) = (read_decay(table)?, Tolerances::read(table)?);
+    let measured = Measured::read(value, decay, tolerances)?;
+    let build = |raise: f64| measured.transfer(value, decay, tolerances, raise);
+    let plain = build(0.0)?;
+    let Some(tolerance) = tolerances.activity.filter(|_| plain.active().is_some()) else { return Ok(plain) };
+    let largest = measured.largest();
+    match smallest_raise(tolerance, |share| Ok(build(share * largest)?.active().is_none()))? {
+        Some(share) => build(share * largest),
+        None => Ok(plain),
+    }
 }
 
-/// The relaxation function of a file or rows. For an entry of a matrix it need not be passive by itself, and
-/// is built with a sign.
+pub(super) fn read_decay(table: &Table<'_>) -> Result<Option<f64>, InputError> {
+    table.optional("decay").map(|decay| decay.positive()).transpose()
+}
+
+/// What makes a kernel of a relaxation function passive, or nothing: the end of the sentence that refuses it.
+fn remedy(kernel: &Table<'_>) -> Result<String, InputError> {
+    let Some(value) = kernel.optional("relaxation") else { return Ok(String::new()) };
+    let (decay, tolerances) = (read_decay(kernel)?, Tolerances::read(kernel)?);
+    let measured = Measured::read(&value, decay, tolerances)?;
+    let largest = measured.largest();
+    let is_passive =
+        |share: f64| Ok(measured.transfer(&value, decay, tolerances, share * largest)?.active().is_none());
+    Ok(smallest_raise(1.0, is_passive)?.map_or_else(String::new, remedy_of))
+}
+
+/// The end of a sentence that refuses a kernel which is passive with G(0) raised by this share.
+pub(super) fn remedy_of(share: f64) -> String {
+    format!(
+        "; with G(0) raised by {share:.1e} of the largest |G| it is passive, which `activity` = {share:.1e} does"
+    )
+}
+
+/// The smallest share of the largest |G|, to 5 %, by which G(0) has to rise for a kernel to be passive, if it
+/// is at most that.
 ///
-/// # Errors
-/// Names the row that is wrong.
-pub(super) fn relaxation_of(
-    value: &Value<'_>,
-    decay: Option<f64>,
-    of_matrix: Option<f64>,
-) -> Result<TransferFunction, InputError> {
-    let (file, rows) = if value.is_text() {
-        let read = NumberTable::read(value, value.document(), &["G".to_owned()])?;
-        let file = value.document().resolve(value.text()?).display().to_string();
-        (file, read.rows.iter().map(|row| (row[0], row[1])).collect::<Vec<_>>())
-    } else {
-        let rows = value.list("a file, or a list of rows [t, G]")?;
-        let row = |row: &Value<'_>| row.vector(2).map(|row| (row[0], row[1]));
-        (String::new(), rows.iter().map(row).collect::<Result<Vec<_>, _>>()?)
-    };
-    let refused = |index: usize, reason: String| {
-        let reason = format!("row {}: {reason}", index + 1);
-        if value.is_text() { value.file_error(reason) } else { value.out_of_range(reason) }
-    };
-    if rows.len() < 2 {
-        return Err(refused(0, "at least two rows are needed".to_owned()));
+/// G is linear between its rows, so that the row at t = 0 rises by a triangle, whose resistance Re Ĝ(iω) is
+/// ½ a Δ (sin(ωΔ/2)/(ωΔ/2))² with the first spacing Δ. With equal spacing all of Re Ĝ has this factor beside
+/// a trigonometric polynomial, which rises by a/2 everywhere: no change of the rows that takes less from the
+/// largest violation of this polynomial is enough.
+pub(super) fn smallest_raise(
+    most: f64,
+    is_passive: impl Fn(f64) -> Result<bool, InputError>,
+) -> Result<Option<f64>, InputError> {
+    if !is_passive(most)? {
+        return Ok(None);
     }
-    if rows[0].0 != 0.0 {
-        return Err(refused(
-            0,
-            format!("t = {} instead of 0, where a relaxation function begins", rows[0].0),
-        ));
+    let mut enough = most;
+    // Down by tens, then between two of them.
+    while enough > 1e-12 * most && is_passive(0.1 * enough)? {
+        enough *= 0.1;
     }
-    if let Some(index) = rows.windows(2).position(|pair| pair[1].0 <= pair[0].0) {
-        return Err(refused(
-            index + 1,
-            format!("t = {} does not come after the row before", rows[index + 1].0),
-        ));
-    }
-    // A function that oscillates about zero, such as that of waves, rises in places; its passivity is checked
-    // by sampling.
-    let swings = of_matrix.is_some() || rows.iter().any(|row| row.1 < 0.0);
-    if let Some(index) = rows.windows(2).position(|pair| pair[1].1 > pair[0].1).filter(|_| !swings) {
-        return Err(refused(index + 1, format!("G rises to {}: the material would push", rows[index + 1].1)));
-    }
-    let (end, modulus) = rows[rows.len() - 1];
-    if modulus != 0.0 && decay.is_none() {
-        return Err(refused(
-            rows.len() - 1,
-            format!(
-                "G = {modulus} at the end, t = {end}: say how it goes on, by the time constant `decay`, or end at 0"
-            ),
-        ));
-    }
-    let made = match of_matrix {
-        None => Relaxation::new(&file, &rows, decay),
-        Some(sign) => {
-            let signed: Vec<(f64, f64)> =
-                rows.iter().map(|&(time, modulus)| (time, sign * modulus)).collect();
-            Relaxation::new(&file, &signed, decay).of_matrix()
+    let mut less = 0.1 * enough;
+    while enough > 1.05 * less {
+        let between = (enough * less).sqrt();
+        if is_passive(between)? {
+            enough = between;
+        } else {
+            less = between;
         }
-    };
+    }
+    Ok(Some(enough))
+}
+
+/// How far a measured relaxation function may be from one that can be used as it is, each relative to the
+/// largest |G|; `None` where nothing is said, which is 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Tolerances {
+    /// By how much G(0) may differ from the first row, where that comes later.
+    begin: Option<f64>,
+    /// What may be left at the last row.
+    end: Option<f64>,
+    /// By how much G(0) may be raised so that the kernel is passive.
+    pub(super) activity: Option<f64>,
+}
+
+impl Tolerances {
+    pub(super) fn read(table: &Table<'_>) -> Result<Self, InputError> {
+        let of = |key: &str| table.optional(key).map(|value| share(&value)).transpose();
+        Ok(Self { begin: of("begin")?, end: of("end")?, activity: of("activity")? })
+    }
+
+    pub(super) fn keys(self) -> Vec<(&'static str, f64)> {
+        let all = [("begin", self.begin), ("end", self.end), ("activity", self.activity)];
+        all.into_iter().filter_map(|(key, number)| Some((key, number?))).collect()
+    }
+}
+
+/// A tolerance, a share of the largest number.
+pub(super) fn share(value: &Value<'_>) -> Result<f64, InputError> {
+    let share = value.positive()?;
+    if share < 1.0 { Ok(share) } else { Err(value.out_of_range("a share of the largest |G|, 0 < x < 1")) }
+}
+
+/// The rows of a relaxation function, amended within tolerances.
+#[derive(Clone, Debug)]
+pub(super) struct Measured {
+    file: String,
+    pub(super) rows: Vec<(f64, f64)>,
+    pub(super) notes: Vec<String>,
+}
+
+impl Measured {
+    /// Reads a file or rows, which then begin at t = 0, and end at 0 or with a time constant.
+    ///
+    /// # Errors
+    /// Names the row that is wrong, by how much, and the tolerance that takes it.
+    pub(super) fn read(
+        value: &Value<'_>,
+        decay: Option<f64>,
+        tolerances: Tolerances,
+    ) -> Result<Self, InputError> {
+        let (file, rows) = if value.is_text() {
+            let read = NumberTable::read(value, value.document(), &["G".to_owned()])?;
+            let file = value.document().resolve(value.text()?).display().to_string();
+            (file, read.rows.iter().map(|row| (row[0], row[1])).collect::<Vec<_>>())
+        } else {
+            let rows = value.list("a file, or a list of rows [t, G]")?;
+            let row = |row: &Value<'_>| row.vector(2).map(|row| (row[0], row[1]));
+            (String::new(), rows.iter().map(row).collect::<Result<Vec<_>, _>>()?)
+        };
+        let refused = |index: usize, reason: String| {
+            let reason = format!("row {}: {reason}", index + 1);
+            if value.is_text() { value.file_error(reason) } else { value.out_of_range(reason) }
+        };
+        if rows.len() < 2 {
+            return Err(refused(0, "at least two rows are needed".to_owned()));
+        }
+        if let Some(index) = rows.windows(2).position(|pair| pair[1].0 <= pair[0].0) {
+            return Err(refused(
+                index + 1,
+                format!("t = {} does not come after the row before", rows[index + 1].0),
+            ));
+        }
+        let mut measured = Self { file, rows, notes: Vec::new() };
+        let largest = measured.largest();
+        let ((first, from), (second, to)) = (measured.rows[0], measured.rows[1]);
+        if first != 0.0 {
+            let start = from - first * (to - from) / (second - first);
+            let change = (start - from).abs() / largest;
+            let is_taken = first > 0.0 && tolerances.begin.is_some_and(|most| change <= most);
+            let line = format!(
+                "the line through the first two rows goes to G(0) = {start:.6e}, {change:.1e} of the largest |G| from there"
+            );
+            if first < 0.0 || (!is_taken && !change.is_finite()) {
+                return Err(refused(
+                    0,
+                    format!("t = {first} instead of 0, where a relaxation function begins"),
+                ));
+            }
+            if !is_taken {
+                let reason = format!(
+                    "t = {first} instead of 0, where a relaxation function begins; {line}: `begin` ≥ {change:.1e} takes that"
+                );
+                return Err(refused(0, reason));
+            }
+            measured.notes.push(format!("the first row is at t = {first}: {line}"));
+            measured.rows.insert(0, (0.0, start));
+        }
+        let index = measured.rows.len() - 1;
+        let ((before, _), (end, modulus)) = (measured.rows[index - 1], measured.rows[index]);
+        if modulus != 0.0 && decay.is_none() {
+            let left = modulus.abs() / largest;
+            if tolerances.end.is_none_or(|most| left > most) {
+                let reason = format!(
+                    "G = {modulus} at the end, t = {end}, {left:.1e} of the largest |G|: say how it goes on, by the time constant \
+                     `decay`, or end at 0, or let a line to 0 follow by `end` ≥ {left:.1e}"
+                );
+                return Err(refused(index, reason));
+            }
+            measured.notes.push(format!(
+                "G = {modulus:.6e} is left at the last row, t = {end}, {left:.1e} of the largest |G|: a line to 0 over {:.6e} follows",
+                end - before
+            ));
+            measured.rows.push((end + (end - before), 0.0));
+        }
+        Ok(measured)
+    }
+
+    /// The largest |G|.
+    pub(super) fn largest(&self) -> f64 {
+        self.rows.iter().map(|row| row.1.abs()).fold(0.0, max_or_nan)
+    }
+
+    fn relaxation(
+        &self,
+        decay: Option<f64>,
+        tolerances: Tolerances,
+        (sign, raise): (f64, f64),
+    ) -> Relaxation {
+        let mut rows: Vec<(f64, f64)> =
+            self.rows.iter().map(|&(time, modulus)| (time, sign * modulus)).collect();
+        let mut notes = self.notes.clone();
+        if raise > 0.0 {
+            rows[0].1 += sign * raise;
+            let (share, largest) = (raise / self.largest(), self.rows[0].1);
+            notes.push(format!(
+                "G(0) = {largest:.6e} is raised by {raise:.3e}, {share:.1e} of the largest |G|, the smallest rise there to 5 % with \
+                 which the kernel is passive"
+            ));
+        }
+        Relaxation::new(&self.file, &rows, decay).amended(tolerances.keys(), notes)
+    }
+
+    /// K with G(0) raised.
+    fn transfer(
+        &self,
+        value: &Value<'_>,
+        decay: Option<f64>,
+        tolerances: Tolerances,
+        raise: f64,
+    ) -> Result<TransferFunction, InputError> {
+        of_formula(value, self.relaxation(decay, tolerances, (1.0, raise)))
+    }
+
+    /// K and −K of an entry of a matrix, which need not be passive by itself.
+    pub(super) fn of_matrix(
+        &self,
+        value: &Value<'_>,
+        decay: Option<f64>,
+        raise: f64,
+    ) -> Result<[TransferFunction; 2], InputError> {
+        let of = |sign: f64| {
+            let own = self.relaxation(decay, Tolerances::default(), (sign, raise));
+            of_formula(value, own.of_matrix())
+        };
+        Ok([of(1.0)?, of(-1.0)?])
+    }
+}
+
+fn of_formula(value: &Value<'_>, made: Relaxation) -> Result<TransferFunction, InputError> {
     TransferFunction::formula(Arc::new(made)).map_err(|error| {
         value.out_of_range(format!("{}; {} is {:e} here", error.allowed, error.parameter, error.value))
     })
@@ -355,8 +524,9 @@ fn read_symbol(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scenario::Scenario;
     use fvi_core::DoubleDouble;
-    use fvi_fft::sums::max_or_nan;
+    use fvi_core::min_or_nan;
     use fvi_fft::transfer::algebra::Series;
     use nalgebra::Complex;
 
@@ -498,8 +668,10 @@ mod tests {
         assert_eq!(file.value(s), rows.value(s));
         assert_eq!((file.spring(), file.active(), file.growth()), (0.0, None, 0.0));
         for (keys, reason) in [
-            ("relaxation = \"rises.csv\"", "row 2: G rises to 1.6"),
             ("relaxation = \"late.csv\"", "row 1: t = 1 instead of 0"),
+            ("relaxation = \"late.csv\"", "`begin` ≥ 1.0e0 takes that"),
+            ("relaxation = \"late.csv\"\nbegin = 1.5", "0 < x < 1"),
+            ("relaxation = [[0, 1], [1, 0.5]]\nend = 0.1", "`end` ≥ 5.0e-1"),
             ("relaxation = [[0, 1], [1, 0.5]]", "`decay`"),
             ("relaxation = [[0, 1], [0, 0]]", "does not come after"),
             ("relaxation = [[0, 1]]", "at least two rows"),
@@ -509,8 +681,77 @@ mod tests {
             assert!(message.contains(reason), "{keys}: {message}");
         }
         assert!(read("relaxation = [[0, 1], [1, 0.5]]\ndecay = 2.0").is_ok());
+        // What counts is Re Ĝ, not that G falls: the first is passive though it rises, the second is not.
+        assert!(read("relaxation = [[0, 1], [1, 0.3], [2, 0.31], [3, 0]]").unwrap().active().is_none());
+        assert!(read("relaxation = \"rises.csv\"").unwrap().active().is_some());
         // A rectangle is not passive at some frequencies.
         assert!(read("relaxation = [[0, 1], [1, 1], [1.001, 0]]").unwrap().active().is_some());
+    }
+
+    /// Re Ĝ(iω) of rows that are linear in between, by Simpson's rule of ∫ G cos ωt dt.
+    fn resistance(rows: &[f64], omega: f64) -> f64 {
+        let rows: Vec<(f64, f64)> = rows.chunks(2).map(|row| (row[0], row[1])).collect();
+        let piece = |pair: &[(f64, f64)]| {
+            let ((from, start), (to, end)) = (pair[0], pair[1]);
+            (0..200).fold(0.0, |sum, k| {
+                let at = |x: f64| (start + (end - start) * x) * (omega * (from + (to - from) * x)).cos();
+                let (x, width) = (f64::from(k) / 200.0, 1.0 / 200.0);
+                sum + (to - from) * width / 6.0 * (at(x) + 4.0 * at(x + 0.5 * width) + at(x + width))
+            })
+        };
+        rows.windows(2).map(piece).sum()
+    }
+
+    #[test]
+    fn measured_relaxation_functions_are_amended_within_their_tolerances() {
+        let read = |keys: &str| {
+            kernel_of_document(&Document::new("kernel.toml", Path::new("."), &format!("[kernel]\n{keys}\n")))
+        };
+        // From t = 0.1 on, to 0.02, with noise of 0.003 that rises.
+        let noisy: Vec<String> = (1..40)
+            .map(|k| {
+                let (t, noise) = (0.1 * f64::from(k), 0.003 * f64::from(k * k % 7 - 3));
+                format!("[{t}, {}]", (-t).exp() + noise)
+            })
+            .collect();
+        let rows = format!("relaxation = [{}]", noisy.join(", "));
+        assert!(read(&rows).is_err());
+        let kernel = read(&format!("{rows}\nbegin = 0.2\nend = 0.05")).unwrap();
+        let numbers = kernel.numbers();
+        let (first, second) = (numbers[3], numbers[5]);
+        assert_eq!((numbers[0], numbers[2]), (0.0, 0.1));
+        assert!((numbers[1] - (2.0 * first - second)).abs() < 1e-12);
+        assert!(numbers[numbers.len() - 1] == 0.0 && numbers.len() == 2 * 41);
+        assert!(kernel.active().is_some() && kernel.notes().len() == 2, "{:?}", kernel.notes());
+        // The smallest rise of G(0) that makes it passive: 10 % less would not.
+        let passive = read(&format!("{rows}\nbegin = 0.2\nend = 0.05\nactivity = 0.2")).unwrap();
+        assert!(passive.active().is_none() && passive.notes()[2].contains("G(0)"), "{:?}", passive.notes());
+        let raise = passive.numbers()[1] - numbers[1];
+        assert!(raise > 0.0 && passive.numbers()[2..] == numbers[2..]);
+        let lowest = |raise: f64| {
+            let mut rows = numbers.to_vec();
+            rows[1] += raise;
+            (1..=1500).map(|k| resistance(&rows, 0.02 * f64::from(k))).fold(f64::INFINITY, min_or_nan)
+        };
+        assert!(lowest(0.0) < -1e-4 && lowest(raise) > -1e-6 && lowest(0.9 * raise) < 0.0, "{raise}");
+        // Where the tolerance is too small, it stays as it is, and is refused in a scenario with the size.
+        let keys = format!("{rows}\nbegin = 0.2\nend = 0.05\nactivity = 1e-6");
+        assert!(read(&keys).unwrap().active().is_some());
+        let scenario = format!(
+            "[system]\nmass = [1.0]\n[[system.damping]]\ncoefficient = [1.0]\nkernel = {{ {} }}\n[initial]\nposition = [1.0]\n[time]\nstep = 0.01\nsteps = 10\n",
+            keys.replace('\n', ", ")
+        );
+        let error = Scenario::from_document(Document::new("s.toml", Path::new("."), &scenario)).unwrap_err();
+        let said = format!("{error} {:?}", error.problem());
+        assert!(said.contains("`activity` ="), "{said}");
+        let taken = scenario.replace("activity = 1e-6", "activity = 0.2");
+        let taken = Scenario::from_document(Document::new("s.toml", Path::new("."), &taken)).unwrap();
+        let warnings = taken.warnings();
+        assert_eq!(warnings.len(), 3, "{warnings:?}");
+        assert!(warnings[2].starts_with("system.damping[0].kernel: G(0) = "), "{warnings:?}");
+        // The scenario as it is written down again is the same.
+        let again = toml::to_string(&taken).unwrap();
+        assert!(again.contains("activity = 0.2"), "{again}");
     }
 
     #[test]

@@ -1,14 +1,16 @@
 //! `kernel = { relaxation = [["G00.csv", "G01.csv"], …] }`: a relaxation function for each pair of
 //! coordinates.
 
-use super::kernel::relaxation_of;
+use super::kernel::{Measured, Tolerances, read_decay, share, smallest_raise};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use fvi_fft::dense::symmetric_eigenvalues;
+use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::relaxation::Frequencies;
 use fvi_fft::transfer::{Active, TransferFunction};
 use nalgebra::{Complex, DMatrix};
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Retardation functions between coordinates, as in Cummins' equation: the force on coordinate i is
 /// −Σ_j ∫ G_ij(t − τ) q̇_j(τ) dτ. G is symmetric.
@@ -20,6 +22,16 @@ pub struct RelaxationMatrix {
     /// The time constant after the last rows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub decay: Option<f64>,
+    /// By how much the files may differ from a symmetric passive matrix with a beginning and an end, by the
+    /// names of the tolerances.
+    #[serde(flatten)]
+    pub tolerances: BTreeMap<&'static str, f64>,
+    /// Sentences on how they were amended.
+    #[serde(skip)]
+    pub notes: Vec<String>,
+    /// The smallest rise of G_ii(0) with which it is passive, where it is not, in units of the largest |G|.
+    #[serde(skip)]
+    pub raise: Option<f64>,
     /// The region where it is not passive.
     #[serde(skip)]
     pub active: Option<Active>,
@@ -42,56 +54,139 @@ impl RelaxationMatrix {
         value: &Value<'_>,
         count: usize,
     ) -> Result<(Self, Vec<Pair>), InputError> {
-        table.allow(&["relaxation", "decay"])?;
-        let decay = table.optional("decay").map(|decay| decay.positive()).transpose()?;
-        let rows = value.list("rows of names of files")?;
-        let shape = |place: &Value<'_>, found: usize| {
-            place.error(Problem::WrongShape {
-                expected: format!("{count} entries, one for each coordinate"),
-                found: found.to_string(),
-            })
-        };
-        if rows.len() != count {
-            return Err(shape(value, rows.len()));
+        table.allow(&["relaxation", "decay", "begin", "end", "activity", "asymmetry"])?;
+        let (decay, tolerances) = (read_decay(table)?, Tolerances::read(table)?);
+        let asymmetry = table.optional("asymmetry").map(|value| share(&value)).transpose()?;
+        let (files, mut entries) = read_entries(value, count, decay, tolerances)?;
+        let mut notes = Vec::new();
+        symmetrise(&mut entries, asymmetry, &mut notes)?;
+        entries.retain(|((i, j), ..)| i <= j);
+        for ((i, j), _, measured) in &mut entries {
+            notes.extend(measured.notes.drain(..).map(|note| format!("entry [{i}][{j}]: {note}")));
         }
-        let mut pairs: Vec<Pair> = Vec::new();
-        let mut files = vec![vec![String::new(); count]; count];
-        for (i, row) in rows.iter().enumerate() {
-            let entries = row.list("names of files")?;
-            if entries.len() != count {
-                return Err(shape(row, entries.len()));
-            }
-            for (j, entry) in entries.iter().enumerate() {
-                let couples = entry.is_text() && !entry.text()?.is_empty();
-                let both = || {
-                    Ok([relaxation_of(entry, decay, Some(1.0))?, relaxation_of(entry, decay, Some(-1.0))?])
-                };
-                if !entry.is_text() && entry.number()? != 0.0 {
-                    return Err(entry.out_of_range("the name of a file, or \"\" where nothing couples"));
-                }
-                let transfers = if couples { Some(both()?) } else { None };
-                if let Some([transfer, _]) = &transfers {
-                    files[i][j] = transfer.text().unwrap_or_default().to_owned();
-                }
-                if i <= j {
-                    pairs.extend(transfers.map(|transfers| ((i, j), transfers)));
-                    continue;
-                }
-                let other =
-                    pairs.iter().find(|(pair, _)| *pair == (j, i)).map(|(_, other)| other[0].numbers());
-                if transfers.as_ref().map(|transfers| transfers[0].numbers()) != other {
-                    return Err(entry.out_of_range(format!(
-                        "the numbers of entry [{j}][{i}]: the matrix is symmetric, as that of waves is without forward speed"
-                    )));
-                }
-            }
-        }
-        if pairs.is_empty() {
+        let Some(largest) = entries.iter().map(|(.., measured)| measured.largest()).reduce(max_or_nan) else {
             return Err(value.out_of_range("one file at least"));
+        };
+        let build = |raise: f64| -> Result<Vec<Pair>, InputError> {
+            let pair = |((i, j), place, measured): &Entry<'_>| {
+                let raise = if i == j { raise * largest } else { 0.0 };
+                Ok(((*i, *j), measured.of_matrix(place, decay, raise)?))
+            };
+            entries.iter().map(pair).collect()
+        };
+        let mut pairs = build(0.0)?;
+        let mut active = look_for_activity(&pairs, count);
+        let mut raise = None;
+        if active.is_some() {
+            raise = smallest_raise(1.0, |share| Ok(look_for_activity(&build(share)?, count).is_none()))?;
+            if let Some(share) = raise.filter(|share| tolerances.activity.is_some_and(|most| *share <= most))
+            {
+                pairs = build(share)?;
+                active = None;
+                notes.push(format!(
+                    "all G_ii(0) are raised by {:.3e}, {share:.1e} of the largest |G|, the smallest rise to 5 % with which the kernel \
+                     is passive",
+                    share * largest
+                ));
+            }
         }
-        let active = look_for_activity(&pairs, count);
-        Ok((Self { files, decay, active }, pairs))
+        let mut kept = BTreeMap::from_iter(tolerances.keys());
+        kept.extend(asymmetry.map(|asymmetry| ("asymmetry", asymmetry)));
+        Ok((Self { files, decay, tolerances: kept, notes, raise, active }, pairs))
     }
+}
+
+/// An entry with its place in the matrix and in the file.
+type Entry<'v> = ((usize, usize), Value<'v>, Measured);
+
+/// Reads the files, and their names row by row.
+fn read_entries<'v>(
+    value: &Value<'v>,
+    count: usize,
+    decay: Option<f64>,
+    tolerances: Tolerances,
+) -> Result<(Vec<Vec<String>>, Vec<Entry<'v>>), InputError> {
+    let rows = value.list("rows of names of files")?;
+    let shape = |place: &Value<'_>, found: usize| {
+        place.error(Problem::WrongShape {
+            expected: format!("{count} entries, one for each coordinate"),
+            found: found.to_string(),
+        })
+    };
+    if rows.len() != count {
+        return Err(shape(value, rows.len()));
+    }
+    let (mut files, mut entries) = (vec![vec![String::new(); count]; count], Vec::new());
+    for (i, row) in rows.iter().enumerate() {
+        let names = row.list("names of files")?;
+        if names.len() != count {
+            return Err(shape(row, names.len()));
+        }
+        for (j, entry) in names.into_iter().enumerate() {
+            if !entry.is_text() && entry.number()? != 0.0 {
+                return Err(entry.out_of_range("the name of a file, or \"\" where nothing couples"));
+            }
+            if entry.is_text() && !entry.text()?.is_empty() {
+                entry.document().resolve(entry.text()?).display().to_string().clone_into(&mut files[i][j]);
+                let measured = Measured::read(&entry, decay, tolerances)?;
+                entries.push(((i, j), entry, measured));
+            }
+        }
+    }
+    Ok((files, entries))
+}
+
+/// Puts the mean of G_ij and G_ji in the place of both.
+///
+/// # Errors
+/// If one of them is missing, has other times, or they differ by more than the tolerance.
+fn symmetrise(
+    entries: &mut [Entry<'_>],
+    tolerance: Option<f64>,
+    notes: &mut Vec<String>,
+) -> Result<(), InputError> {
+    let largest = entries.iter().map(|(.., measured)| measured.largest()).fold(0.0, max_or_nan);
+    for index in 0..entries.len() {
+        let (i, j) = entries[index].0;
+        if i == j {
+            continue;
+        }
+        let other = entries.iter().position(|(place, ..)| *place == (j, i));
+        let refused = |reason: String| {
+            Err(entries[index].1.out_of_range(format!(
+                "the numbers of entry [{j}][{i}]: the matrix is symmetric, as that of waves is without forward speed{reason}"
+            )))
+        };
+        let Some(other) = other else { return refused(String::new()) };
+        if other > index {
+            continue;
+        }
+        let (own, upper) = (&entries[index].2.rows, &entries[other].2.rows);
+        if own.len() != upper.len() || own.iter().zip(upper).any(|(own, upper)| own.0 != upper.0) {
+            return refused("; its rows are at other times".to_owned());
+        }
+        let off = own.iter().zip(upper).map(|(own, upper)| ((own.1 - upper.1).abs(), own.0));
+        let (most, time) = off.fold((0.0, 0.0), |most, off| if off.0 > most.0 { off } else { most });
+        if most == 0.0 {
+            continue;
+        }
+        let share = most / largest;
+        if tolerance.is_none_or(|tolerance| share > tolerance) {
+            return refused(format!(
+                "; they differ by up to {most:.3e}, {share:.1e} of the largest |G|, at t = {time}: `asymmetry` ≥ {share:.1e} takes \
+                 their mean"
+            ));
+        }
+        notes.push(format!(
+            "entries [{j}][{i}] and [{i}][{j}] differ by up to {most:.3e}, {share:.1e} of the largest |G|, at t = {time}: their mean is \
+             taken"
+        ));
+        let mean: Vec<(f64, f64)> =
+            own.iter().zip(upper).map(|(own, upper)| (own.0, 0.5 * (own.1 + upper.1))).collect();
+        entries[index].2.rows.clone_from(&mean);
+        entries[other].2.rows = mean;
+    }
+    Ok(())
 }
 
 /// The lowest band of frequencies at which Re R(iω) = Im K(iω)/ω has an eigenvalue below zero.
@@ -108,4 +203,50 @@ fn look_for_activity(pairs: &[Pair], count: usize) -> Option<Active> {
     };
     let tables = pairs.iter().map(|(_, [transfer, _])| transfer.numbers());
     Frequencies::of(tables).look_for_activity(resistance)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::language::document::Document;
+    use crate::scenario::Scenario;
+    use std::path::Path;
+
+    /// Two coordinates in waves: G₁₀ is G₀₁ but for 1 % at t = 1, and G₀₀ falls too
+    /// late to be passive.
+    fn read(tolerances: &str) -> Result<Scenario, String> {
+        let text = format!(
+            "[system]\nmass = [1.0, 1.0]\n[[system.damping]]\nkernel = {{ relaxation = [[\"00.csv\", \"01.csv\"], [\"10.csv\", \"11.csv\"]]{tolerances} }}\n[initial]\nposition = [1.0, 0.0]\n[time]\nstep = 0.01\nsteps = 10\n"
+        );
+        let document = Document::new("s.toml", Path::new("."), &text)
+            .with_attached("00.csv", "t,G\n0,2\n1,1.2\n2,0\n")
+            .with_attached("01.csv", "t,G\n0,0.2\n1,0.1\n2,0\n")
+            .with_attached("10.csv", "t,G\n0,0.2\n1,0.12\n2,0\n")
+            .with_attached("11.csv", "t,G\n0,1\n1,0.3\n2,0\n");
+        Scenario::from_document(document).map_err(|error| format!("{error} {:?}", error.problem()))
+    }
+
+    #[test]
+    fn matrices_are_made_symmetric_and_passive_within_their_tolerances() {
+        let said = read("").unwrap_err();
+        assert!(said.contains("up to 2.000e-2, 1.0e-2 of the largest |G|, at t = 1"), "{said}");
+        let said = read(", asymmetry = 0.02").unwrap_err();
+        assert!(said.contains("smallest eigenvalue") && said.contains("`activity` ="), "{said}");
+        let said = read(", asymmetry = 0.02, activity = 1e-3").unwrap_err();
+        assert!(said.contains("smallest eigenvalue"), "{said}");
+        let scenario = read(", asymmetry = 0.02, activity = 0.9").unwrap();
+        let warnings = scenario.warnings();
+        let damping: Vec<&String> =
+            warnings.iter().filter(|said| said.starts_with("system.damping[0]")).collect();
+        assert!(damping.len() == 2 && damping[0].contains("their mean is taken"), "{warnings:?}");
+        assert!(damping[1].contains("G_ii(0) are raised by"), "{warnings:?}");
+        let terms = &scenario.system.damping;
+        assert!(terms.iter().all(|term| term.active().is_none()));
+        // Both diagonals rise by the same, the mean couples.
+        let rows = |place: usize| terms[place].transfer.numbers().to_vec();
+        let all: Vec<Vec<f64>> = (0..terms.len()).map(rows).collect();
+        let raise = all.iter().find(|rows| rows[3] == 1.2).map(|rows| rows[1] - 2.0).unwrap();
+        assert!(raise > 0.0 && raise < 1.8, "{raise}");
+        assert!(all.iter().any(|rows| rows[3] == 0.3 && (rows[1] - 1.0 - raise).abs() < 1e-12), "{all:?}");
+        assert!(all.iter().any(|rows| (rows[3] - 0.11).abs() < 1e-15 && rows[1] == 0.2), "{all:?}");
+    }
 }

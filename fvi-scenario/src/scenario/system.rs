@@ -2,7 +2,7 @@
 
 use super::element::Element;
 use super::gyroscopic::SkewMatrix;
-use super::kernel::read_transfer;
+use super::kernel::{read_transfer, remedy_of};
 use super::kinetic::Kinetic;
 use super::load::Load;
 use super::matrix::SymmetricMatrix;
@@ -396,7 +396,8 @@ impl Damping {
             if let (Some(active), false) = (whole.active, allow_active) {
                 return Err(value.out_of_range(format!(
                     "a passive kernel: the smallest eigenvalue of this matrix drives the motion at {active}; \
-                     `allow_active = true` admits it"
+                     `allow_active = true` admits it{}",
+                    whole.raise.map_or_else(String::new, remedy_of)
                 )));
             }
             return Ok(Self::of_matrix(whole, pairs, count, derivative));
@@ -460,6 +461,15 @@ impl Damping {
             matrix: Some(Part { whole: Arc::clone(&whole), stands_for_it: index == 0 }),
         };
         terms.enumerate().map(part).collect()
+    }
+
+    /// Sentences on how the numbers of its kernel were amended; the first part of a matrix has all of them.
+    pub(super) fn notes(&self) -> &[String] {
+        match &self.matrix {
+            Some(part) if part.stands_for_it => &part.whole.notes,
+            Some(_) => &[],
+            None => self.transfer.notes(),
+        }
     }
 
     /// The region where its kernel is not passive; for a matrix of kernels that of the whole.

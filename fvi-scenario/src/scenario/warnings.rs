@@ -22,7 +22,10 @@ impl Scenario {
         let of_starting = starting.into_iter().chain(growing).chain(lowering);
         let start = self.start_warning();
         let further = start.into_iter().chain(jumps).chain(self.off_grid_warning());
-        of_starting.chain(singular).chain(further).chain(self.equal_steps_warning()).collect()
+        let amended = self.system.damping.iter().enumerate().flat_map(|(index, term)| {
+            term.notes().iter().map(move |note| format!("system.damping[{index}].kernel: {note}"))
+        });
+        of_starting.chain(singular).chain(amended).chain(further).chain(self.equal_steps_warning()).collect()
     }
 
     /// Warns of starting weights that their exponents do not determine.

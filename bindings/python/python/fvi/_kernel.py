@@ -72,28 +72,45 @@ class Kernel(Keyed):
         return Kernel(symbol=expression)
 
     @staticmethod
-    def relaxation(t: ArrayLike, G: ArrayLike, decay: float | None = None) -> Kernel:
+    def relaxation(
+        t: ArrayLike,
+        G: ArrayLike,
+        decay: float | None = None,
+        *,
+        begin: float | None = None,
+        end: float | None = None,
+        activity: float | None = None,
+    ) -> Kernel:
         """K(s) = s Ĝ(s), the force ∫ G(t − τ) q̇(τ) dτ of a measured relaxation function.
 
         G is linear between the times t, which begin at 0, and decays like e^{−t/decay} after the last one; without `decay` it
-        must be zero there.
+        must be zero there. Up to tolerances, shares of the largest |G|, other numbers are amended, which warnings tell: `begin`,
+        the difference of G(0) on the line through the first two rows from the first one, which is later; `end`, what is left at
+        the last row, after which a line to 0 follows; `activity`, the smallest rise of G(0) with which the kernel is passive.
         """
         times, moduli = np.atleast_1d(_arrays.numbers("t", t)), np.atleast_1d(_arrays.numbers("G", G))
         if times.ndim != 1 or times.shape != moduli.shape:
             raise InputError(f"G: shape {moduli.shape} instead of {times.shape}, that of t", "G", str(moduli.shape))
         keys: dict[str, Any] = {"relaxation": np.column_stack([times, moduli]).tolist()}
-        if decay is not None:
-            keys["decay"] = _arrays.positive("decay", decay)
+        given = {"decay": decay, "begin": begin, "end": end, "activity": activity}
+        keys.update({key: _arrays.positive(key, number) for key, number in given.items() if number is not None})
         return Kernel(**keys)
 
     @staticmethod
     def relaxation_matrix(
-        files: Sequence[Sequence[str | os.PathLike[str]]], decay: float | None = None
+        files: Sequence[Sequence[str | os.PathLike[str]]],
+        decay: float | None = None,
+        *,
+        begin: float | None = None,
+        end: float | None = None,
+        activity: float | None = None,
+        asymmetry: float | None = None,
     ) -> Kernel:
         """A relaxation function for each pair of coordinates, the force −Σ_j ∫ G_ij(t − τ) q̇_j(τ) dτ: Cummins' equation.
 
         `files` has N rows of N files with the columns t, G, each as for :meth:`relaxation`, with ``""`` for pairs without
-        coupling; G is symmetric. The term, ``fvi.Damping(kernel=…)``, has no `coefficient`.
+        coupling; G is symmetric, or made so by the mean of G_ij and G_ji where they differ by no more than the share `asymmetry`
+        of the largest |G|. The term, ``fvi.Damping(kernel=…)``, has no `coefficient`.
         """
         if isinstance(files, str) or not all(isinstance(row, Sequence) and not isinstance(row, str) for row in files):
             raise InputError(f"files = {files!r}: rows of files are needed", "files", repr(files))
@@ -105,8 +122,8 @@ class Kernel(Keyed):
             shape = [len(row) for row in rows]
             raise InputError(f"files: rows of {shape} entries instead of {len(rows)} each", "files", repr(shape))
         keys: dict[str, Any] = {"relaxation": rows}
-        if decay is not None:
-            keys["decay"] = _arrays.positive("decay", decay)
+        given = {"decay": decay, "begin": begin, "end": end, "activity": activity, "asymmetry": asymmetry}
+        keys.update({key: _arrays.positive(key, number) for key, number in given.items() if number is not None})
         return Kernel(**keys)
 
     @staticmethod
