@@ -6,7 +6,7 @@ import pytest
 import fvi
 from fvi import mechanism
 
-SCHEME = dict(scheme="galerkin", degree=3)
+SCHEME = {"scheme": "galerkin", "degree": 3}
 
 
 def test_a_chain_moves_as_its_masses_on_rods_do() -> None:

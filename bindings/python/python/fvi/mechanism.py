@@ -145,7 +145,8 @@ def truss(
     """
     places = _places(len(masses), dict(fixed or {}))
     free = [node for node in range(len(masses)) if node not in (fixed or {})]
-    weights = _numbers([masses[node] if masses[node] is not None else np.nan for node in free], "masses")
+    # None is not a number, and is refused at a node that moves.
+    weights = _numbers(np.array([masses[node] for node in free], dtype=float), "masses")
     constraints = []
     for index, (one, other, length) in enumerate(bars):
         name = f"bars[{index}]"
