@@ -5,7 +5,8 @@ use super::crossings::{CrossingState, Crossings, Verdict};
 use super::error_budget::ErrorBudget;
 use super::step_control::StepControl;
 use super::{GridState, Precision, Simulation};
-use fvi_core::{StateError, StepError, max_or_nan, min_or_nan};
+use crate::model::Model;
+use fvi_core::{Instant, Mechanics, StateError, StepError, max_or_nan, min_or_nan};
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Adaptive, Scenario};
 use serde::{Deserialize, Serialize};
@@ -25,6 +26,30 @@ const ALLOWED: f64 = 10.0;
 
 /// Largest number of attempts at one step.
 const MOST_ATTEMPTS: usize = 60;
+
+/// Least tolerance that the rounding of a start with infinite slopes leaves. Measured: a sixth root of what
+/// begins at 0 keeps 10 digits.
+const LEAST_BESIDE_INFINITE_SLOPES: f64 = 1e-11;
+
+/// A warning about a start at which the slopes of an equation's right side are infinite, so that the rounding
+/// of positions is magnified, if the tolerance is smaller than what that may leave.
+pub(super) fn warning_of_start(scenario: &Scenario) -> Option<String> {
+    let adaptive = scenario.time.adaptive().filter(|_| scenario.equation.is_some())?;
+    if adaptive.tolerance >= LEAST_BESIDE_INFINITE_SLOPES {
+        return None;
+    }
+    let mut model = Model::<f64>::new(scenario).ok()?;
+    let mut stiffness = model.stiffness();
+    let mut restoring = vec![0.0; scenario.coordinates()];
+    let start = Instant::in_step(scenario.time.start, 0.0, 0.0);
+    model.linearise(start, &scenario.initial.position, &mut restoring, &mut stiffness);
+    stiffness.entries().iter().any(|(.., slope)| !slope.is_finite()).then(|| {
+        format!(
+            "time.tolerance = {:e}: slopes of the right side are infinite at the start, where differences of positions have few digits;              errors may be as if {LEAST_BESIDE_INFINITE_SLOPES:e} had been asked for",
+            adaptive.tolerance
+        )
+    })
+}
 
 /// Steps in pairs: two half steps, and the whole step for comparison with them.
 ///

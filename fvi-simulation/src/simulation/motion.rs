@@ -1,6 +1,6 @@
 //! A run: the simulation with the scenario's inputs, its state, and its monitors.
 
-use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress};
+use crate::simulation::adaptive::{AdaptiveSteps, Counts, Progress, warning_of_start};
 use crate::simulation::columns::{Columns, Source};
 use crate::simulation::control::{Control, Drive, acts_inside_steps, control};
 use crate::simulation::energy_guard::{EnergyGuard, Gathered};
@@ -116,7 +116,8 @@ impl<'s> Motion<'s> {
         let mut batch = StepBatch::new(scenario.coordinates() * scenario.copies(), one_by_one, every);
         batch.push_state(&state, 0);
         let next = state.clone();
-        let notes = forces_of_time::warnings(scenario);
+        let mut notes = forces_of_time::warnings(scenario);
+        notes.extend(warning_of_start(scenario));
         let columns_before = state.columns.clone();
         Ok(Self {
             scenario,

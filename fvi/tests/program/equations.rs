@@ -102,6 +102,20 @@ fn more_radians_than_the_memory_keeps_the_phase_for_are_told() {
     assert!(!warned(20.0, ["-x0", "-x1"]));
 }
 
+/// A root of what begins at 0 keeps ten digits: smaller tolerances are told so, others and smooth starts are not.
+#[test]
+fn infinite_slopes_at_the_start_are_told_where_they_limit_the_accuracy() {
+    let place = Workplace::new();
+    let warned = |right: &str, tolerance: f64| {
+        let keys = json!({ "order": 0.5, "right": right, "initial": [0.5] });
+        let run = place.run(&equation(keys, json!({ "end": 1.0, "tolerance": tolerance })), &[]);
+        run.summary["warnings"].to_string().contains("infinite at the start")
+    };
+    assert!(warned("1 + (x0 - 0.5)^(1/3)", 1e-12));
+    assert!(!warned("1 + (x0 - 0.5)^(1/3)", 1e-6));
+    assert!(!warned("1 + (x0 - 0.5)^2", 1e-12));
+}
+
 fn equation(keys: Value, time: Value) -> String {
     toml::to_string(&json!({ "equation": keys, "time": time })).unwrap()
 }
