@@ -154,11 +154,11 @@ fn ten_problems_reach_their_tolerance_or_are_refused() {
         for tolerance in [1e-4, 1e-7, 1e-10] {
             let name = case.name;
             let found = chosen(&case.asked(tolerance));
-            if tolerance < case.reaches {
-                if let Err(error) = found {
-                    assert!(error.to_string().contains("scheme.tolerance"), "{name}: {error}");
-                    continue;
-                }
+            if let Err(error) = &found
+                && tolerance < case.reaches
+            {
+                assert!(error.to_string().contains("scheme.tolerance"), "{name}: {error}");
+                continue;
             }
             let Chosen { scenario, choice } = found.unwrap_or_else(|error| panic!("{name}: {error}"));
             let found = rows(&scenario);
