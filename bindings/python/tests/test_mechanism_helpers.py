@@ -42,7 +42,7 @@ def test_a_free_body_keeps_its_angular_momentum() -> None:
     assert np.abs(r.q[-1, 4:] - [2.0, 0.0, 1.0 + 2.0 * 2.0 - 0.5 * 9.81 * 4.0]).max() < 1e-9
 
 
-def test_a_top_precesses_at_the_rate_of_the_textbook() -> None:
+def test_the_axis_of_a_top_turns_at_the_rate_of_the_textbook() -> None:
     spin, lean, j, jz, arm = 200.0, 0.3, 0.02, 0.01, 0.1
     # Steady precession: J sin cos Ω² − Jz s Ω sin + m g l sin = 0 with the spin s about the axis.
     roots = np.roots([(j) * np.cos(lean), -jz * spin, 9.81 * arm])
