@@ -113,7 +113,7 @@ fn infinite_slopes_at_the_start_are_told_where_they_limit_the_accuracy() {
     };
     assert!(warned("1 + (x0 - 0.5)^(1/3)", 1e-12));
     assert!(!warned("1 + (x0 - 0.5)^(1/3)", 1e-6));
-    assert!(!warned("1 + (x0 - 0.5)^2", 1e-12));
+    assert!(!warned("1 - (x0 - 0.5)^2", 1e-12));
 }
 
 fn equation(keys: Value, time: Value) -> String {
