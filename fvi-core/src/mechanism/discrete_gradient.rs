@@ -2,7 +2,7 @@
 
 use crate::linear::{Singular, all_finite, at, factor, substitute};
 use crate::mechanism::lagrangian::{Dampers, Lagrangian, Second};
-use crate::mechanism::step::{Shape, add_compensated, add_transposed, copy, from, product};
+use crate::mechanism::step::{Shape, add_compensated, add_transposed, copy, dot, from, product, put};
 use crate::real::{Real, max_or_nan};
 use crate::scheme::StepError;
 use crate::space::parts_mut;
@@ -589,10 +589,6 @@ fn remainder<T: Real>([start, end, along]: [T; 3], square: T) -> T {
     if left.abs() <= lost || square == T::zero() { T::zero() } else { left / square }
 }
 
-fn dot<T: Real>(a: &[T], b: &[T]) -> T {
-    a.iter().zip(b).fold(T::zero(), |sum, (&a, &b)| sum + a * b)
-}
-
 /// The product of two points in a metric.
 fn scaled_dot<T: Real>(a: &[T], b: &[T], n: usize, weights: [T; 3]) -> T {
     let u = a.len().saturating_sub(1);
@@ -602,12 +598,6 @@ fn scaled_dot<T: Real>(a: &[T], b: &[T], n: usize, weights: [T; 3]) -> T {
 
 fn size_of<T: Real>(numbers: &[T]) -> T {
     numbers.iter().fold(T::zero(), |most, x| max_or_nan(most, x.abs()))
-}
-
-fn put<T>(numbers: &mut [T], index: usize, number: T) {
-    if let Some(place) = numbers.get_mut(index) {
-        *place = number;
-    }
 }
 
 fn put_last<T>(numbers: &mut [T], number: T) {

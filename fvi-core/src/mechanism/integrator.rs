@@ -8,8 +8,8 @@ use crate::mechanism::discrete_gradient::{Buffers, Conserving};
 use crate::mechanism::gauss_lobatto::GaussLobatto;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian};
 use crate::mechanism::step::{
-    Equations, Shape as StepShape, StepBuffers, add_compensated, add_transposed, copy, form_saddle, from,
-    product, solve_saddle,
+    Equations, Shape as StepShape, StepBuffers, add_compensated, add_transposed, copy, dot, form_saddle,
+    from, product, solve_saddle,
 };
 use crate::memory::MemoryError;
 use crate::real::{Real, max_or_nan};
@@ -679,10 +679,6 @@ where
             ("elongations", e as u64),
         ]
     }
-}
-
-fn dot<T: Real>(a: &[T], b: &[T]) -> T {
-    a.iter().zip(b).fold(T::zero(), |sum, (&a, &b)| sum + a * b)
 }
 
 /// The largest absolute value of `least` and the numbers.

@@ -134,7 +134,7 @@ fn from_mut<T>(numbers: &mut [T], start: usize, count: usize) -> &mut [T] {
     parts_mut(rest, count).0
 }
 
-fn put<T>(numbers: &mut [T], index: usize, number: T) {
+pub(super) fn put<T>(numbers: &mut [T], index: usize, number: T) {
     if let Some(place) = numbers.get_mut(index) {
         *place = number;
     }
@@ -154,6 +154,11 @@ pub(super) fn add_compensated<T: Real>(start: &[T], change: &mut [T], next: &mut
         *next = start + *change;
         *change -= *next - start;
     }
+}
+
+/// a · b.
+pub(super) fn dot<T: Real>(a: &[T], b: &[T]) -> T {
+    a.iter().zip(b).fold(T::zero(), |sum, (&a, &b)| sum + a * b)
 }
 
 /// B x, number by number.
