@@ -123,6 +123,26 @@ pub fn triangle(matrix: DMatrix<f64>, right: &DVector<f64>) -> (DMatrix<f64>, DV
     (factors.unpack_r(), rotated.rows(0, count).into_owned())
 }
 
+/// Singular values below this part of the largest are none.
+const NOTHING: f64 = 1e-15;
+
+/// x with the least |A x − b|, by singular values of the scaled columns; `None` where there are more columns
+/// than rows, or a number is not finite.
+pub fn least_squares(mut matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<Vec<f64>> {
+    if matrix.ncols() > matrix.nrows() {
+        return None;
+    }
+    let sizes: Vec<f64> = matrix.column_iter_mut().map(|mut column| column.normalize_mut()).collect();
+    let (triangle, right) = triangle(matrix, right);
+    let SingularValues { u, values, v_t } = SingularValues::of(triangle)?;
+    let mut turned = u.tr_mul(&right);
+    for (number, value) in turned.iter_mut().zip(values.iter()) {
+        *number = if *value > NOTHING * values[0] { *number / value } else { 0.0 };
+    }
+    let solution = v_t.tr_mul(&turned);
+    Some(solution.iter().zip(sizes).map(|(number, size)| number / size).collect())
+}
+
 /// The solution x of A x = b for complex numbers, A row by row, by elimination with exchange of rows; `None`
 /// where a pivot is zero or a number not finite.
 pub fn solve_complex(matrix: &mut [Complex<f64>], vector: &mut [Complex<f64>]) -> Option<()> {

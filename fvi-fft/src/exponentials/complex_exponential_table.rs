@@ -17,7 +17,7 @@
 //! Sources: \[NST18\]; \[DNT24\] for samples between support points.
 
 use crate::ComplexExponentials;
-use crate::dense::{SingularValues, eigenvalues, triangle};
+use crate::dense::{SingularValues, eigenvalues, least_squares, triangle};
 use crate::exponentials::exponential_table::{ExponentialKernelError, check_range};
 use crate::quadrature::multistep_weights::multistep_weights;
 use crate::transfer::TransferFunction;
@@ -48,9 +48,6 @@ const COST: usize = 6;
 
 /// Sums of a pair over all lags below this part of the error allowed are nothing.
 const NEGLIGIBLE: f64 = 0.1;
-
-/// Singular values below this part of the largest are none.
-const NOTHING: f64 = 1e-15;
 
 /// How far a table is from the weights, at lags up to its horizon.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -315,20 +312,9 @@ fn residues(poles: &[Complex<f64>], points: &[Point]) -> Option<Vec<[f64; 4]>> {
         }
     }
     let rows = 2 * points.len();
-    let mut matrix = DMatrix::from_vec(rows, columns.len() / rows, columns);
-    if matrix.ncols() > rows {
-        return None;
-    }
-    let sizes: Vec<f64> = matrix.column_iter_mut().map(|mut column| column.normalize_mut()).collect();
+    let matrix = DMatrix::from_vec(rows, columns.len() / rows, columns);
     let right: Vec<f64> = real_rows(points.iter().map(|sample| sample.value)).collect();
-    let (triangle, right) = triangle(matrix, &DVector::from_vec(right));
-    let SingularValues { u, values, v_t } = SingularValues::of(triangle)?;
-    let mut turned = u.tr_mul(&right);
-    for (number, value) in turned.iter_mut().zip(values.iter()) {
-        *number = if *value > NOTHING * values[0] { *number / value } else { 0.0 };
-    }
-    let solution = v_t.tr_mul(&turned);
-    let numbers: Vec<f64> = solution.iter().zip(sizes).map(|(number, size)| number / size).collect();
+    let numbers = least_squares(matrix, &DVector::from_vec(right))?;
     let mut place = 0;
     let pair = |pole: &Complex<f64>| {
         let own = &numbers[place..];

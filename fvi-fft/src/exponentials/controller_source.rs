@@ -1,7 +1,9 @@
 //! A fractional PID controller as Rust source: its tables, its law, a type and a constructor.
 
+use crate::exponentials::band_table::{BandErrors, band_table};
 use crate::exponentials::exponential_table::{ExponentialKernel, ExponentialKernelError};
 use crate::exponentials::rust_constants::{end_of, is_identifier, scalar, table_constant, table_fits};
+use crate::transfer::TransferFunction;
 use fvi_core::{
     AntiWindup, BdfOrder, Bumpless, DerivativeFilter, DerivativeOf, Kernel, ParameterError, PidGains, PidLaw,
     PidSettings, Real,
@@ -18,6 +20,14 @@ pub struct ControllerTables {
     pub derivative: ExponentialKernel,
     /// D^ν of a fractional filter of the derivative.
     pub filter: Option<ExponentialKernel>,
+    /// Of tables for a band, by part: what they are worth there.
+    pub errors: Vec<(&'static str, BandErrors)>,
+}
+
+/// Time between the ticks of a law.
+fn sample_of<T: Real>(law: &PidLaw<T>) -> Result<f64, ParameterError> {
+    let allowed = "a number: a table for ticks at any times is one of rates";
+    law.settings().sample.ok_or(ParameterError { parameter: "sample time", value: f64::NAN, allowed })
 }
 
 impl ControllerTables {
@@ -31,10 +41,7 @@ impl ControllerTables {
         horizon: usize,
         tolerance: f64,
     ) -> Result<Self, ExponentialKernelError> {
-        let sample = law.settings().sample;
-        let allowed = "a number: a table for ticks at any times is one of rates";
-        let missing = ParameterError { parameter: "sample time", value: f64::NAN, allowed };
-        sample.ok_or(missing)?;
+        sample_of(law)?;
         let table = |kernel: Kernel| {
             let exponent = kernel.symbol().growth();
             let made =
@@ -45,7 +52,42 @@ impl ControllerTables {
             integral: table(law.integral_kernel()?)?,
             derivative: table(law.derivative_kernel()?)?,
             filter: law.filter_kernel()?.map(table).transpose()?,
+            errors: Vec::new(),
         })
+    }
+
+    /// Endless tables of few exponentials whose frequency responses are within the relative tolerance
+    /// `tolerance` from `band[0]` to `band[1]` in Hz, for a sample time in seconds ([`band_table`]).
+    ///
+    /// # Errors
+    /// [`ExponentialKernelError`] as [`new`](Self::new), and of the band.
+    pub fn over_band<T: Real>(
+        law: &PidLaw<T>,
+        band: [f64; 2],
+        tolerance: f64,
+    ) -> Result<Self, ExponentialKernelError> {
+        let mut tables = Self::new(law, 1, tolerance)?;
+        let sample = sample_of(law)?;
+        let mut errors = Vec::new();
+        let mut table = |part: &'static str, kernel: Kernel| {
+            let exponent = kernel.symbol().growth();
+            let transfer = TransferFunction::power(exponent)?;
+            let of_step = band.map(|frequency| frequency * sample);
+            let order = BdfOrder::GRUNWALD_LETNIKOV;
+            let (table, found) = band_table(&transfer, order, exponent > 0.0, 1.0, of_step, tolerance)?;
+            errors.push((part, BandErrors { band, ..found }));
+            Ok::<_, ExponentialKernelError>(table)
+        };
+        tables.integral = table("integral", law.integral_kernel()?)?;
+        tables.derivative = table("derivative", law.derivative_kernel()?)?;
+        tables.filter = law.filter_kernel()?.map(|kernel| table("filter", kernel)).transpose()?;
+        Ok(Self { errors, ..tables })
+    }
+
+    /// What the table of a part is worth over its band, to follow its description.
+    pub fn worth(&self, part: &str) -> String {
+        let found = self.errors.iter().find(|(of, _)| *of == part);
+        found.map_or_else(String::new, |(_, errors)| format!("; {errors}"))
     }
 
     /// When a controller on the tables ends, in words, with this time between ticks; `None` where it does
@@ -168,7 +210,8 @@ pub fn source_with_tables<T: Real + LowerExp>(
             let reason = format!("a number does not fit into {scalar}: choose a shorter horizon");
             return Err(ControllerSourceError::Table { part, reason });
         }
-        text += &table_constant::<T>(table, origin, &format!("{name}_{part}"));
+        let origin = format!("{origin}{}", tables.worth(part));
+        text += &table_constant::<T>(table, &origin, &format!("{name}_{part}"));
         text.push('\n');
     }
     write_law(&mut text, &small, settings, note);

@@ -315,6 +315,11 @@ impl ExponentialKernel {
         self.exponentials.iter_mut().for_each(|e| e.rate = e.rate.max(standing));
     }
 
+    /// The same kernel with other numbers of these.
+    pub(crate) fn with_tail(&self, head: Vec<f64>, exponentials: Vec<Exponential>, tolerance: f64) -> Self {
+        Self { head, exponentials, tolerance, ..self.clone() }
+    }
+
     /// One kernel for each source, with common rates.
     fn of<S: Source>(
         cuts: &[S],

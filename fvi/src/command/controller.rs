@@ -8,7 +8,9 @@ use super::listing::{
 use super::terminal::mention;
 use fvi_core::{AntiWindup, DerivativeFilter, DerivativeOf, PidGains, Real};
 use fvi_fft::exponentials::controller_source::{ControllerSourceError, ControllerTables, source_with_tables};
-use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
+use fvi_fft::exponentials::exponential_table::{
+    ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
+};
 use fvi_scenario::language::{Document, Problem};
 use fvi_scenario::scenario::{Controller, Scenario};
 use fvi_simulation::simulation::control::{Unusable, tables_of_firmware};
@@ -27,6 +29,13 @@ pub(crate) struct ControllerArguments {
     /// Numbers of the constants; those of C are single
     #[arg(long, value_enum, default_value = "f32")]
     precision: ListingPrecision,
+    /// As few exponentials as the frequencies from LOW to HIGH need, in Hz for a sample time in seconds: there
+    /// the response of every operator is within the tolerance
+    #[arg(long, num_args = 2, value_names = ["LOW", "HIGH"], requires = "tolerance")]
+    band: Option<Vec<f64>>,
+    /// Relative tolerance of the responses over the band, 1e-7 to 0.1
+    #[arg(long, requires = "band")]
+    tolerance: Option<f64>,
     /// Prefix of the names of the constants
     #[arg(long, value_parser = identifier, default_value = "controller")]
     name: String,
@@ -77,7 +86,10 @@ impl ControllerArguments {
         let several = scenario.controllers.len() > 1;
         for (index, controller) in scenario.controllers.iter().enumerate() {
             let refused = |unusable: Unusable| CommandError::from(unusable.error(&scenario, index));
-            let tables = tables_of_firmware(&scenario, controller, tolerance).map_err(refused)?;
+            let tables = match (self.band.as_deref(), self.tolerance) {
+                (Some(&[low, high]), Some(tolerance)) => over_band(controller, [low, high], tolerance)?,
+                _ => tables_of_firmware(&scenario, controller, tolerance).map_err(refused)?,
+            };
             // Values that the microcontroller would refuse are refused here, in its precision.
             let fits = match precision {
                 ListingPrecision::F32 => controller.law::<f32>().map(|_| ()),
@@ -90,6 +102,9 @@ impl ControllerArguments {
                 text.push('\n');
             }
             listed.write(&mut text)?;
+            for (part, errors) in &listed.tables.errors {
+                mentions += &format!("note: {} {part}: {errors}\n", listed.name);
+            }
             if let Some(end) = listed.end() {
                 mentions += &format!("note: {} {end}: further ticks are refused\n", listed.name);
             }
@@ -98,6 +113,19 @@ impl ControllerArguments {
         mention(&mentions);
         Ok(())
     }
+}
+
+/// The tables of a controller for a band.
+fn over_band(
+    controller: &Controller,
+    band: [f64; 2],
+    tolerance: f64,
+) -> Result<ControllerTables, CommandError> {
+    let law = controller.law::<f64>().map_err(parameter_error)?;
+    ControllerTables::over_band(&law, band, tolerance).map_err(|error| match error {
+        ExponentialKernelError::Parameter(error) => parameter_error(error),
+        missed => CommandError::Failed(missed.to_string()),
+    })
 }
 
 impl Listed<'_> {
@@ -126,10 +154,11 @@ impl Listed<'_> {
     }
 
     fn write_c(&self, text: &mut String) -> Result<(), CommandError> {
-        let ControllerTables { integral, derivative, filter } = &self.tables;
+        let ControllerTables { integral, derivative, filter, .. } = &self.tables;
         let mut list = |part: &str, table: &ExponentialKernel, what: &str| {
             check_exponentials(table, 1.0, self.precision)?;
             let name = format!("{}_{part}", self.name);
+            let what = &format!("{what}{}", self.tables.worth(part));
             *text += &exponentials_listing(table, (what, Some(&name)), ListingFormat::C, self.precision);
             text.push('\n');
             Ok::<_, CommandError>(())

@@ -6,7 +6,9 @@ use super::listing::{
     ListingFormat, ListingPrecision, check_exponentials, emit, exponentials_listing, identifier, mention_end,
     parameter_error,
 };
+use super::terminal::mention;
 use fvi_core::BdfOrder;
+use fvi_fft::exponentials::band_table::band_table;
 use fvi_fft::exponentials::exponential_table::{ENDLESS, ExponentialKernel, ExponentialKernelError};
 use fvi_fft::exponentials::rust_constants::end_of;
 use std::path::PathBuf;
@@ -32,7 +34,12 @@ pub(crate) struct ExponentialsArguments {
     /// No horizon: the default
     #[arg(long, conflicts_with = "horizon")]
     endless: bool,
-    /// Relative tolerance of every weight, 4e-15 to 0.1
+    /// As few exponentials as the frequencies from LOW to HIGH need, in Hz for a step in seconds: there the
+    /// response is within the tolerance, 1e-7 to 0.1, of that of the weights. Derivatives need fewer with
+    /// --increments
+    #[arg(long, num_args = 2, value_names = ["LOW", "HIGH"], conflicts_with = "horizon")]
+    band: Option<Vec<f64>>,
+    /// Relative tolerance of every weight, 4e-15 to 0.1; with a band, that of the response
     #[arg(long, default_value_t = 1e-12)]
     tolerance: f64,
     /// A table, or constants for firmware
@@ -63,25 +70,29 @@ impl ExponentialsArguments {
         };
         let order = BdfOrder::new(self.order).map_err(parameter_error)?;
         let transfer = self.kernel.transfer()?;
-        let kernel = ExponentialKernel::of_transfer(
-            &transfer,
-            order,
-            self.increments,
-            self.step,
-            horizon,
-            self.tolerance,
-        )
-        .map_err(|error| match error {
+        let (on_increments, step, tolerance) = (self.increments, self.step, self.tolerance);
+        let made = match self.band.as_deref() {
+            Some(&[low, high]) => band_table(&transfer, order, on_increments, step, [low, high], tolerance)
+                .map(|(kernel, errors)| (kernel, Some(errors))),
+            _ => ExponentialKernel::of_transfer(&transfer, order, on_increments, step, horizon, tolerance)
+                .map(|kernel| (kernel, None)),
+        };
+        let (kernel, errors) = made.map_err(|error| match error {
             ExponentialKernelError::Parameter(error) => parameter_error(error),
             missed => CommandError::Failed(missed.to_string()),
         })?;
         let on = if self.increments { " on increments" } else { "" };
-        let origin = format!("BDF {}, {}{on}, step {}", self.order, self.kernel.origin(&transfer), self.step);
+        let worth = errors.map_or_else(String::new, |errors| format!("; {errors}"));
+        let origin =
+            format!("BDF {}, {}{on}, step {}{worth}", self.order, self.kernel.origin(&transfer), self.step);
         let precision = self.format.precision(self.precision);
         check_exponentials(&kernel, self.step, precision)?;
         let name = self.name.as_deref();
         let listing = exponentials_listing(&kernel, (&origin, name), self.format, precision);
         emit(|out| out.write_all(listing.as_bytes()), self.out.as_deref())?;
+        if let Some(errors) = errors {
+            mention(&format!("note: {} exponentials, {errors}\n", kernel.exponentials().len()));
+        }
         mention_end(end_of(&kernel, self.step).as_deref());
         Ok(())
     }

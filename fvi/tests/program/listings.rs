@@ -113,6 +113,49 @@ fn a_table_has_no_end_unless_asked_for_and_one_that_ends_says_when() {
     assert_eq!(both.status.code(), Some(2));
 }
 
+/// With a band the table, and what is said of it, are for the frequencies of the band.
+#[test]
+fn tables_for_a_band_say_what_they_are_worth_there() {
+    let band = "exponentials --exponent 0.5 --increments --step 0.001 --band 0.0025 250 --tolerance";
+    let output = fvi(&format!("{band} 1e-2 --format c"));
+    let [file, said] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+    assert!(file.contains("#define FVI_EXPONENTIALS 16\n"), "two blocks of eight numbers: {file}");
+    for text in [&file, &said] {
+        assert!(text.contains("from 0.0025 to 250 Hz within 9."), "{text}");
+        assert!(text.contains(" dB, ") && text.contains("degrees of the operator"), "{text}");
+    }
+    for (arguments, named) in [
+        (format!("{band} 1e-9"), "tolerance = 0.000000001 is not allowed: it must be at least 1e-7"),
+        (
+            "exponentials --exponent 0.5 --band 0.1 0.7 --tolerance 1e-2".to_owned(),
+            "upper end of the band = 0.7",
+        ),
+        (format!("{band} 1e-2 --horizon 1e4"), "cannot be used with"),
+    ] {
+        let output = fvi(&arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments}");
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert!(message.contains(named), "{arguments}: {message}");
+    }
+}
+
+/// A controller for a band: every operator's table, in the file and in the message.
+#[test]
+fn a_controller_for_a_band_has_short_tables() {
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/scenarios/controlled-stage.toml");
+    for format in ["rust", "c"] {
+        let output = fvi(&format!("controller {scenario} --band 0.01 10 --tolerance 1e-2 --format {format}"));
+        let [file, said] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+        for part in ["integral", "derivative"] {
+            assert!(said.contains(&format!("note: controller {part}: from 0.01 to 10 Hz within ")), "{said}");
+        }
+        assert_eq!(file.matches("; from 0.01 to 10 Hz within ").count(), 2, "{file}");
+        assert!(!file.contains("ends after"), "{file}");
+    }
+    let alone = fvi(&format!("controller {scenario} --format c --tolerance 1e-2"));
+    assert_eq!(alone.status.code(), Some(2));
+}
+
 #[test]
 fn tables_of_several_operators_have_names() {
     let arguments =
