@@ -71,15 +71,19 @@ pub struct DampedMotion<T: Real, X: Space<T>, M> {
 }
 
 /// Part of the motion that is subtracted before the derivatives are taken.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Subtraction {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Subtraction {
+    /// None: derivatives act on the motion itself.
     Nothing,
+    /// Where it begins.
     Position,
+    /// The line along which it begins.
     PositionAndVelocity,
 }
 
 impl Subtraction {
-    fn of(derivative: Derivative, symbol: Symbol) -> Self {
+    /// What a type of derivative subtracts for a symbol.
+    pub fn of(derivative: Derivative, symbol: Symbol) -> Self {
         match derivative {
             Derivative::RiemannLiouville => Self::Nothing,
             Derivative::Caputo if symbol == (Symbol::Power { exponent: 0.0 }) => Self::Nothing,

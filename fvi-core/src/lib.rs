@@ -59,6 +59,8 @@ pub use coefficients::{Coefficients, Fixed};
 pub use collocation::Collocation;
 #[doc(hidden)]
 pub use collocation::CollocationTables;
+#[doc(hidden)]
+pub use damped_motion::Subtraction;
 pub use damped_motion::{DampedMotion, DampingError, Derivative, Mismatch, Sample};
 pub use damping::{Damping, DampingTerm};
 pub use direct::{Direct, FixedDirect, Overflow, Ring};

@@ -1,5 +1,7 @@
 //! Weights of convolution quadrature, and starting weights.
 
+#[doc(hidden)]
+pub mod correlation;
 pub(crate) mod exponential;
 mod family;
 pub(crate) mod inverse;

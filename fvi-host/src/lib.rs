@@ -14,6 +14,7 @@
 //! |---|---|
 //! | [`run`], [`checkpoint`] | a run that can be stopped and continued |
 //! | [`batch`] | many runs of one scenario with other numbers, as arrays |
+//! | [`gradient`] | derivatives of one function of a run by any number of parameters |
 //! | [`converge`] | orders of convergence |
 //! | [`sweep`] | one scenario with many values of some of its keys |
 //! | [`fit`] | parameters from data |
@@ -28,6 +29,7 @@ pub mod batch;
 pub mod checkpoint;
 pub mod converge;
 pub mod fit;
+pub mod gradient;
 mod output_sink;
 pub mod prelude;
 pub mod response;

@@ -4,6 +4,7 @@ mod choice;
 mod portion;
 
 use crate::checkpoint::{self, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer};
+use crate::gradient::Recording;
 use crate::output_sink::{BatchView, OutputMark, OutputSink, StateView};
 use crate::results::files::{FileError, remove, write_json};
 use crate::results::measure::{Largest, ReferenceErrors};
@@ -15,7 +16,7 @@ use fvi_fft::memory::Engine;
 use fvi_fft::memory::Tables;
 use fvi_fft::quadrature::starting::starting_condition;
 use fvi_fft::sums::max_or_nan;
-use fvi_scenario::language::InputError;
+use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Feature, Scenario};
 use fvi_simulation::simulation::adaptive::Counts;
 use fvi_simulation::simulation::events::{EventRecord, Watch, WatchState};
@@ -556,6 +557,8 @@ pub struct Run<'s> {
     ended: Option<GridState>,
     /// How its scheme was chosen.
     choice: Option<&'s Choice>,
+    /// What its steps leave behind for gradients.
+    recording: Option<Recording>,
 }
 
 /// How a run begins.
@@ -566,6 +569,7 @@ pub struct RunBuilder<'s, 't> {
     tables: Option<&'t Tables>,
     seconds: f64,
     choice: Option<&'s Choice>,
+    recorded: Option<usize>,
 }
 
 impl<'s, 't> RunBuilder<'s, 't> {
@@ -578,8 +582,15 @@ impl<'s, 't> RunBuilder<'s, 't> {
     /// The tables of its memories are shared with other runs.
     #[must_use]
     pub fn tables<'u>(self, tables: &'u Tables) -> RunBuilder<'s, 'u> {
-        let Self { scenario, precision, seconds, choice, .. } = self;
-        RunBuilder { scenario, precision, tables: Some(tables), seconds, choice }
+        let Self { scenario, precision, seconds, choice, recorded, .. } = self;
+        RunBuilder { scenario, precision, tables: Some(tables), seconds, choice, recorded }
+    }
+
+    /// The run keeps its steps for gradients by the parameters of `[sensitivity]`, in stretches of so many
+    /// bytes at most, in place of computing sensitivities along with the motion.
+    #[must_use]
+    pub fn recorded(self, most_bytes: usize) -> Self {
+        Self { recorded: Some(most_bytes), ..self }
     }
 
     /// Adds seconds that its caller spent on preparation to those of the run.
@@ -599,12 +610,25 @@ impl<'s, 't> RunBuilder<'s, 't> {
     /// # Errors
     /// If the scenario cannot be run.
     pub fn start(self) -> Result<Run<'s>, InputError> {
-        let Self { scenario, precision, tables, seconds, choice } = self;
+        let Self { scenario, precision, tables, seconds, choice, recorded } = self;
         let own = Tables::default();
         let tables = tables.unwrap_or(&own);
         let preparation = Instant::now();
-        let motion = Motion::sharing(scenario, precision, tables)?.with_sensitivities(tables)?;
+        let motion = Motion::sharing(scenario, precision, tables)?;
+        let motion = match recorded {
+            Some(_) => {
+                scenario.check_use(Feature::Gradient)?;
+                if precision == Precision::F32 {
+                    let with = "a gradient in single precision".to_owned();
+                    let allowed = "double precision".to_owned();
+                    return Err(scenario.error_at("sensitivity", Problem::Incompatible { with, allowed }));
+                }
+                motion.recorded()
+            }
+            None => motion.with_sensitivities(tables)?,
+        };
         Ok(Run {
+            recording: recorded.map(Recording::new),
             between: Vec::new(),
             passed: 0,
             watch: Watch::new(scenario, motion.state()),
@@ -631,7 +655,14 @@ impl<'s> Run<'s> {
     /// A run of a scenario, all its load cases together, in double precision and with tables of its own
     /// unless the builder is told otherwise.
     pub fn of(scenario: &'s Scenario) -> RunBuilder<'s, 'static> {
-        RunBuilder { scenario, precision: Precision::F64, tables: None, seconds: 0.0, choice: None }
+        RunBuilder {
+            scenario,
+            precision: Precision::F64,
+            tables: None,
+            seconds: 0.0,
+            choice: None,
+            recorded: None,
+        }
     }
 
     /// Makes all steps, or until one fails, or until the end of the current portion when `stop` is set.
@@ -675,6 +706,12 @@ impl<'s> Run<'s> {
             return vec![summary];
         }
         (0..scenario.copies()).map(|case| summary.of_case(scenario, case)).collect()
+    }
+
+    /// What its steps have left behind for gradients, if they were to be [recorded](RunBuilder::recorded);
+    /// the run keeps nothing.
+    pub fn recording(&mut self) -> Option<Recording> {
+        self.recording.take()
     }
 
     /// Steps made.
@@ -758,6 +795,9 @@ impl<'s> Run<'s> {
     /// Evaluates the last batch: events and output times within it, errors, largest values. With events or
     /// `output.times` a batch is a single step.
     fn observe(&mut self) {
+        if let Some(recording) = &mut self.recording {
+            recording.take(&self.motion);
+        }
         let (scenario, coordinates) = (self.scenario, self.scenario.coordinates());
         let reference = scenario.reference.as_ref();
         self.between.clear();

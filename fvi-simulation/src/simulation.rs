@@ -2,6 +2,8 @@
 
 #[doc(hidden)]
 pub mod adaptive;
+#[doc(hidden)]
+pub mod adjoint;
 mod breaks;
 mod choice;
 #[doc(hidden)]

@@ -28,6 +28,7 @@ const HOST: [(&str, &[&[&str]]); 6] = [
             &["results"],
             &["output_sink"],
             &["checkpoint"],
+            &["gradient"],
             &["run"],
             &["batch", "converge", "response", "sweep"],
             &["fit", "tune"],

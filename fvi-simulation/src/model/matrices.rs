@@ -181,6 +181,34 @@ impl<T: Real> Matrix<T> {
         }
     }
 
+    /// out ← out + factor · Bᵀ x
+    pub(crate) fn transposed_multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
+        match self {
+            Self::Diagonal(_) => self.multiply_add(factor, x, out),
+            Self::Dense(columns) => {
+                for (out, column) in out.iter_mut().zip(columns.chunks_exact(x.len().max(1))) {
+                    let sum = column.iter().zip(x).fold(T::zero(), |sum, (&entry, &x)| sum + entry * x);
+                    *out += factor * sum;
+                }
+            }
+            Self::Sparse(sparse) => {
+                for (slots, &x) in sparse.pattern.rows().zip(x) {
+                    for slot in slots {
+                        let column = sparse.pattern.columns()[slot] as usize;
+                        out[column] += factor * sparse.values[slot] * x;
+                    }
+                }
+            }
+        }
+    }
+
+    /// out ← out + Bᵀ x for several vectors, one after another.
+    pub(crate) fn transposed_multiply_add_all(&self, x: &[T], out: &mut [T]) {
+        let size = self.size().max(1);
+        let pairs = x.chunks(size).zip(out.chunks_mut(size));
+        pairs.for_each(|(x, out)| self.transposed_multiply_add(T::one(), x, out));
+    }
+
     /// Number of rows.
     pub fn size(&self) -> usize {
         match self {

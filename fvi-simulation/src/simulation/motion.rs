@@ -157,6 +157,14 @@ impl<'s> Motion<'s> {
         Ok(self)
     }
 
+    /// The motion at t = 0, whose batches keep what its steps were solved by, for an
+    /// [`adjoint::Record`](crate::simulation::adjoint::Record).
+    #[must_use]
+    pub fn recorded(mut self) -> Self {
+        self.batch.keep_increments();
+        self
+    }
+
     /// States of its monitors.
     pub fn gathered(&self) -> Gathered {
         self.guard.gathered()

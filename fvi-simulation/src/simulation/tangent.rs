@@ -1,6 +1,7 @@
 //! Derivatives of a discrete motion with respect to parameters of its scenario.
 
-mod explicit;
+pub(super) mod explicit;
+pub(super) mod points;
 mod step;
 
 use crate::model::{AnyEquations, AnyFactors, AnyScheme, AnySpace, Matrix, Model, RoughForces, matrix};
@@ -21,10 +22,11 @@ use fvi_scenario::language::error::Cause;
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{self, Parameter, Past, Quantity, ReportedMomentum, Scenario, Sensitivity};
 use nalgebra::DMatrix;
+use points::Points;
 use std::sync::Arc;
 
 /// Gyroscopic forces at the nodes.
-type Turning = Gyroscopic<f64, Matrix<f64>>;
+pub(super) type Turning = Gyroscopic<f64, Matrix<f64>>;
 
 /// A motion with its memory, for any number of coordinates.
 type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
@@ -66,10 +68,7 @@ pub(crate) struct Tangent {
     /// True if half of the last kick is part of the reported momentum.
     mean: bool,
     model: Model<f64>,
-    /// ∂²U − ∂F; constant for a linear system.
-    stiffness: Matrix<f64>,
-    /// −∂F/∂v likewise, if forces depend on the velocity.
-    resistance: Option<Matrix<f64>>,
+    points: Points,
     /// ∂G/∂θ of each parameter, as a sum of parts.
     direct: Vec<Vec<Direct>>,
     /// ∂M: for each parameter the places whose entry it is.
@@ -93,25 +92,15 @@ pub(crate) struct Tangent {
 
 /// Buffers for a step: for n coordinates, R points and p parameters.
 struct TangentBuffers {
-    /// X_i − q_k, R n numbers.
-    stages: Vec<f64>,
     /// Derivatives of the damping force at the nodes: p n numbers each.
     damped: Vec<f64>,
     /// ∂G_i at the points: p n numbers each.
     forces: Vec<f64>,
-    /// ∂²U − ∂F and −∂F/∂v at the points, if they differ from point to point.
-    stiffnesses: Vec<Matrix<f64>>,
-    resistances: Vec<Matrix<f64>>,
-    /// n numbers each.
-    restoring: Vec<f64>,
-    place: Vec<f64>,
-    velocity: Vec<f64>,
+    /// n numbers.
     right: Vec<f64>,
     /// h c_i ∂v_k and ∂v_k of collocation.
     base: Vec<f64>,
     start_velocities: Vec<f64>,
-    /// q_{k+1} − q_k.
-    rise: Vec<f64>,
     /// ∂X_i − ∂q_k, and ∂q_{k+1} − ∂q_k.
     own_stages: Vec<f64>,
     own_rise: Vec<f64>,
@@ -125,18 +114,11 @@ struct TangentBuffers {
 impl TangentBuffers {
     fn new(n: usize, (degree, points, nodes): (usize, usize, usize), p: usize) -> Self {
         Self {
-            stages: vec![0.0; points * n],
             damped: vec![0.0; nodes * p * n],
             forces: vec![0.0; points * p * n],
-            stiffnesses: Vec::new(),
-            resistances: Vec::new(),
-            restoring: vec![0.0; n],
-            place: vec![0.0; n],
-            velocity: vec![0.0; n],
             right: vec![0.0; n],
             base: vec![0.0; points * p * n],
             start_velocities: vec![0.0; p * n],
-            rise: vec![0.0; n],
             own_stages: vec![0.0; points * p * n],
             own_rise: vec![0.0; p * n],
             columns: DMatrix::zeros(degree * n, p),
@@ -147,7 +129,7 @@ impl TangentBuffers {
 }
 
 /// Solver of the equations of the derivatives, with the factors of their matrix.
-enum Solver {
+pub(super) enum Solver {
     /// With a full matrix.
     Dense(Option<Factored>),
     /// By a sparse factor, in the space of the motion.
@@ -155,14 +137,14 @@ enum Solver {
 }
 
 impl Solver {
-    fn is_ready(&self) -> bool {
+    pub(super) fn is_ready(&self) -> bool {
         match self {
             Self::Dense(factors) => factors.is_some(),
             Self::Sparse { kept, .. } => kept.is_some(),
         }
     }
 
-    fn forget(&mut self) {
+    pub(super) fn forget(&mut self) {
         match self {
             Self::Dense(factors) => *factors = None,
             Self::Sparse { kept, .. } => *kept = None,
@@ -171,7 +153,7 @@ impl Solver {
 
     /// Factors the matrix of the given number of unknowns, assembled from `parts`: row and column of a block,
     /// its factor and the block.
-    fn factor(
+    pub(super) fn factor(
         &mut self,
         (degree, n): (usize, usize),
         mass: &Matrix<f64>,
@@ -201,8 +183,28 @@ impl Solver {
         Ok(())
     }
 
+    /// As [`factor`](Self::factor), for the transposed matrix; that of a sparse factor is symmetric.
+    pub(super) fn factor_transposed(
+        &mut self,
+        (degree, n): (usize, usize),
+        mass: &Matrix<f64>,
+        parts: impl FnOnce(&mut dyn FnMut(usize, usize, f64, &Matrix<f64>)),
+    ) -> Result<(), &'static str> {
+        let Self::Dense(factors) = self else { return self.factor((degree, n), mass, parts) };
+        let mut matrix = DMatrix::zeros(degree * n, degree * n);
+        parts(&mut |nu, mu, factor, block| {
+            if factor != 0.0 {
+                for (row, column, entry) in block.entries() {
+                    matrix[(mu * n + column, nu * n + row)] += factor * entry;
+                }
+            }
+        });
+        *factors = Some(Factored::new(matrix).ok_or(SINGULAR)?);
+        Ok(())
+    }
+
     /// Replaces the columns by the solutions.
-    fn solve(&mut self, columns: &mut DMatrix<f64>) -> Result<(), &'static str> {
+    pub(super) fn solve(&mut self, columns: &mut DMatrix<f64>) -> Result<(), &'static str> {
         match self {
             Self::Dense(factors) => factors.as_ref().ok_or(SINGULAR)?.solve(columns),
             Self::Sparse { equations, kept } => {
@@ -214,7 +216,7 @@ impl Solver {
 }
 
 /// ∂ρ by its entries (row, column, number).
-type Change = Vec<(usize, usize, f64)>;
+pub(super) type Change = Vec<(usize, usize, f64)>;
 
 /// A damping term.
 struct Term {
@@ -241,7 +243,7 @@ impl Tangent {
         refuse_rough(scenario, parameters)?;
         let size = scenario.coordinates();
         let count = parameters.len();
-        let solver = solver(scenario)?;
+        let solver = solver(scenario, false)?;
         let shape = |error: fvi_core::ParameterError| {
             scenario.error_at("scheme", Problem::OutOfRange { allowed: error.allowed.to_owned() })
         };
@@ -265,8 +267,6 @@ impl Tangent {
             terms.push(term);
         }
         let (gyroscopic, gyroscopic_changes) = gyroscopic(scenario, parameters, &scheme);
-        let stiffness = model.stiffness();
-        let resistance = Mechanics::depends_on_velocity(&model).then(|| model.stiffness());
         let direct = parameters.iter().map(|parameter| Direct::all(scenario, &parameter.what)).collect();
         let (degree, points) = (scheme.view().control_points.len(), scheme.view().nodes.len());
         let mut made = Self {
@@ -278,9 +278,8 @@ impl Tangent {
             kicks,
             at_main_nodes,
             mean: kicks && scenario.output.momentum == ReportedMomentum::Mean,
+            points: Points::new(&model, size, points),
             model,
-            stiffness,
-            resistance,
             direct,
             mass_changes: beginning.mass_changes,
             terms,
@@ -444,21 +443,21 @@ impl Tangent {
 }
 
 /// How the derivatives begin, one parameter after another.
-struct Beginning {
+pub(super) struct Beginning {
     /// ∂q and ∂p at the start, and ∂M.
     position: Vec<f64>,
     momentum: Vec<f64>,
-    mass_changes: Vec<Vec<(usize, usize)>>,
+    pub(super) mass_changes: Vec<Vec<(usize, usize)>>,
     /// The derivatives of the motion before the start.
     pasts: Vec<Option<Past>>,
     /// Where the motion of the memories begins: ∂q, its velocity, and the derivatives of that.
     base_slopes: Vec<f64>,
-    velocity: Vec<f64>,
+    pub(super) velocity: Vec<f64>,
     velocity_slopes: Vec<f64>,
 }
 
 impl Beginning {
-    fn of(scenario: &Scenario, parameters: &[Parameter], model: &Model<f64>) -> Self {
+    pub(super) fn of(scenario: &Scenario, parameters: &[Parameter], model: &Model<f64>) -> Self {
         let (size, initial) = (scenario.coordinates(), &scenario.initial);
         let velocity_of = |momentum: &[f64]| {
             let mut velocity = vec![0.0; size];
@@ -516,7 +515,7 @@ impl Beginning {
 }
 
 /// G V at the nodes of a scheme, and δG V for the parameters in G, with their numbers.
-fn gyroscopic(
+pub(super) fn gyroscopic(
     scenario: &Scenario,
     parameters: &[Parameter],
     scheme: &AnyScheme<f64>,
@@ -592,41 +591,57 @@ impl Term {
 }
 
 /// The memory of ∂D/∂θ, with its kernel, for which the same part of the motion is subtracted as for D.
-fn derivative_memory(
+pub(super) fn derivative_memory(
     scenario: &Scenario,
     request: &MemoryRequest<'_>,
     by: &TransferDerivative,
 ) -> Result<(Kernel, HostMemory<f64>), EngineError> {
-    let step = scenario.time.step;
+    let weights = |on_differences, count| slope_weights(scenario, by, on_differences, count);
     if let Some(staged) = scenario.convolution.family.staged() {
-        let weights = |on_rises, count| with_staged_method!(staged, method => runge_kutta_derivative(&method, by, step, on_rises, count))?;
         // The memory's weights are not checked; with an exponent of 0 nothing would be subtracted from the
         // motion.
         let kernel = Kernel::given(request.transfer.growth().max(f64::MIN_POSITIVE))?;
         return Ok((kernel, request.build_of_weights(staged.stages(), &weights)?));
     }
-    let rule = scenario.convolution.family.multistep()?.ok_or(ParameterError {
+    let first = weights(false, 2)?;
+    let kernel = Kernel::weights(request.transfer.growth(), [first[0], first[1]], scenario.time.step)?;
+    Ok((kernel, request.build_of_weights(1, &weights)?))
+}
+
+/// The derivatives of a kernel's weights by a parameter, plane by plane, on differences or on values.
+pub(super) fn slope_weights(
+    scenario: &Scenario,
+    by: &TransferDerivative,
+    on_differences: bool,
+    count: usize,
+) -> Result<Vec<f64>, ParameterError> {
+    let (family, step) = (scenario.convolution.family, scenario.time.step);
+    if let Some(staged) = family.staged() {
+        return with_staged_method!(staged, method => runge_kutta_derivative(&method, by, step, on_differences, count))?;
+    }
+    let rule = family.multistep()?.ok_or(ParameterError {
         parameter: "convolution.family",
         value: f64::NAN,
         allowed: "a multistep rule where a parameter of a kernel is differentiated by",
     })?;
-    let weights = |on_increments, count| derivative_weights(by, rule, step, on_increments, count);
-    let first = weights(false, 2)?;
-    let kernel = Kernel::weights(request.transfer.growth(), [first[0], first[1]], step)?;
-    Ok((kernel, request.build_of_weights(1, &weights)?))
+    derivative_weights(by, rule, step, on_differences, count)
 }
 
 /// Largest number of unknowns of a step for which full matrices are solved.
-const MOST_UNKNOWNS: usize = 600;
+pub(super) const MOST_UNKNOWNS: usize = 600;
 
-/// The solver of the motion itself: a sparse factor if it has one.
-fn solver(scenario: &Scenario) -> Result<Solver, InputError> {
-    if let Some(space) = sparse_space(scenario, SolverChoice::default())? {
+/// The solver of the motion itself: a sparse factor if it has one, for `transposed` equations if their matrix
+/// is symmetric.
+pub(super) fn solver(scenario: &Scenario, transposed: bool) -> Result<Solver, InputError> {
+    let unknowns_of_one = scenario.scheme_descriptor().unknowns;
+    if (!transposed || unknowns_of_one == 1)
+        && let Some(space) = sparse_space(scenario, SolverChoice::default())?
+    {
         return Ok(Solver::Sparse { equations: Box::new(space.equations(1)), kept: None });
     }
-    let unknowns = scenario.coordinates().saturating_mul(scenario.scheme_descriptor().unknowns);
+    let unknowns = scenario.coordinates().saturating_mul(unknowns_of_one);
     if unknowns > MOST_UNKNOWNS {
-        let with = "`[sensitivity]`".to_owned();
+        let with = if transposed { "a gradient" } else { "`[sensitivity]`" }.to_owned();
         let allowed = format!(
             "up to {MOST_UNKNOWNS} unknowns a step, degree times coordinates, where a step has no sparse factor; here there \
              are {unknowns}"
@@ -637,7 +652,7 @@ fn solver(scenario: &Scenario) -> Result<Solver, InputError> {
 }
 
 /// Refuses constants of forces with exact moments, whose derivatives are not supported.
-fn refuse_rough(scenario: &Scenario, parameters: &[Parameter]) -> Result<(), InputError> {
+pub(super) fn refuse_rough(scenario: &Scenario, parameters: &[Parameter]) -> Result<(), InputError> {
     let is_rough = RoughForces::of(scenario).is_some();
     for (index, Parameter { what, .. }) in parameters.iter().enumerate() {
         let Quantity::Named(named) = what else { continue };
@@ -729,7 +744,7 @@ fn add_leading(terms: &[Term], (i, nodes): (usize, usize), increments: &[f64], n
     }
 }
 
-fn add(out: &mut [f64], factor: f64, vector: &[f64]) {
+pub(super) fn add(out: &mut [f64], factor: f64, vector: &[f64]) {
     out.iter_mut().zip(vector).for_each(|(out, x)| *out += factor * x);
 }
 
@@ -737,7 +752,7 @@ fn mirrored(row: usize, column: usize) -> Vec<(usize, usize)> {
     if row == column { vec![(row, row)] } else { vec![(row, column), (column, row)] }
 }
 
-fn add_change(change: &[(usize, usize)], vector: &[f64], out: &mut [f64]) {
+pub(super) fn add_change(change: &[(usize, usize)], vector: &[f64], out: &mut [f64]) {
     change.iter().for_each(|&(row, column)| out[row] += vector[column]);
 }
 

@@ -11,6 +11,7 @@ mod events;
 mod extremals;
 mod faults;
 mod fits;
+mod gradients;
 mod grids;
 #[cfg(target_os = "linux")]
 mod hostile;

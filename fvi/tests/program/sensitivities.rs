@@ -10,14 +10,14 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 /// A scenario with numbers in braces, their values, and the paths of each.
-struct Case {
-    name: &'static str,
-    scenario: &'static str,
-    numbers: &'static [(&'static str, f64, &'static str)],
+pub(crate) struct Case {
+    pub(crate) name: &'static str,
+    pub(crate) scenario: &'static str,
+    pub(crate) numbers: &'static [(&'static str, f64, &'static str)],
 }
 
 /// The scenario with some numbers changed, and derivatives by all of them if wanted.
-fn written(case: &Case, scheme: &str, values: &[f64], derivatives: bool) -> String {
+pub(crate) fn written(case: &Case, scheme: &str, values: &[f64], derivatives: bool) -> String {
     let mut text = case.scenario.replace("{scheme}", scheme);
     for ((name, ..), value) in case.numbers.iter().zip(values) {
         text = text.replace(&format!("{{{name}}}"), &format!("{value:.17e}"));
@@ -32,7 +32,7 @@ fn written(case: &Case, scheme: &str, values: &[f64], derivatives: bool) -> Stri
 /// The rows of a run: q and p, and the derivatives.
 type Rows = (Vec<Vec<f64>>, Vec<Vec<f64>>);
 
-fn rows(text: &str) -> Rows {
+pub(crate) fn rows(text: &str) -> Rows {
     let document = Document::new("scenario.toml", Path::new(""), text);
     let scenario = Scenario::from_document(document).unwrap_or_else(|error| panic!("{error}\n{text}"));
     let (mut motion, mut derivatives) = (Vec::new(), Vec::new());
@@ -78,7 +78,7 @@ fn worst(case: &Case, scheme: &str) -> f64 {
     worst
 }
 
-const SCHEMES: [&str; 11] = [
+pub(crate) const SCHEMES: [&str; 11] = [
     "",
     "[scheme]\nkappa = 0.3\n[convolution]\norder = 3",
     "[scheme]\nkappa = 0.0\n[convolution]\nat = \"main-nodes\"\norder = 1",
@@ -92,7 +92,7 @@ const SCHEMES: [&str; 11] = [
     "[scheme]\nkind = \"implicit-euler\"",
 ];
 
-const PENDULUM: Case = Case {
+pub(crate) const PENDULUM: Case = Case {
     name: "pendulum",
     scenario: "[system]\nmass = [{m}]\npotential = \"k*(1 - cos(q0)) + 0.1*c*q0^4\"\nforce = [\"a*sin(w*t)*(1 + 0.1*q0)\"]\n\
         parameters = { k = {k}, c = {c}, a = {a}, w = {w} }\n[[system.damping]]\norder = {beta}\ncoefficient = [{rho}]\n\
@@ -110,7 +110,7 @@ const PENDULUM: Case = Case {
     ],
 };
 
-const LINEAR: Case = Case {
+pub(crate) const LINEAR: Case = Case {
     name: "two masses",
     scenario: "[system]\nmass = [[2.0, {m}], [{m}, 1.0]]\npotential = \"k*q0^2 + 0.7*(q1 - q0)^2\"\nforce = [\"0\", \"cos(t)\"]\n\
         parameters = { k = {k} }\n[[system.damping]]\norder = {beta}\ncoefficient = [[{r}, {s}], [{s}, 0.4]]\n\
@@ -132,7 +132,7 @@ const LINEAR: Case = Case {
     ],
 };
 
-const KERNELS: Case = Case {
+pub(crate) const KERNELS: Case = Case {
     name: "kernels",
     scenario: "[system]\nmass = [1.0]\npotential = \"q0^2 + 0.3*q0^4\"\n[[system.damping]]\ncoefficient = [0.5]\n\
         kernel = { form = \"tempered\", order = {b}, rate = {a} }\n[[system.damping]]\ncoefficient = [0.4]\n\
@@ -157,7 +157,7 @@ const KERNELS: Case = Case {
 };
 
 /// For matrix weights.
-const STAGES: Case = Case {
+pub(crate) const STAGES: Case = Case {
     name: "stages",
     scenario: "[system]\nmass = [{m}, 1.0]\npotential = \"k*q0^2 + q1^2 + 0.2*(q1 - q0)^4\"\n\
         force = [\"-d*v0^3 + 0.1*q1*v1\", \"-0.2*v1\"]\nparameters = { k = {k}, d = {d} }\n\
@@ -180,7 +180,7 @@ const STAGES: Case = Case {
 };
 
 /// For starting weights.
-const STARTING: Case = Case {
+pub(crate) const STARTING: Case = Case {
     name: "starting",
     scenario: "[system]\nmass = [{m}]\npotential = \"q0^2\"\nforce = [\"a*cos(2*t)\"]\nparameters = { a = {a} }\n[[system.damping]]\n\
         order = 0.6\ncoefficient = [{r}]\n[initial]\nposition = [{q}]\n{scheme}\n[time]\nstep = 0.1\nsteps = 60\n",
@@ -193,7 +193,7 @@ const STARTING: Case = Case {
 };
 
 /// Matrices of a frame, elements and loads with a common constant, on springs of rows.
-const LARGE: Case = Case {
+pub(crate) const LARGE: Case = Case {
     name: "large",
     scenario: "[system]\nmass = [1.0, {m}, 2.0]\nstiffness = [[4.0, {s}, 0.0], [{s}, 3.0, -1.0], [0.0, -1.0, 2.0]]\n\
         parameters = { k = {k} }\n[[system.element]]\npotential = \"k*(x1 - x0)^4 + 0.1*x0^2*k^2\"\n\
@@ -211,7 +211,7 @@ const LARGE: Case = Case {
 };
 
 /// Constants in symbols, one of which is in the potential too; the second kernel has a spring.
-const SYMBOLS: Case = Case {
+pub(crate) const SYMBOLS: Case = Case {
     name: "symbols",
     scenario: "[system]\nmass = [1.0, 1.3]\npotential = \"k*q0^2 + q1^2 + 0.2*(q1 - q0)^4\"\n\
         parameters = { k = {k}, b = {b}, tau = {tau}, d = {d} }\n[[system.damping]]\ncoefficient = [0.5, 0.2]\n\
@@ -229,7 +229,7 @@ const SYMBOLS: Case = Case {
 };
 
 /// A rotor: gyroscopic forces beside damping, of which one number is in two entries.
-const GYROSCOPIC: Case = Case {
+pub(crate) const GYROSCOPIC: Case = Case {
     name: "gyroscopic",
     scenario: "[system]\nmass = [{m}, 1.3]\npotential = \"q0^2 + 1.5*q1^2 + 0.3*q0^4\"\ngyroscopic = [[0.0, -{g}], [{g}, 0.0]]\n[[system.damping]]\norder = {b}\ncoefficient = [0.2, {c}]\n\
         [initial]\nposition = [{q}, 0.1]\nvelocity = [0.3, 0.0]\n{scheme}\n[time]\nstep = 0.1\nsteps = 60\n\
@@ -244,7 +244,7 @@ const GYROSCOPIC: Case = Case {
 };
 
 /// A motion before the start, at a time other than zero: three steps of one row each, or of two.
-const PAST: Case = Case {
+pub(crate) const PAST: Case = Case {
     name: "past",
     scenario: "[system]\nmass = [1.0, {m}]\npotential = \"q0^2 + 1.2*q1^2 + 0.3*(q1 - q0)^4\"\n\
         force = [\"a*sin(t)\", \"0\"]\nparameters = { a = {a} }\n[[system.damping]]\norder = {b}\n\
@@ -265,7 +265,7 @@ const PAST: Case = Case {
 };
 
 /// Begins later than at t = 0, with Caputo's derivative of a motion with a velocity.
-const LATER: Case = Case {
+pub(crate) const LATER: Case = Case {
     name: "later",
     scenario: "[system]\nmass = [{m}]\npotential = \"q0^4\"\nforce = [\"a*sin(2*t)\"]\nparameters = { a = {a} }\n\
         [[system.damping]]\norder = {b}\ncoefficient = [{c}]\n[initial]\nposition = [{q}]\nvelocity = [{v}]\n\

@@ -142,6 +142,7 @@ features! {
     Converge: "`fvi converge`", "", |_| None;
     Fit: "a fit", "", |_| None;
     Response: "a frequency response", "", |_| None;
+    Gradient: "a gradient", "", |_| None;
 }
 
 impl Feature {

@@ -7,7 +7,7 @@ use fvi_scenario::scenario::{Derivative, Named, Quantity, Scenario};
 use nalgebra::SVector;
 
 /// A part of ∂G/∂θ of one parameter.
-pub(super) enum Direct {
+pub(in crate::simulation) enum Direct {
     /// For entries of K, with their mirror images.
     Entries(Vec<(usize, usize, f64)>),
     /// ∂(ρ K(0)) (q − q*) for a kernel with a spring.
@@ -21,7 +21,7 @@ pub(super) enum Direct {
 }
 
 /// For a constant of expressions.
-pub(super) struct Expressions {
+pub(in crate::simulation) struct Expressions {
     value: f64,
     potential: Option<CompiledPotential<f64>>,
     force: Option<CompiledForce<f64>>,
@@ -59,7 +59,7 @@ impl Buffers {
 
 impl Direct {
     /// All parts of ∂G/∂θ of a parameter.
-    pub(super) fn all(scenario: &Scenario, what: &Quantity) -> Vec<Self> {
+    pub(in crate::simulation) fn all(scenario: &Scenario, what: &Quantity) -> Vec<Self> {
         let damping = &scenario.system.damping;
         let size = scenario.coordinates();
         // Rest position of the spring of a term.
@@ -131,7 +131,35 @@ impl Direct {
             Self::Constant(restoring) => {
                 out.iter_mut().zip(restoring).for_each(|(out, restoring)| *out += *restoring)
             }
-            Self::Expressions(expressions) => expressions.add(instant, (position, velocity), out),
+            Self::Expressions(expressions) => {
+                expressions
+                    .visit(instant, (position, velocity), |coordinate, entry| out[coordinate] += entry);
+            }
+        }
+    }
+
+    /// λ·∂G/∂θ at an instant, a position and a velocity.
+    pub(in crate::simulation) fn weighted(
+        &mut self,
+        instant: Instant<f64>,
+        (position, velocity): (&[f64], &[f64]),
+        by: &[f64],
+    ) -> f64 {
+        match self {
+            Self::Entries(entries) => {
+                entries.iter().map(|&(row, column, entry)| by[row] * entry * position[column]).sum()
+            }
+            Self::Spring { entries, rest } => (entries.iter())
+                .map(|&(row, column, entry)| by[row] * entry * (position[column] - rest[column]))
+                .sum(),
+            Self::Constant(restoring) => by.iter().zip(&*restoring).map(|(by, force)| by * force).sum(),
+            Self::Expressions(expressions) => {
+                let mut sum = 0.0;
+                expressions.visit(instant, (position, velocity), |coordinate, entry| {
+                    sum += by[coordinate] * entry;
+                });
+                sum
+            }
         }
     }
 }
@@ -166,16 +194,22 @@ impl Expressions {
         }
     }
 
-    fn add(&mut self, instant: Instant<f64>, (position, velocity): (&[f64], &[f64]), out: &mut [f64]) {
+    /// Hands on the entries of ∂G/∂θ, those of a coordinate added: its index and a number.
+    fn visit(
+        &mut self,
+        instant: Instant<f64>,
+        (position, velocity): (&[f64], &[f64]),
+        mut take: impl FnMut(usize, f64),
+    ) {
         let Self { value, potential, force, moves, elements, loads, room } = self;
         if let Some(potential) = potential {
             room.begin(position.iter().copied(), *value);
-            mixed(potential, room, |coordinate, entry| out[coordinate] += entry);
+            mixed(potential, room, &mut take);
         }
         for (potential, places) in elements {
             for place in places {
                 room.begin(place.iter().map(|&coordinate| position[coordinate]), *value);
-                mixed(potential, room, |index, entry| out[place[index]] += entry);
+                mixed(potential, room, |index, entry| take(place[index], entry));
             }
         }
         if let Some(force) = force {
@@ -189,14 +223,12 @@ impl Expressions {
             let changing =
                 force.pattern().iter().zip(&*second).map(|(&(row, column), &entry)| (row, column, entry));
             for (row, _, entry) in constant.chain(changing).filter(|&(_, column, _)| column == last) {
-                if let Some(place) = out.get_mut(row as usize) {
-                    *place -= entry;
-                }
+                take(row as usize, -entry);
             }
         }
         for (amplitude, pattern) in loads {
             let (_, slope) = amplitude.gradient::<f64, 1>(moment(instant), &SVector::from([*value]));
-            pattern.iter().for_each(|&(coordinate, entry)| out[coordinate as usize] -= entry * slope[0]);
+            pattern.iter().for_each(|&(coordinate, entry)| take(coordinate as usize, -entry * slope[0]));
         }
     }
 }

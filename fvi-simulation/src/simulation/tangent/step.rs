@@ -1,37 +1,10 @@
 //! One step of the derivatives.
 
-use super::{Tangent, TangentBuffers, add, add_leading, known, leave_behind, push, said, whole};
-use crate::model::{Matrix, StepShape};
-use fvi_core::{Block, Instant, Mechanics, Memory, Sample};
+use super::points::{Points, Step, StepMatrix};
+use super::{Tangent, TangentBuffers, Term, add, add_leading, known, leave_behind, push, said, whole};
+use crate::model::StepShape;
+use fvi_core::{Block, Mechanics, Memory};
 use std::sync::Arc;
-
-/// A step of the motion whose derivatives are computed.
-#[derive(Clone, Copy)]
-struct Step<'a> {
-    shape: StepShape<'a>,
-    /// Time of its beginning, and its length.
-    time: f64,
-    length: f64,
-    /// q_k and p_k.
-    start: &'a [f64],
-    momentum: &'a [f64],
-    /// The unknowns that solved it.
-    unknowns: &'a [f64],
-    /// Fractions of the step at which memories take samples.
-    fractions: &'a [f64],
-}
-
-impl<'a> Step<'a> {
-    /// e^μ of n coordinates.
-    fn unknown(&self, mu: usize, n: usize) -> &'a [f64] {
-        &self.unknowns[mu * n..][..n]
-    }
-
-    /// The sample of a memory.
-    fn sample<'s>(&'s self, from: &'s [f64], behind: &'s [f64]) -> Sample<'s, f64> {
-        Sample { from, behind, time: self.time, length: self.length, fractions: self.fractions }
-    }
-}
 
 impl Tangent {
     /// Computes the derivatives after the step that began at this position and momentum and was solved with
@@ -60,40 +33,29 @@ impl Tangent {
         self.remember(&step)
     }
 
-    /// X_i − q_k at the quadrature points and at the end of the step, and for collocation h c_i δv_k.
+    /// The points of the step, and for collocation δv_k and h c_i δv_k.
     fn place_points(&mut self, step: &Step<'_>) {
+        self.points.place(&mut self.model, step);
+        if !step.shape.is_collocation() {
+            return;
+        }
         let (n, c, h) = (self.size, self.size * self.count, self.step);
-        let (shape, points) = (step.shape, step.shape.points());
-        let TangentBuffers { stages, place, right, base, start_velocities, rise, .. } = &mut self.room;
-        stages.fill(0.0);
-        if shape.is_collocation() {
-            self.model.velocity(step.momentum, place);
-            for (parameter, change) in self.mass_changes.iter().enumerate() {
-                right.copy_from_slice(&self.momentum[parameter * n..][..n]);
-                change.iter().for_each(|&(row, column)| right[row] -= place[column]);
-                self.model.velocity(right, &mut start_velocities[parameter * n..][..n]);
-            }
-            for (i, node) in shape.nodes().iter().enumerate() {
-                add(&mut stages[i * n..][..n], h * node, place);
-                let pairs = base[i * c..][..c].iter_mut().zip(&*start_velocities);
-                pairs.for_each(|(b, v)| *b = h * node * v);
-            }
+        let TangentBuffers { right, base, start_velocities, .. } = &mut self.room;
+        for (parameter, change) in self.mass_changes.iter().enumerate() {
+            right.copy_from_slice(&self.momentum[parameter * n..][..n]);
+            change.iter().for_each(|&(row, column)| right[row] -= self.points.start_velocity[column]);
+            self.model.velocity(right, &mut start_velocities[parameter * n..][..n]);
         }
-        for i in 0..points {
-            for mu in 0..shape.degree() {
-                add(&mut stages[i * n..][..n], shape.displacement(i, mu), step.unknown(mu, n));
-            }
-        }
-        match shape.is_collocation() {
-            true => rise.copy_from_slice(&stages[(points - 1) * n..]),
-            false => rise.copy_from_slice(step.unknown(shape.degree() - 1, n)),
+        for (base, node) in base.chunks_mut(c).zip(step.shape.nodes()) {
+            base.iter_mut().zip(&*start_velocities).for_each(|(b, v)| *b = h * node * v);
         }
     }
 
     /// The known part of ρ D δX, δρ D X, and ρ (∂D) X, at every node of the memories.
     fn recall(&mut self, step: &Step<'_>) -> Result<(), String> {
         let (n, c, nodes) = (self.size, self.size * self.count, step.fractions.len());
-        let TangentBuffers { stages, damped, derivative, terms, rise, .. } = &mut self.room;
+        let TangentBuffers { damped, derivative, terms, .. } = &mut self.room;
+        let Points { stages, rise, .. } = &self.points;
         let told = if self.at_main_nodes { &rise[..] } else { &stages[..] };
         let sample = step.sample(step.start, &self.motion_behind);
         let own_sample = step.sample(&self.position, &self.behind);
@@ -134,61 +96,30 @@ impl Tangent {
     /// δG_i without what follows from the unknowns, and the matrices ∂²U − ∂F and −∂F/∂v, at every point.
     fn gather_forces(&mut self, step: &Step<'_>) {
         let (n, c, nodes) = (self.size, self.size * self.count, step.fractions.len());
-        let differ = !Mechanics::is_linear(&self.model) && step.shape.points() > 1;
-        self.room.forces.fill(0.0);
-        self.room.stiffnesses.clear();
-        self.room.resistances.clear();
+        self.points.linearise(&mut self.model, step, !self.solver.is_ready());
+        let Self { points, room, direct, position, terms, kicks, .. } = self;
+        let TangentBuffers { forces, damped, base, start_velocities, .. } = room;
+        forces.fill(0.0);
         for i in 0..step.shape.points() {
-            self.linearise(step, i);
-            let TangentBuffers { forces, damped, base, start_velocities, stiffnesses, resistances, .. } =
-                &mut self.room;
+            let (instant, stiffness) = (points.instant(step, i), points.stiffness(i));
+            for (direct, force) in direct.iter_mut().zip(forces[i * c..][..c].chunks_mut(n)) {
+                direct.iter_mut().for_each(|part| part.add(instant, points.at(i), force));
+            }
             for (parameter, force) in forces[i * c..][..c].chunks_mut(n).enumerate() {
-                self.stiffness.multiply_add(1.0, &self.position[parameter * n..][..n], force);
+                stiffness.multiply_add(1.0, &position[parameter * n..][..n], force);
                 if step.shape.is_collocation() {
-                    self.stiffness.multiply_add(1.0, &base[i * c + parameter * n..][..n], force);
-                    if let Some(resistance) = &self.resistance {
+                    stiffness.multiply_add(1.0, &base[i * c + parameter * n..][..n], force);
+                    if let Some(resistance) = points.resistance(i) {
                         resistance.multiply_add(1.0, &start_velocities[parameter * n..][..n], force);
                     }
                 }
             }
-            if differ {
-                stiffnesses.push(self.stiffness.clone());
-                resistances.extend(self.resistance.clone());
-            }
-            if !self.kicks {
+            if !*kicks {
                 add(&mut forces[i * c..][..c], 1.0, &damped[i * c..][..c]);
             }
             if step.shape.is_collocation() {
-                add_leading(&self.terms, (i, nodes), base, n, &mut forces[i * c..][..c]);
+                add_leading(terms, (i, nodes), base, n, &mut forces[i * c..][..c]);
             }
-        }
-    }
-
-    /// ∂²U − ∂F and −∂F/∂v at a point, where they are not known already, and ∂G_i/∂θ there.
-    fn linearise(&mut self, step: &Step<'_>, i: usize) {
-        let (n, c, shape) = (self.size, self.size * self.count, step.shape);
-        let TangentBuffers { stages, forces, restoring, place, velocity, .. } = &mut self.room;
-        let instant = Instant::in_step(step.time, shape.nodes()[i], step.length);
-        let anew = !Mechanics::is_linear(&self.model) || (i == 0 && !self.solver.is_ready());
-        place.iter_mut().zip(step.start.iter().zip(&stages[i * n..])).for_each(|(x, (q, e))| *x = q + e);
-        if let Some(resistance) = &mut self.resistance {
-            match shape.is_collocation() {
-                true => self.model.velocity(step.momentum, velocity),
-                false => velocity.fill(0.0),
-            }
-            for mu in 0..shape.degree() {
-                add(velocity, shape.slope(i, mu), step.unknown(mu, n));
-            }
-            if anew {
-                let stiffness = &mut self.stiffness;
-                self.model.linearise_in_motion(instant, place, velocity, restoring, stiffness);
-                self.model.resistance(instant, place, velocity, resistance);
-            }
-        } else if anew {
-            self.model.linearise(instant, place, restoring, &mut self.stiffness);
-        }
-        for (direct, force) in self.direct.iter_mut().zip(forces[i * c..][..c].chunks_mut(n)) {
-            direct.iter_mut().for_each(|part| part.add(instant, (place, velocity), force));
         }
     }
 
@@ -200,37 +131,18 @@ impl Tangent {
         if self.solver.is_ready() && stays {
             return Ok(());
         }
-        let matrices = Matrices::of(&self.room, &self.stiffness, self.resistance.as_ref());
-        let (model, terms, gyroscopic, kicks) = (&self.model, &self.terms, &self.gyroscopic, self.kicks);
-        self.solver.factor((shape.degree(), n), model.mass(), |insert| {
-            for nu in 0..shape.degree() {
-                for mu in 0..shape.degree() {
-                    insert(nu, mu, shape.inertia(nu, mu), model.mass());
-                    for i in 0..shape.points() {
-                        let factor = shape.part(i, nu);
-                        insert(nu, mu, factor * shape.displacement(i, mu), matrices.stiffness(i));
-                        if let Some(resistance) = matrices.resistance(i) {
-                            insert(nu, mu, factor * shape.slope(i, mu), resistance);
-                        }
-                        if kicks {
-                            continue;
-                        }
-                        for term in terms {
-                            let weight =
-                                |j: usize| term.tangent.leading(0, nodes, i, j) * shape.displacement(j, mu);
-                            insert(nu, mu, factor * (0..nodes).map(weight).sum::<f64>(), &term.rho);
-                        }
-                        if let Some(gyroscopic) = gyroscopic {
-                            gyroscopic.visit(|row, j, weight, skew| {
-                                if row == i {
-                                    insert(nu, mu, factor * weight * shape.displacement(j, mu), skew);
-                                }
-                            });
-                        }
-                    }
-                }
-            }
-        })
+        let acting = if self.kicks { &[][..] } else { &self.terms };
+        let leading = |term: &Term| {
+            let places = (0..nodes).flat_map(|i| (0..nodes).map(move |j| (i, j)));
+            places.map(|(i, j)| term.tangent.leading(0, nodes, i, j)).collect()
+        };
+        let matrix = StepMatrix {
+            mass: self.model.mass(),
+            points: &self.points,
+            dampers: acting.iter().map(|term| (&term.rho, leading(term))).collect(),
+            gyroscopic: self.gyroscopic.as_ref().filter(|_| !self.kicks),
+        };
+        self.solver.factor((shape.degree(), n), matrix.mass, |insert| matrix.visit(shape, nodes, insert))
     }
 
     /// Solves for the derivatives of the unknowns.
@@ -290,7 +202,7 @@ impl Tangent {
         let (n, c, h, nodes) = (self.size, self.size * self.count, self.step, step.fractions.len());
         let shape = step.shape;
         let mut forces = std::mem::take(&mut self.room.forces);
-        let matrices = Matrices::of(&self.room, &self.stiffness, self.resistance.as_ref());
+        let points = &self.points;
         let TangentBuffers { own_stages, own_rise, columns, .. } = &self.room;
         let columns = columns.as_slice();
         if shape.is_collocation() {
@@ -307,8 +219,8 @@ impl Tangent {
             for (i, weight) in shape.weights().iter().enumerate() {
                 let force = &mut forces[i * c..][..c];
                 let own = force.chunks_mut(n).zip(own_stages[i * c..][..c].chunks(n));
-                own.for_each(|(force, own)| matrices.stiffness(i).multiply_add(1.0, own, force));
-                if let Some(resistance) = matrices.resistance(i) {
+                own.for_each(|(force, own)| points.stiffness(i).multiply_add(1.0, own, force));
+                if let Some(resistance) = points.resistance(i) {
                     for (parameter, force) in force.chunks_mut(n).enumerate() {
                         for mu in 0..shape.degree() {
                             let own = &columns[(parameter * shape.degree() + mu) * n..][..n];
@@ -340,7 +252,8 @@ impl Tangent {
 
     /// Hands the step to the memories, and moves on to its end.
     fn remember(&mut self, step: &Step<'_>) -> Result<(), String> {
-        let TangentBuffers { stages, rise, own_stages, own_rise, .. } = &self.room;
+        let TangentBuffers { own_stages, own_rise, .. } = &self.room;
+        let Points { stages, rise, .. } = &self.points;
         let (told, own_told) = match self.at_main_nodes {
             true => (rise, own_rise),
             false => (stages, own_stages),
@@ -352,29 +265,5 @@ impl Tangent {
         leave_behind(&mut self.behind, own_rise, own_stages);
         add(&mut self.position, 1.0, own_rise);
         Ok(())
-    }
-}
-
-/// ∂²U − ∂F and −∂F/∂v at the points of a step.
-struct Matrices<'a> {
-    /// Where they do not depend on the point.
-    stiffness: &'a Matrix<f64>,
-    resistance: Option<&'a Matrix<f64>>,
-    /// Point by point; none where they do not.
-    stiffnesses: &'a [Matrix<f64>],
-    resistances: &'a [Matrix<f64>],
-}
-
-impl<'a> Matrices<'a> {
-    fn of(room: &'a TangentBuffers, stiffness: &'a Matrix<f64>, resistance: Option<&'a Matrix<f64>>) -> Self {
-        Self { stiffness, resistance, stiffnesses: &room.stiffnesses, resistances: &room.resistances }
-    }
-
-    fn stiffness(&self, i: usize) -> &'a Matrix<f64> {
-        self.stiffnesses.get(i).unwrap_or(self.stiffness)
-    }
-
-    fn resistance(&self, i: usize) -> Option<&'a Matrix<f64>> {
-        self.resistances.get(i).or(self.resistance)
     }
 }
