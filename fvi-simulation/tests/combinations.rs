@@ -129,6 +129,10 @@ fn problems() -> Vec<Fragment> {
             damped(json!({ "order": 0.6, "coefficient": 0.9, "along": "hypot(q0 + 2, 1.5*q1)" })),
         ),
         problem(
+            "kinked elongation",
+            damped(json!({ "order": 0.6, "coefficient": 0.9, "along": "abs(q0 + 5)" })),
+        ),
+        problem(
             "lagrangian",
             system(json!({ "kinetic": "0.5*v0^2 + 0.35*v1^2 + 0.3*q0^2*v0*v1 + 0.5*(q0*v1 - q1*v0)" })),
         ),

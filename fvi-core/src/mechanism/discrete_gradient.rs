@@ -37,7 +37,8 @@ pub(super) struct Buffers<'a, T> {
     /// M V, and L_q + F with the corrected gradient.
     pub(super) momentum: &'a mut [T],
     force: &'a mut [T],
-    /// ∂U in the middle and at the end, and ∂²U in the middle.
+    /// U at both ends, ∂U in the middle and at the end, and ∂²U in the middle.
+    heights: &'a mut [T],
     slope: &'a mut [T],
     end_slope: &'a mut [T],
     bend: &'a mut [T],
@@ -66,7 +67,7 @@ impl<'a, T: Real> Buffers<'a, T> {
     pub(super) const fn numbers(shape: Shape) -> usize {
         let Shape { n, m, e, .. } = shape;
         let u = n + m;
-        5 * (u + 1) + (u + 1) * (u + 1) + 12 * n + 6 * n * n + 3 * m + 2 * m * n + 2 * e * n + 3 * e
+        2 + 5 * (u + 1) + (u + 1) * (u + 1) + 12 * n + 6 * n * n + 3 * m + 2 * m * n + 2 * e * n + 3 * e
     }
 
     /// The arrays in a buffer of so many numbers.
@@ -90,6 +91,7 @@ impl<'a, T: Real> Buffers<'a, T> {
             middle: take(n),
             momentum: take(n),
             force: take(n),
+            heights: take(2),
             slope: take(n),
             end_slope: take(n),
             bend: take(n * n),
@@ -402,6 +404,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
         let end = self.system.potential(room.end, room.end_slope, None);
         let (Some(start), Some(end)) = (start, end) else { return T::zero() };
         self.system.potential(room.middle, room.slope, None);
+        copy(room.heights, &[start, end]);
         remainder([start, end, dot(room.slope, room.rise)], dot(room.rise, room.rise))
     }
 
@@ -497,13 +500,11 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
         self.differentiate_constraints(room, length);
     }
 
-    /// Adds θh ∂(r d)/∂V of the potential, d = q₁ − q₀.
+    /// Adds θh ∂(r d)/∂V of the potential, d = q₁ − q₀, whose values the equations were evaluated with.
     fn differentiate_gradient(&mut self, room: &mut Buffers<'_, T>, length: T) {
         let n = self.shape.n;
-        let start = self.system.potential(self.position, room.slope, None);
-        let end = self.system.potential(room.end, room.end_slope, None);
-        let (Some(start), Some(end)) = (start, end) else { return };
         self.system.potential(room.middle, room.slope, Some(room.bend));
+        let [start, end] = [at(room.heights, 0), at(room.heights, 1)];
         let square = dot(room.rise, room.rise);
         let r = remainder([start, end, dot(room.slope, room.rise)], square);
         add_correction(

@@ -113,20 +113,23 @@ impl<T: Real> GaussLobatto<T> {
     }
 
     /// b̃_j, j = 0…s.
+    #[doc(hidden)]
     #[inline(always)]
-    pub(super) fn knot_weight(&self, j: usize) -> T {
+    pub fn knot_weight(&self, j: usize) -> T {
         self.knot_weights.at(0, j)
     }
 
     /// ã_jk, j = 0…s.
+    #[doc(hidden)]
     #[inline(always)]
-    pub(super) fn at_knot(&self, j: usize, k: usize) -> T {
+    pub fn at_knot(&self, j: usize, k: usize) -> T {
         self.at_knots.at(j, k)
     }
 
     /// â_ij, j = 0…s.
+    #[doc(hidden)]
     #[inline(always)]
-    pub(super) fn conjugate(&self, i: usize, j: usize) -> T {
+    pub fn conjugate(&self, i: usize, j: usize) -> T {
         self.conjugate.at(i, j)
     }
 

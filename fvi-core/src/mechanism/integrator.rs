@@ -550,6 +550,13 @@ where
         from(self.numbers.as_ref(), self.shape.carried() - s * n, s * n)
     }
 
+    /// Λ_0 … Λ_{s−1} of the last step.
+    #[doc(hidden)]
+    pub fn multipliers(&self) -> &[T] {
+        let StepShape { s, n, m, .. } = self.shape;
+        from(self.numbers.as_ref(), 5 * n + s * n, s * m)
+    }
+
     /// The dampers' forces at the present grid point, continued from the nodes of the last step.
     pub fn tensions(&self) -> &[T] {
         let StepShape { n, e, .. } = self.shape;

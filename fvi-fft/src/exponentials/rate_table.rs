@@ -195,7 +195,7 @@ pub fn rate_table_of<T: Real, const R: usize>(
         growth if growth <= 1.0 => (1, growth),
         growth => (2, growth),
     };
-    let [nodes, ends] = Spectrum { transfer, derivatives, shortest, horizon, tolerance }
+    let [nodes, ends] = Spectrum { transfer, by: None, derivatives, shortest, horizon, tolerance }
         .relaxations()
         .map_err(|reached| RateTableError::ToleranceMissed { tolerance, reached })?;
     let finished = |mut relaxations: Vec<Relaxation>| {

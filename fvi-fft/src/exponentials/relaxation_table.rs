@@ -4,6 +4,7 @@ use crate::exponentials::rate_rules::Relaxation;
 use crate::exponentials::rate_table::{ENDLESS, RateTableError, check_ranges};
 use crate::exponentials::spectrum::Spectrum;
 use crate::transfer::TransferFunction;
+use crate::transfer::derivative::TransferDerivative;
 use fvi_core::{ParameterError, RelaxationTable};
 
 /// Rate times shortest step from which on relaxations act as dashpots: merging them changes the weights of a
@@ -30,6 +31,29 @@ pub fn relaxation_table(
     horizon: f64,
     tolerance: f64,
 ) -> Result<RelaxationTable<Vec<f64>>, RateTableError> {
+    table_of((transfer, None), shortest, horizon, tolerance)
+}
+
+/// The table of ∂K/∂θ, with the d of the table of K, for the derivatives of a motion: within 10⁻¹⁰ of K.
+///
+/// # Errors
+/// [`RateTableError`], also where ∂K/∂θ is no sum of relaxations.
+pub fn relaxation_table_derivative(
+    transfer: &TransferFunction,
+    by: &TransferDerivative,
+    shortest: f64,
+    horizon: f64,
+    tolerance: f64,
+) -> Result<RelaxationTable<Vec<f64>>, RateTableError> {
+    table_of((transfer, Some(by)), shortest, horizon, tolerance)
+}
+
+fn table_of(
+    (transfer, by): (&TransferFunction, Option<&TransferDerivative>),
+    shortest: f64,
+    horizon: f64,
+    tolerance: f64,
+) -> Result<RelaxationTable<Vec<f64>>, RateTableError> {
     check_ranges(shortest, horizon, tolerance)?;
     if let Some(table) = transfer.table() {
         let (parameter, value) = ("number of weights", table.weights().len() as f64);
@@ -41,7 +65,7 @@ pub fn relaxation_table(
         return Err(ParameterError { parameter: "growth of the kernel", value: growth, allowed }.into());
     }
     let derivatives = if growth <= 1.0 { 1 } else { 2 };
-    let [nodes, ends] = Spectrum { transfer, derivatives, shortest, horizon, tolerance }
+    let [nodes, ends] = Spectrum { transfer, by, derivatives, shortest, horizon, tolerance }
         .relaxations()
         .map_err(|reached| RateTableError::ToleranceMissed { tolerance, reached })?;
     let closing = ENDLESS / shortest;
@@ -98,8 +122,11 @@ mod tests {
 
     /// The same weights as a damper has them: the forces that a unit velocity at one node leaves.
     fn weights_of_damper(transfer: &TransferFunction, h: f64, count: usize) -> Vec<Weight> {
+        weights_of_table(relaxation_table(transfer, h, h * count as f64, 1e-13).unwrap(), h, count)
+    }
+
+    fn weights_of_table(table: RelaxationTable<Vec<f64>>, h: f64, count: usize) -> Vec<Weight> {
         let rule = GaussLobatto::<f64>::new(2).unwrap();
-        let table = relaxation_table(transfer, h, h * count as f64, 1e-13).unwrap();
         let columns = [0, 1].map(|node| {
             let numbers = vec![0.0; Relaxing::<f64, Vec<f64>, Vec<f64>>::numbers(table.rates.len(), 2, 1)];
             let mut damper = Relaxing::new(&rule, table.clone(), vec![1.0], 1, numbers).unwrap();
@@ -138,6 +165,38 @@ mod tests {
                     .zip(&found)
                     .fold(0.0, |most, (exact, found)| max_or_nan(most, (exact - found).norm() / size));
                 assert!(error < 2e-11, "{transfer:?}, h = {h}: {error:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn derivatives_of_kernels_have_the_differences_of_their_weights() {
+        type Case = (&'static str, usize, f64, Box<dyn Fn(f64) -> TransferFunction>);
+        let prony = |g, t| TransferFunction::prony(&[1.0, g], &[0.3, t]).unwrap();
+        let cases: Vec<Case> = vec![
+            ("order", 0, 0.4, Box::new(|x| TransferFunction::power(x).unwrap())),
+            ("order", 0, 1.5, Box::new(|x| TransferFunction::power(x).unwrap())),
+            ("order", 0, 0.5, Box::new(|x| TransferFunction::tempered(x, 0.7).unwrap())),
+            ("rate", 0, 0.7, Box::new(|x| TransferFunction::tempered(0.5, x).unwrap())),
+            ("order", 0, 0.6, Box::new(|x| TransferFunction::maxwell(x, 0.3, 1.0).unwrap())),
+            ("time", 0, 0.8, Box::new(|x| TransferFunction::maxwell(0.6, 0.3, x).unwrap())),
+            ("power", 0, 0.5, Box::new(|x| TransferFunction::havriliak_negami(0.7, x, 1.0).unwrap())),
+            ("strengths", 1, 0.5, Box::new(move |x| prony(x, 2.0))),
+            ("times", 1, 2.0, Box::new(move |x| prony(0.5, x))),
+        ];
+        for (name, index, at, make) in cases {
+            let h = 0.1;
+            let by = TransferDerivative::new(&make(at), name, index).unwrap();
+            let table = relaxation_table_derivative(&make(at), &by, h, 4.0, 1e-13).unwrap();
+            let exact = weights_of_table(table, h, 40);
+            let size = weights_of_damper(&make(at), h, 1)[0].norm();
+            let [e, two] = [1e-3, 2e-3].map(|e| {
+                let [more, less] = [at + e, at - e].map(|x| weights_of_damper(&make(x), h, 40));
+                more.iter().zip(less).map(|(more, less)| (more - less) / (2.0 * e)).collect::<Vec<_>>()
+            });
+            for (n, exact) in exact.iter().enumerate() {
+                let error = (exact - (e[n] * 4.0 - two[n]) / 3.0).norm() / size;
+                assert!(error < 1e-9, "{name} of {}, weight {n}: {error:e}", make(at));
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::exponentials::exponential_table::JacobiMatrix;
 use crate::exponentials::rate_rules::Relaxation;
+use crate::transfer::derivative::TransferDerivative;
 use crate::transfer::{Cut, TransferFunction};
 use nalgebra::Complex;
 use std::f64::consts::PI;
@@ -20,15 +21,20 @@ const ELLIPSE: f64 = 0.723;
 const HALVINGS: usize = 48;
 const PIECES: usize = 600;
 
+/// Largest error of the derivative of a kernel, relative to the kernel.
+const OF_DERIVATIVES: f64 = 1e-10;
+
 /// Ratio to a sum below which its terms are dropped.
 const NEGLIGIBLE: f64 = 1e-18;
 
 /// Nearest and farthest place on the cut, as multiples of 1/horizon and of 1/shortest step.
 const FAR: f64 = 1e120;
 
-/// Spectrum of K: with d derivatives, K(s)/s^d = Σ c/(s + λ).
+/// Spectrum of K, or of its derivative by a parameter: with d derivatives, K(s)/s^d = Σ c/(s + λ).
 pub(crate) struct Spectrum<'a> {
     pub(crate) transfer: &'a TransferFunction,
+    /// ∂K/∂θ, in place of K.
+    pub(crate) by: Option<&'a TransferDerivative>,
     /// d
     pub(crate) derivatives: usize,
     pub(crate) shortest: f64,
@@ -71,7 +77,8 @@ impl Spectrum<'_> {
     }
 
     fn misses(&self, error: f64) -> bool {
-        error.is_nan() || error > self.tolerance
+        let allowed = if self.by.is_some() { OF_DERIVATIVES.max(self.tolerance) } else { self.tolerance };
+        error.is_nan() || error > allowed
     }
 
     fn of_poles(&self) -> Vec<Relaxation> {
@@ -79,14 +86,16 @@ impl Spectrum<'_> {
             rate: pole.rate,
             coefficient: pole.residue * (-pole.rate).powi(-(self.derivatives as i32)),
         };
-        self.transfer.poles().into_iter().map(pole).collect()
+        let poles = self.by.map_or_else(|| self.transfer.poles(), TransferDerivative::poles);
+        poles.into_iter().map(pole).collect()
     }
 
     /// c(λ) d at λ = a + d, for an integral over ln d.
     fn density(&self, cut: &Cut, d: f64) -> f64 {
         let rate = cut.start + d;
         let sign = if self.derivatives == 1 { 1.0 } else { -1.0 };
-        sign * self.transfer.jump(d) * d * rate.powi(-(self.derivatives as i32))
+        let jump = self.by.map_or_else(|| self.transfer.jump(d), |by| by.jump(cut.start, d));
+        sign * jump * d * rate.powi(-(self.derivatives as i32))
     }
 
     /// |K| d/λ^d, the scale of the rounding error in the density of a formula.
@@ -256,7 +265,8 @@ impl Spectrum<'_> {
 
     /// K(s)/s^d
     fn value(&self, s: Complex<f64>) -> Complex<f64> {
-        (0..self.derivatives).fold(self.transfer.value(s), |value, _| value / s)
+        let whole = self.by.map_or_else(|| self.transfer.value(s), |by| by.value(s) + by.spring());
+        (0..self.derivatives).fold(whole, |value, _| value / s)
     }
 
     fn sum(nodes: &[Relaxation], s: Complex<f64>) -> Complex<f64> {

@@ -1,9 +1,10 @@
 //! Derivatives of transfer functions with respect to their parameters.
 
 use crate::transfer::algebra::{Algebra, Series};
-use crate::transfer::{Form, Formula, TransferFunction, value_at_zero};
+use crate::transfer::{Form, Formula, Pole, TransferFunction, value_at_zero};
 use fvi_core::{DoubleDouble, ParameterError};
 use nalgebra::Complex;
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 /// ∂K(s)/∂θ of a transfer function K by one of its parameters θ, a function of s like K: its weights are the
@@ -123,6 +124,43 @@ impl TransferDerivative {
         match &self.of {
             Derivand::Parameter(parameter) => parameter.at(&s),
             Derivand::Formula(formula) => formula.value(s) - self.spring,
+        }
+    }
+
+    /// Im ∂K/∂θ(−x + i0)/π at x = start + d, where K has a cut from −start on.
+    pub(crate) fn jump(&self, start: f64, d: f64) -> f64 {
+        let (parameter, place) = match &self.of {
+            // Functions of s + a alone, whose digits s = −a − d does not have.
+            Derivand::Parameter(Parameter::TemperedOrder { order, .. }) => {
+                (&Parameter::PowerOrder { order: *order }, -d)
+            }
+            &Derivand::Parameter(Parameter::TemperedRate { order, .. }) => {
+                let power = Complex::new(-d, 0.0).power(DoubleDouble::exact(order - 1.0));
+                return order * power.im / PI;
+            }
+            Derivand::Parameter(parameter) => (parameter, -(start + d)),
+            Derivand::Formula(_) => return self.value(Complex::new(-(start + d), 0.0)).im / PI,
+        };
+        parameter.at(&Complex::new(place, 0.0)).im / PI
+    }
+
+    /// The poles of ∂K/∂θ for a Prony series. That by a time has a double one, in place of which simple ones
+    /// stand at neighbouring rates: a difference of order four.
+    pub(crate) fn poles(&self) -> Vec<Pole> {
+        match self.of {
+            Derivand::Parameter(Parameter::PronyStrength { time }) => {
+                vec![Pole { rate: time.recip(), residue: -time.recip(), rests: [0.0; 2] }]
+            }
+            Derivand::Parameter(Parameter::PronyTime { strength, time }) => {
+                let (whole, near) = (time.recip(), 1e-3);
+                let parts = [(-2.0, 1.0), (-1.0, -8.0), (1.0, 8.0), (2.0, -1.0)];
+                let scale = strength * whole / (12.0 * near);
+                let rates = parts.map(|(place, share)| (whole * (1.0 + near * place), share));
+                rates
+                    .map(|(rate, share)| Pole { rate, residue: scale * share * rate, rests: [0.0; 2] })
+                    .into()
+            }
+            _ => Vec::new(),
         }
     }
 

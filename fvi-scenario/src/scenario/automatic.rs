@@ -412,9 +412,9 @@ impl Scenario {
     /// True if forces have jumps or kinks in the position.
     #[doc(hidden)]
     pub fn has_kinks(&self) -> bool {
-        [Feature::KinkedPotential, Feature::KinkedElement, Feature::KinkedForce]
-            .iter()
-            .any(|feature| feature.is_in(self))
+        use Feature::{KinkedElement, KinkedForce, KinkedMechanism, KinkedPotential};
+        let kinked = [KinkedPotential, KinkedElement, KinkedForce, KinkedMechanism];
+        kinked.iter().any(|feature| feature.is_in(self))
     }
 
     /// The times of the rows, where the file determines them.

@@ -73,6 +73,12 @@ pub struct Named {
     pub elements: Vec<(usize, Expression)>,
     /// Amplitudes of loads in t and the constant, each with the index of its load.
     pub loads: Vec<(usize, Expression)>,
+    /// T in q0, …, v0, … and the constant, if it occurs there.
+    pub kinetic: Option<Expression>,
+    /// Constraints in q0, … and the constant, each with its index.
+    pub constraints: Vec<(usize, Expression)>,
+    /// Elongations likewise, counted through all damping terms that have any.
+    pub elongations: Vec<(usize, Expression)>,
     /// Derivatives of kernels whose `symbol` contains it, each with the index of the damping term.
     pub kernels: Vec<(usize, TransferDerivative)>,
 }
@@ -184,6 +190,9 @@ impl Reader<'_> {
                 }
                 Ok(Quantity::Velocity(self.coordinate(index)?))
             }
+            [("system", []), ("mass", _)] if system.kinetic.is_some() => {
+                Err(self.refused("`system.parameters.NAME` in `system.kinetic`, which gives the mass"))
+            }
             [("system", []), ("mass", indices)] => {
                 let (row, column) = self.entry(&system.mass, indices)?;
                 Ok(Quantity::Mass(row, column))
@@ -223,18 +232,20 @@ impl Reader<'_> {
     }
 
     fn coordinate(&self, index: usize) -> Result<usize, InputError> {
-        let count = self.scenario.coordinates();
-        let refused = || self.refused(format!("an index below {count}, the number of coordinates"));
+        self.below(index, self.scenario.coordinates(), "coordinates")
+    }
+
+    fn below(&self, index: usize, count: usize, of: &str) -> Result<usize, InputError> {
+        let refused = || self.refused(format!("an index below {count}, the number of {of}"));
         if index < count { Ok(index) } else { Err(refused()) }
     }
 
     /// The row and column of an entry that the file of the scenario gives.
     fn entry(&self, matrix: &SymmetricMatrix, indices: &[usize]) -> Result<(usize, usize), InputError> {
+        let place = |index: usize| self.below(index, matrix.size(), "rows");
         match (matrix, indices) {
-            (SymmetricMatrix::Diagonal(_), &[index]) => Ok((self.coordinate(index)?, index)),
-            (SymmetricMatrix::Dense(_), &[row, column]) => {
-                Ok((self.coordinate(row)?, self.coordinate(column)?))
-            }
+            (SymmetricMatrix::Diagonal(_), &[index]) => Ok((place(index)?, index)),
+            (SymmetricMatrix::Dense(_), &[row, column]) => Ok((place(row)?, place(column)?)),
             (SymmetricMatrix::Diagonal(_) | SymmetricMatrix::Dense(_), []) if matrix.size() == 1 => {
                 Ok((0, 0))
             }
@@ -265,7 +276,8 @@ impl Reader<'_> {
                 if self.has(term, "scale") {
                     return Err(self.refused("`.scale`: this coefficient is scaled"));
                 }
-                let (row, column) = self.entry(&damping.coefficient, indices)?;
+                let coefficient = damping.along.as_ref().map(|along| &along.coefficient);
+                let (row, column) = self.entry(coefficient.unwrap_or(&damping.coefficient), indices)?;
                 let mirrored = (row != column).then_some((column, row, 1.0));
                 Ok(Quantity::Coefficient(term, std::iter::once((row, column, 1.0)).chain(mirrored).collect()))
             }
@@ -386,6 +398,23 @@ impl Reader<'_> {
                 loads.extend(parsed.map(|parsed| (index, parsed)));
             }
         }
+        let kinetic = match &system.kinetic {
+            Some(kinetic) => {
+                let symbols = others.clone().with_coordinates(count);
+                again(kinetic, symbols.with_velocities(count, |other| other == name), 2 * count)?
+            }
+            None => None,
+        };
+        let of_position = |expressions: &mut dyn Iterator<Item = &Expression>| {
+            let mut found = Vec::new();
+            for (index, expression) in expressions.enumerate() {
+                let parsed = again(expression, others.clone().with_coordinates(count), count)?;
+                found.extend(parsed.map(|parsed| (index, parsed)));
+            }
+            Ok::<_, InputError>(found)
+        };
+        let constraints = of_position(&mut system.constraints.iter())?;
+        let elongations = of_position(&mut system.elongations())?;
         let mut kernels = Vec::new();
         for (term, damping) in system.damping.iter().enumerate() {
             if !self.has(term, "kernel.symbol") {
@@ -399,7 +428,17 @@ impl Reader<'_> {
                 kernels.push((term, self.symbol(term, parsed, value)?));
             }
         }
-        Ok(Quantity::Named(Box::new(Named { value, potential, force, elements, loads, kernels })))
+        Ok(Quantity::Named(Box::new(Named {
+            value,
+            potential,
+            force,
+            elements,
+            loads,
+            kinetic,
+            constraints,
+            elongations,
+            kernels,
+        })))
     }
 
     /// The derivative of the symbol of a term by a constant in it.

@@ -286,6 +286,11 @@ impl System {
         &self.linear_momentum
     }
 
+    /// The elongations of all damping terms that act along any, in their order.
+    pub fn elongations(&self) -> impl Iterator<Item = &Expression> {
+        self.damping.iter().filter_map(|term| term.along.as_ref()).flat_map(|along| &along.elongations)
+    }
+
     /// True if it is a mechanism: a Lagrangian, constraints, or damping along elongations.
     pub fn is_mechanism(&self) -> bool {
         self.kinetic.is_some()

@@ -5,7 +5,7 @@ use super::space::AnySpace;
 use crate::model::tape::CompiledFunction;
 use fvi_core::{Instant, Lagrangian, MatrixError, Mechanics, Second};
 use fvi_scenario::language::expression::{Elementary, Expression, Moment};
-use fvi_scenario::scenario::{Scenario, Scheme};
+use fvi_scenario::scenario::{Quantity, Scenario, Scheme};
 
 /// T(q, v) − U(q) with forces, constraints and elongations of a scenario.
 #[derive(Clone, Debug)]
@@ -134,10 +134,22 @@ impl<T: Elementary> Mechanism<T> {
     }
 }
 
-/// Coordinates that a damping term without elongations acts on.
-fn damped_coordinates(scenario: &Scenario, term: &fvi_scenario::scenario::Damping) -> Vec<usize> {
+/// Coordinates that a damping term without elongations acts on, or would with a parameter of `[sensitivity]`
+/// other than 0.
+pub fn damped_coordinates(scenario: &Scenario, term: &fvi_scenario::scenario::Damping) -> Vec<usize> {
     let silent = term.coefficient.zero_rows();
-    (0..scenario.coordinates()).filter(|row| silent.binary_search(row).is_err()).collect()
+    let parameters = scenario.sensitivity.iter().flat_map(|sensitivity| &sensitivity.parameters);
+    let changed: Vec<usize> = parameters
+        .filter_map(|parameter| match &parameter.what {
+            Quantity::Coefficient(own, change) => {
+                std::ptr::eq(term, &scenario.system.damping[*own]).then_some(change)
+            }
+            _ => None,
+        })
+        .flat_map(|change| change.iter().map(|&(row, _, _)| row))
+        .collect();
+    let acts = |row: &usize| silent.binary_search(row).is_err() || changed.contains(row);
+    (0..scenario.coordinates()).filter(acts).collect()
 }
 
 /// ρ of a damping term for its elongations, row by row.

@@ -9,9 +9,10 @@ use fvi_core::{
     DamperRow, GaussLobatto, Instant, Lagrangian, MechanismError, MechanismIntegrator, RelaxationTable,
     Relaxing, StateError, StateReader, StateWriter, Stateful, StepError,
 };
-use fvi_fft::exponentials::relaxation_table::relaxation_table;
+use fvi_fft::exponentials::relaxation_table::{relaxation_table, relaxation_table_derivative};
 use fvi_fft::memory::Engine;
 use fvi_fft::quadrature::ConvolutionFamily;
+use fvi_fft::transfer::derivative::TransferDerivative;
 use fvi_scenario::language::expression::Elementary;
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Damping, ReportedMomentum, Scenario, Scheme};
@@ -26,12 +27,15 @@ const TOLERANCE: f64 = 1e-13;
 /// that a longer one may continue a shorter.
 const LEAST_STEPS: f64 = 1e3;
 
-type Element<T> = Relaxing<T, Vec<T>, Vec<T>>;
-type Row<T> = DamperRow<Element<T>, Vec<Element<T>>>;
+pub(super) type Element<T> = Relaxing<T, Vec<T>, Vec<T>>;
+pub(super) type Row<T> = DamperRow<Element<T>, Vec<Element<T>>>;
+
+/// The integrator of a mechanism.
+pub(super) type Integrator<T> = MechanismIntegrator<T, Mechanism<T>, Row<T>, Vec<T>, Vec<usize>>;
 
 /// The mechanism of a scenario in one precision.
 pub(super) struct TypedMechanism<T: Elementary> {
-    integrator: MechanismIntegrator<T, Mechanism<T>, Row<T>, Vec<T>, Vec<usize>>,
+    integrator: Integrator<T>,
     input: Vec<T>,
     /// The momentum that is shown: with the excess of the dampers' impulse, or that of the scheme.
     momentum: Vec<T>,
@@ -47,43 +51,7 @@ impl<T: Elementary> TypedMechanism<T> {
     /// # Errors
     /// If it cannot begin there, a kernel has no relaxations, or there are too many unknowns.
     pub(super) fn new(scenario: &Scenario) -> Result<Self, InputError> {
-        let ConvolutionFamily::Gauss { stages } = scenario.convolution.family else {
-            let reason = "a mechanism has Gauss weights".to_owned();
-            return Err(scenario.error_at("convolution.family", Problem::Unusable { reason }));
-        };
-        let rule = GaussLobatto::<T>::new(stages).map_err(|error| {
-            let allowed = format!("{} ({} given)", error.allowed, error.parameter);
-            scenario.error_at("scheme.degree", Problem::OutOfRange { allowed })
-        })?;
-        check_size(scenario, stages)?;
-        let mut system = Mechanism::<T>::new(scenario).map_err(|error| super::bad_mass(scenario, &error))?;
-        let position: Vec<T> = vector(&scenario.initial.position);
-        if let Some(elongation) = system.first_not_differentiable(&position) {
-            return Err(not_differentiable(scenario, elongation));
-        }
-        let velocity = scenario.initial_velocity().ok_or_else(|| {
-            let reason = "the mass at the start is singular: its inverse gives the velocity".to_owned();
-            scenario.error_at_first(&["system.kinetic", "system.mass"], Problem::Unusable { reason })
-        })?;
-        let dampers = dampers(scenario, &rule)?;
-        let shape = [system.coordinates(), system.constraints(), system.elongations()];
-        type Integrator<T> = MechanismIntegrator<T, Mechanism<T>, Row<T>, Vec<T>, Vec<usize>>;
-        let conserves = scenario.scheme == Scheme::Energy;
-        let numbers = match conserves {
-            true => Integrator::<T>::conserving_numbers(shape),
-            false => Integrator::<T>::numbers(stages, shape),
-        };
-        let indices = Integrator::<T>::unknowns(stages, shape) + usize::from(conserves);
-        let buffers = (vec![T::zero(); numbers], vec![0; indices]);
-        let parts = (system, dampers);
-        let time = (T::of(scenario.time.step), T::of(scenario.time.start));
-        let velocity = vector::<T>(&velocity);
-        let (state, project) = ((&position[..], &velocity[..]), scenario.initial.project);
-        let integrator = match conserves {
-            true => Integrator::conserving(parts, time, state, project, buffers),
-            false => Integrator::new(rule, parts, time, state, project, buffers),
-        }
-        .map_err(|error| refused(scenario, &error))?;
+        let integrator = integrator::<T>(scenario)?;
         let zeros = || vec![T::zero(); scenario.coordinates()];
         let mut made = Self {
             integrator,
@@ -154,6 +122,46 @@ impl<T: Elementary> TypedMechanism<T> {
     }
 }
 
+/// The integrator of a scenario at its start.
+pub(super) fn integrator<T: Elementary>(scenario: &Scenario) -> Result<Integrator<T>, InputError> {
+    let ConvolutionFamily::Gauss { stages } = scenario.convolution.family else {
+        let reason = "a mechanism has Gauss weights".to_owned();
+        return Err(scenario.error_at("convolution.family", Problem::Unusable { reason }));
+    };
+    let rule = GaussLobatto::<T>::new(stages).map_err(|error| {
+        let allowed = format!("{} ({} given)", error.allowed, error.parameter);
+        scenario.error_at("scheme.degree", Problem::OutOfRange { allowed })
+    })?;
+    check_size(scenario, stages)?;
+    let mut system = Mechanism::<T>::new(scenario).map_err(|error| super::bad_mass(scenario, &error))?;
+    let position: Vec<T> = vector(&scenario.initial.position);
+    if let Some(elongation) = system.first_not_differentiable(&position) {
+        return Err(not_differentiable(scenario, elongation));
+    }
+    let velocity = scenario.initial_velocity().ok_or_else(|| {
+        let reason = "the mass at the start is singular: its inverse gives the velocity".to_owned();
+        scenario.error_at_first(&["system.kinetic", "system.mass"], Problem::Unusable { reason })
+    })?;
+    let dampers = dampers(scenario, &rule)?;
+    let shape = [system.coordinates(), system.constraints(), system.elongations()];
+    let conserves = scenario.scheme == Scheme::Energy;
+    let numbers = match conserves {
+        true => Integrator::<T>::conserving_numbers(shape),
+        false => Integrator::<T>::numbers(stages, shape),
+    };
+    let indices = Integrator::<T>::unknowns(stages, shape) + usize::from(conserves);
+    let buffers = (vec![T::zero(); numbers], vec![0; indices]);
+    let parts = (system, dampers);
+    let time = (T::of(scenario.time.step), T::of(scenario.time.start));
+    let velocity = vector::<T>(&velocity);
+    let (state, project) = ((&position[..], &velocity[..]), scenario.initial.project);
+    match conserves {
+        true => Integrator::conserving(parts, time, state, project, buffers),
+        false => Integrator::new(rule, parts, time, state, project, buffers),
+    }
+    .map_err(|error| refused(scenario, &error))
+}
+
 /// Refuses mechanisms whose full matrices would be too large.
 fn check_size(scenario: &Scenario, stages: usize) -> Result<(), InputError> {
     let unknowns = stages * (scenario.coordinates() + scenario.system.constraints.len());
@@ -186,38 +194,57 @@ fn not_differentiable(scenario: &Scenario, mut elongation: usize) -> InputError 
 }
 
 /// The dampers of a scenario, in the order of their elongations.
-fn dampers<T: Elementary>(scenario: &Scenario, rule: &GaussLobatto<T>) -> Result<Row<T>, InputError> {
+pub(super) fn dampers<T: Elementary>(
+    scenario: &Scenario,
+    rule: &GaussLobatto<T>,
+) -> Result<Row<T>, InputError> {
+    let of_term = |(index, term): (usize, &Damping)| {
+        damper(scenario, rule, index, (None, coefficient_of::<T>(scenario, term)))
+    };
+    let row = scenario.system.damping.iter().enumerate().map(of_term).collect::<Result<Vec<_>, _>>()?;
+    Ok(DamperRow::new(row))
+}
+
+/// The damper of a term with a coefficient: of its kernel, or of the derivative of that.
+pub(super) fn damper<T: Elementary>(
+    scenario: &Scenario,
+    rule: &GaussLobatto<T>,
+    index: usize,
+    (by, coefficient): (Option<&TransferDerivative>, Vec<T>),
+) -> Result<Element<T>, InputError> {
     let time = &scenario.time;
     let span = (time.time(time.steps) - time.start).max(LEAST_STEPS * time.step);
     let asked = scenario.history.horizon.map_or(span, |samples| samples as f64 * time.step);
     let horizon = libm::pow(10.0, libm::log10(span).ceil()).max(asked);
-    let element = |(index, term): (usize, &Damping)| {
-        let table = table::<T>(term, time.step, horizon).map_err(|error| {
-            let paths = ["order", "kernel"].map(|key| format!("system.damping[{index}].{key}"));
-            let reason = error.to_string();
-            scenario.error_at_first(&[&paths[0], &paths[1]], Problem::Unusable { reason })
-        })?;
-        let coefficient = coefficient_of::<T>(scenario, term);
-        let count = coefficient.len().isqrt();
-        let numbers = vec![T::zero(); Element::<T>::numbers(table.rates.len(), rule.stages(), count)];
-        Relaxing::new(rule, table, coefficient, count, numbers).map_err(|error| {
-            let path = format!("system.damping[{index}]");
-            scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
-        })
-    };
-    let row = scenario.system.damping.iter().enumerate().map(element).collect::<Result<Vec<_>, _>>()?;
-    Ok(DamperRow::new(row))
+    let term = &scenario.system.damping[index];
+    let table = table::<T>((term, by), time.step, horizon).map_err(|error| {
+        let paths = ["order", "kernel"].map(|key| format!("system.damping[{index}].{key}"));
+        let reason = match by {
+            None => error.to_string(),
+            Some(_) => format!("its derivative is no sum of relaxations: {error}"),
+        };
+        scenario.error_at_first(&[&paths[0], &paths[1]], Problem::Unusable { reason })
+    })?;
+    let count = coefficient.len().isqrt();
+    let numbers = vec![T::zero(); Element::<T>::numbers(table.rates.len(), rule.stages(), count)];
+    Relaxing::new(rule, table, coefficient, count, numbers).map_err(|error| {
+        let path = format!("system.damping[{index}]");
+        scenario.error_at(&path, Problem::Precision { reason: error.to_string() })
+    })
 }
 
 /// The relaxations of a term's kernel; formulas may have lost a few digits to rounding.
 fn table<T: Elementary>(
-    term: &Damping,
+    (term, by): (&Damping, Option<&TransferDerivative>),
     step: f64,
     horizon: f64,
 ) -> Result<RelaxationTable<Vec<T>>, fvi_fft::exponentials::rate_table::RateTableError> {
     let transfer = term.transfer.clone().with_its_spring();
     let tolerance = TOLERANCE.max(0.01 * T::EPSILON.to_f64());
-    let made = |loss: f64| relaxation_table(&transfer, step, horizon, loss * tolerance);
+    let made = |loss: f64| match by {
+        None => relaxation_table(&transfer, step, horizon, loss * tolerance),
+        Some(by) => relaxation_table_derivative(&transfer, by, step, horizon, loss * tolerance),
+    };
     let losses: &[f64] = if transfer.text().is_some() { &[10.0, 100.0] } else { &[] };
     let table = losses.iter().fold(made(1.0), |table, &loss| table.or_else(|_| made(loss)))?;
     let numbers = |numbers: Vec<f64>| numbers.into_iter().map(T::of).collect();

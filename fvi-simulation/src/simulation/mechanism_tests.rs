@@ -459,3 +459,148 @@ fn a_response_away_from_rest_names_the_rest_nearby() {
     let soft = linearised.response(1e-9, 0).unwrap()[0];
     assert!((soft - 1.0 / 12.0).norm() < 1e-8, "{soft}");
 }
+
+/// Derivatives of a run by each path are central differences of runs, relative to the largest of them.
+fn are_differences(of: &Value, paths: &[&str]) {
+    let with = |paths: &[&str], change: Option<(&str, f64)>| {
+        let mut own = of.clone();
+        if !paths.is_empty() {
+            own["sensitivity"] = json!({ "parameters": paths });
+        }
+        if let Some((path, step)) = change {
+            let pointer = format!("/{}", path.replace(['.', '['], "/").replace(']', ""));
+            let place = own.pointer_mut(&pointer).unwrap();
+            *place = json!(place.as_f64().unwrap() + step);
+        }
+        Scenario::from_value(&own).unwrap()
+    };
+    let scenario = with(paths, None);
+    let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+    motion = motion.with_sensitivities(&Default::default()).unwrap();
+    let plain = end_of(&with(&[], None), Precision::F64);
+    while !motion.is_done() {
+        motion.advance().unwrap();
+    }
+    let state = motion.state();
+    assert_eq!(plain, [state.position.clone(), state.momentum.clone()], "the motion is not the same");
+    let numbers = 2 * state.position.len();
+    for (path, exact) in paths.iter().zip(state.sensitivities.chunks(numbers)) {
+        let at = |step: f64| end_of(&with(&[], Some((path, step))), Precision::F64).concat();
+        let h = 1e-3;
+        let [near, far] = [h, 2.0 * h].map(|h| {
+            let [more, less] = [at(h), at(-h)];
+            more.iter().zip(&less).map(|(more, less)| (more - less) / (2.0 * h)).collect::<Vec<_>>()
+        });
+        let differences: Vec<f64> =
+            near.iter().zip(&far).map(|(near, far)| (4.0 * near - far) / 3.0).collect();
+        let size = differences.iter().fold(0.0, |most, x| max_or_nan(most, x.abs()));
+        let error = distance(exact, &differences) / size;
+        assert!(error < 1e-7, "{path}: {error:e}\n{exact:?}\n{differences:?}");
+        assert!(size > 1e-3, "{path} does not matter");
+    }
+}
+
+fn in_short(system: Value, initial: Value) -> Value {
+    json!({
+        "system": system,
+        "initial": initial,
+        "scheme": { "kind": "galerkin", "degree": 2 },
+        "time": { "step": 0.05, "steps": 30 },
+    })
+}
+
+#[test]
+fn derivatives_of_a_double_pendulum_by_angles_are_differences_of_runs() {
+    let system = json!({
+        "kinetic": "0.5*(m + 0.8)*v0^2 + 0.5*0.8*l^2*v1^2 + 0.8*l*v0*v1*cos(q0 - q1)",
+        "potential": "-(m + 0.8)*g*cos(q0) - 0.8*g*l*cos(q1)",
+        "force": ["0", "a*sin(3*t) - c*v1"],
+        "parameters": { "m": 1.0, "l": 0.7, "g": 9.81, "a": 0.4, "c": 0.1, "r": 1.3 },
+        "damping": [
+            { "order": 0.5, "coefficient": 1.2, "along": "q0" },
+            { "order": 0.7, "coefficient": 0.5, "along": "sin(r*(q1 - q0))" },
+            { "kernel": { "form": "prony", "strengths": [0.8, 0.3], "times": [0.4, 2.0] }, "coefficient": 0.3, "along": "q1" },
+        ],
+    });
+    let paths = [
+        "system.parameters.m",
+        "system.parameters.l",
+        "system.parameters.g",
+        "system.parameters.a",
+        "system.parameters.c",
+        "system.parameters.r",
+        "system.damping[0].order",
+        "system.damping[0].coefficient",
+        "system.damping[1].order",
+        "system.damping[1].coefficient",
+        "system.damping[2].kernel.strengths[1]",
+        "system.damping[2].kernel.times[0]",
+        "initial.position[0]",
+    ];
+    let by_velocity = json!({ "position": [1.2, 0.4], "velocity": [0.5, -1.0] });
+    are_differences(&in_short(system.clone(), by_velocity), &[&paths[..], &["initial.velocity[1]"]].concat());
+    let by_momentum = json!({ "position": [1.2, 0.4], "momentum": [0.5, -1.0] });
+    are_differences(&in_short(system, by_momentum), &[&paths[..], &["initial.momentum[1]"]].concat());
+}
+
+#[test]
+fn derivatives_of_mechanisms_with_constraints_are_differences_of_runs() {
+    let (first, second) = ("atan2(q0, -q1)", "atan2(q2 - q0, q1 - q3)");
+    let double = json!({
+        "mass": [1.0, 1.0, 0.8, 0.8],
+        "potential": "g*q1 + 0.8*g*q3",
+        "constraints": ["q0^2 + q1^2 - l^2", "hypot(q2 - q0, q3 - q1) - 0.7"],
+        "parameters": { "g": 9.81, "l": 1.0 },
+        "damping": dampers("fractional", [first, &format!("{second} - {first}")]),
+    });
+    let paths = [
+        "system.parameters.g",
+        "system.parameters.l",
+        "system.mass[0]",
+        "system.damping[0].order",
+        "system.damping[1].coefficient",
+        "initial.position[1]",
+        "initial.velocity[2]",
+    ];
+    let start =
+        json!({ "position": [0.8, -0.6, 1.2, -1.1], "velocity": [0.3, 0.4, 0.0, 1.0], "project": true });
+    are_differences(&in_short(double, start), &paths);
+    // A crank of length 1, a rod of length 2, and a slide on the axis.
+    let slider = json!({
+        "mass": [1.0, 1.0, 0.8],
+        "potential": "g*q1",
+        "constraints": ["q0^2 + q1^2 - 1", "(q2 - q0)^2 + q1^2 - 4"],
+        "parameters": { "g": 9.81 },
+        "damping": [
+            { "order": 0.5, "coefficient": 1.2, "along": "atan2(q1, q0)" },
+            { "order": 1.4, "coefficient": 0.2, "along": "q2" },
+        ],
+    });
+    let start = json!({ "position": [0.6, 0.8, 0.6 + 3.36_f64.sqrt()], "velocity": [-0.8, 0.6, 0.0], "project": true });
+    are_differences(
+        &in_short(slider, start),
+        &[
+            "system.parameters.g",
+            "system.mass[2]",
+            "system.damping[0].order",
+            "system.damping[1].order",
+            "initial.velocity[0]",
+        ],
+    );
+}
+
+#[test]
+fn a_start_that_leaves_the_constraints_with_a_parameter_has_no_derivative() {
+    let system = json!({
+        "mass": [1.0, 1.0],
+        "potential": "9.81*q1",
+        "constraints": ["q0^2 + q1^2 - l^2"],
+        "parameters": { "l": 1.0 },
+    });
+    let mut own = in_short(system, json!({ "position": [0.6, -0.8], "velocity": [0.0, 0.0] }));
+    own["sensitivity"] = json!({ "parameters": ["system.parameters.l"] });
+    let scenario = Scenario::from_value(&own).unwrap();
+    let motion = Motion::start(&scenario, Precision::F64).unwrap();
+    let refused = motion.with_sensitivities(&Default::default()).map(|_| ()).unwrap_err();
+    assert!(refused.to_string().contains("initial.project"), "{refused}");
+}

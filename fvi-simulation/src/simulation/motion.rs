@@ -8,7 +8,7 @@ use crate::simulation::forces_of_time;
 use crate::simulation::memory_energy::MemoryEnergy;
 use crate::simulation::not_finite::{first_not_finite, reason, start};
 use crate::simulation::step_batch::StepBatch;
-use crate::simulation::tangent::Tangent;
+use crate::simulation::tangent::{Differentiated, derivatives};
 use crate::simulation::{GridState, Precision, Simulation};
 use fvi_core::StateError;
 use fvi_fft::memory::Tables;
@@ -42,7 +42,7 @@ pub struct Motion<'s> {
     energies: Vec<f64>,
     /// Warning about forces of time.
     notes: Vec<String>,
-    tangent: Option<Box<Tangent>>,
+    tangent: Option<Box<dyn Differentiated>>,
     memory_energy: Option<Box<MemoryEnergy>>,
     /// Derivatives of a state on their way to the batch.
     slopes: Vec<f64>,
@@ -148,7 +148,7 @@ impl<'s> Motion<'s> {
         if self.simulation.precision() == Precision::F32 {
             self.scenario.check_use(Feature::SinglePrecision)?;
         }
-        self.tangent = Tangent::new(self.scenario, tables)?.map(Box::new);
+        self.tangent = derivatives(self.scenario, tables)?;
         if let Some(tangent) = &self.tangent {
             tangent.write(&mut self.state.sensitivities);
             self.batch.take_sensitivities(0, &self.state.sensitivities);

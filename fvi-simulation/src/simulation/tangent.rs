@@ -1,6 +1,9 @@
 //! Derivatives of a discrete motion with respect to parameters of its scenario.
 
 pub(super) mod explicit;
+mod mechanism;
+mod mechanism_explicit;
+mod mechanism_step;
 pub(super) mod points;
 mod step;
 
@@ -31,6 +34,48 @@ pub(super) type Turning = Gyroscopic<f64, Matrix<f64>>;
 /// A motion with its memory, for any number of coordinates.
 type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 
+/// The derivatives of a motion by the parameters of its scenario.
+pub(crate) trait Differentiated: Send {
+    /// Computes the derivatives after step `step`, which began at this position and momentum and was solved
+    /// with these increments, for collocation with these accelerations.
+    ///
+    /// # Errors
+    /// A message.
+    fn advance(&mut self, step: usize, begin: (&[f64], &[f64]), increments: &[f64]) -> Result<(), String>;
+
+    /// Appends the state.
+    ///
+    /// # Errors
+    /// [`StateError`] if a memory cannot be saved.
+    fn save(&self, bytes: &mut Vec<u8>) -> Result<(), StateError>;
+
+    /// Restores a state that the derivatives of the same scenario saved; the following ones have identical
+    /// bits.
+    ///
+    /// # Errors
+    /// [`StateError`] if the bytes are no such state; the derivatives must not be used then.
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError>;
+
+    /// Writes ∂q and ∂p of every parameter, one after another.
+    fn write(&self, values: &mut Vec<f64>);
+}
+
+/// The derivatives at t = 0; `None` without `[sensitivity]`.
+///
+/// # Errors
+/// If a memory cannot be built, or derivatives by a parameter are not supported.
+pub(crate) fn derivatives(
+    scenario: &Scenario,
+    tables: &Tables,
+) -> Result<Option<Box<dyn Differentiated>>, InputError> {
+    let Some(Sensitivity { parameters }) = &scenario.sensitivity else { return Ok(None) };
+    refuse_rough(scenario, parameters)?;
+    Ok(Some(match scenario.is_mechanism() {
+        true => Box::new(mechanism::OfMechanism::new(scenario, parameters)?),
+        false => Box::new(Tangent::new(scenario, parameters, tables)?),
+    }))
+}
+
 /// ∂q_k/∂θ and ∂p_k/∂θ of the discrete motion of a scheme on equal steps, for p parameters.
 ///
 /// The equations of a step (`discrete_lagrangian.rs`), differentiated, are linear in the derivatives and have
@@ -55,7 +100,7 @@ type Remembered = DampedMotion<f64, AnySpace, HostMemory<f64>>;
 /// ```
 ///
 /// So the derivatives are those of the computed numbers, up to rounding, not of the exact motion.
-pub(crate) struct Tangent {
+struct Tangent {
     size: usize,
     count: usize,
     /// Time at which the run begins.
@@ -234,13 +279,8 @@ struct Term {
 pub(crate) const SINGULAR: &str = "the equations of the derivatives have no solution";
 
 impl Tangent {
-    /// The derivatives at t = 0; `None` without `[sensitivity]`.
-    ///
-    /// # Errors
-    /// If a memory cannot be built, or derivatives of forces by a parameter are not supported.
-    pub(crate) fn new(scenario: &Scenario, tables: &Tables) -> Result<Option<Self>, InputError> {
-        let Some(Sensitivity { parameters }) = &scenario.sensitivity else { return Ok(None) };
-        refuse_rough(scenario, parameters)?;
+    /// The derivatives at t = 0.
+    fn new(scenario: &Scenario, parameters: &[Parameter], tables: &Tables) -> Result<Self, InputError> {
         let size = scenario.coordinates();
         let count = parameters.len();
         let solver = solver(scenario, false)?;
@@ -300,7 +340,7 @@ impl Tangent {
             None => Ok(()),
         };
         told.map_err(|error| scenario.error_at("sensitivity", Problem::Engine(Cause::new(error))))?;
-        Ok(Some(made))
+        Ok(made)
     }
 
     /// Pushes the initial position to the memories of main nodes.
@@ -390,12 +430,14 @@ impl Tangent {
     fn numbers(&self) -> [&[f64]; 5] {
         [&self.position, &self.momentum, &self.kick, &self.behind, &self.motion_behind]
     }
+}
 
-    /// Appends the state.
-    ///
-    /// # Errors
-    /// [`StateError`] if a memory cannot be saved.
-    pub(crate) fn save(&self, bytes: &mut Vec<u8>) -> Result<(), StateError> {
+impl Differentiated for Tangent {
+    fn advance(&mut self, step: usize, begin: (&[f64], &[f64]), increments: &[f64]) -> Result<(), String> {
+        self.make(step, begin, increments)
+    }
+
+    fn save(&self, bytes: &mut Vec<u8>) -> Result<(), StateError> {
         let count: usize = self.numbers().iter().map(|numbers| numbers.len()).sum();
         let begin = bytes.len();
         let memories: usize = self.motions().map(DampedMotion::state_bytes).sum();
@@ -408,12 +450,7 @@ impl Tangent {
         Ok(())
     }
 
-    /// Restores a state that the derivatives of the same scenario saved; the following ones have identical
-    /// bits.
-    ///
-    /// # Errors
-    /// [`StateError`] if the bytes are no such state; the derivatives must not be used then.
-    pub(crate) fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
         let mut reader = StateReader::new(bytes);
         let Self { position, momentum, kick, behind, motion_behind, terms, .. } = self;
         for numbers in [position, momentum, kick, behind, motion_behind] {
@@ -429,8 +466,7 @@ impl Tangent {
         reader.finish()
     }
 
-    /// Writes ∂q and ∂p of every parameter, one after another.
-    pub(crate) fn write(&self, values: &mut Vec<f64>) {
+    fn write(&self, values: &mut Vec<f64>) {
         values.clear();
         let half = if self.mean { 0.5 * self.step } else { 0.0 };
         for parameter in 0..self.count {

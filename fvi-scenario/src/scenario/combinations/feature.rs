@@ -46,6 +46,11 @@ features! {
         |s| s.system.elements.iter().position(|element| element.potential.root().has_kinks());
     KinkedForce: "jumps or kinks in the position", "system.force[{i}]",
         |s| s.system.force.iter().flatten().position(|force| force.root().has_kinks());
+    KinkedMechanism: "jumps or kinks in the position", "system",
+        |s| {
+            let mut all = s.system.kinetic.iter().chain(&s.system.constraints).chain(s.system.elongations());
+            on(all.any(|expression| expression.root().has_kinks()))
+        };
     OwnTerms: "a potential or force in code that depends on the position", "system",
         |s| on(s.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position));
     Gyroscopic: "gyroscopic forces", "system.gyroscopic", |s| on(s.system.gyroscopic.is_some());

@@ -121,12 +121,6 @@ pub const ROWS: &[Row] = &[
     row(Adaptive, Gauss, "", "a grid that is known beforehand: \"uniform\", \"graded\" or \"points\""),
     row(Past, Gauss, "", "a motion that begins at the start, with its memories at rest"),
     row(Cases, Gauss, "", ONE_MOTION),
-    row(
-        Sensitivity,
-        Gauss,
-        "",
-        "another `convolution.family`, for systems without a Lagrangian, constraints and elongations",
-    ),
     // Steps and engines.
     row(
         Steps,
@@ -254,6 +248,13 @@ pub const ROWS: &[Row] = &[
     row(KinkedPotential, Sensitivity, "", SMOOTH),
     row(KinkedElement, Sensitivity, "", SMOOTH),
     row(KinkedForce, Sensitivity, "", SMOOTH),
+    row(KinkedMechanism, Sensitivity, "", SMOOTH),
+    row(
+        Energy,
+        Sensitivity,
+        "its gradients are made of differences of the potential",
+        "`scheme.kind` = \"galerkin\" with `degree` = 1, of the same order",
+    ),
     row(
         MomentumOffset,
         Sensitivity,

@@ -12,7 +12,7 @@ impl Tangent {
     ///
     /// # Errors
     /// A message.
-    pub(crate) fn advance(
+    pub(super) fn make(
         &mut self,
         step: usize,
         (start, momentum): (&[f64], &[f64]),
