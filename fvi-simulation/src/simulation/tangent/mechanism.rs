@@ -297,7 +297,7 @@ impl OfMechanism {
         for (j, position) in knots.into_iter().enumerate() {
             let (mut values, mut gradients) = (vec![0.0; m], vec![0.0; m * n]);
             system.constrain(&position, &mut values, &mut gradients);
-            let multipliers = at(multipliers, m, j).to_vec();
+            let multipliers = if j < s { at(multipliers, m, j).to_vec() } else { vec![0.0; m] };
             let mut curvature = vec![0.0; n * n];
             system.add_constraint_curvature(&position, &multipliers, 1.0, &mut curvature);
             step.knots.push(Knot { position, gradients, multipliers, curvature });
