@@ -286,12 +286,7 @@ pub const ROWS: &[Row] = &[
         "",
         "a motion that begins at the start; `[sensitivity]` has the derivatives by a past",
     ),
-    row(
-        Gauss,
-        Gradient,
-        "",
-        "another `convolution.family`, for systems without a Lagrangian, constraints and elongations",
-    ),
+    row(Gauss, Gradient, "", "`[sensitivity]`, which differentiates mechanisms and Gauss weights forwards"),
     row(Automatic, Gradient, "its steps are chosen by the motion", "a scheme and a step of your own"),
     row(OwnTerms, Gradient, "", "expressions: derivatives of code may be differences"),
     row(Sensitivity, SinglePrecision, "", "double precision: `--precision f64`"),
