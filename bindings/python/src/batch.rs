@@ -6,8 +6,8 @@ use crate::run::{Arrays, Prepared, Record, arrays_of, precision as precision_of,
 use crate::terms::{Callables, ErrorSlot, PythonTerms, watched};
 use crate::watch::Watch;
 use fvi_host::batch::{Batch as HostBatch, MemberRun};
-use fvi_host::run::RunEnd;
 use fvi_host::results::rows::Rows;
+use fvi_host::run::RunEnd;
 use fvi_scenario::language::memory_limit::check_capacity;
 use fvi_scenario::scenario::{Members, SharedTerms};
 use fvi_simulation::simulation::columns::Columns;

@@ -5,7 +5,7 @@ use crate::memory::{keys, memory, operate, refused, transfer};
 use crate::run::engine;
 use crate::watch::Watch;
 use crate::weights::convolution;
-use fvi_fft::memory::{History};
+use fvi_fft::memory::History;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

@@ -5,10 +5,11 @@ use crate::memory::{keys, memory, refused, restore, transfer};
 use crate::run::engine;
 use crate::weights::convolution;
 use fvi_core::{
-    ActsOn, FractionalOperator, Memory as _, OperatorError, SavedChannels, Start, StateReader, StateWriter, Stateful,
+    ActsOn, FractionalOperator, Memory as _, OperatorError, SavedChannels, Start, StateReader, StateWriter,
+    Stateful,
 };
-use fvi_fft::memory::HostMemory;
 use fvi_fft::exponentials::exponential_table::SMALLEST_TOLERANCE;
+use fvi_fft::memory::HostMemory;
 use fvi_fft::memory::{Engine, History, States};
 use fvi_scenario::scenario::{LARGEST_TOLERANCE, SMALLEST_SINGLE_TOLERANCE};
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArrayDyn};

@@ -11,6 +11,7 @@ mod documents;
 mod engines;
 mod errors;
 mod fit;
+mod gradient;
 mod loads;
 mod memory;
 mod response;
@@ -38,6 +39,8 @@ mod _fvi {
     use super::engines::{Memory, Operator};
     #[pymodule_export]
     use super::fit::fit;
+    #[pymodule_export]
+    use super::gradient::{Recording, record};
     #[pymodule_export]
     use super::loads::Loads;
     #[pymodule_export]

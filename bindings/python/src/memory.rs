@@ -2,12 +2,12 @@
 
 use crate::documents::Tree;
 use crate::errors::{Failure, Outcome, guarded};
-use fvi_core::{Stateful, Memory, MemoryError, StateError, StateReader};
-use fvi_scenario::language::Document;
+use fvi_core::{Memory, MemoryError, StateError, StateReader, Stateful};
+use fvi_fft::memory::{Engine, History};
 use fvi_fft::memory::{EngineError, HostMemory, MemoryRequest};
 use fvi_fft::transfer::TransferFunction;
+use fvi_scenario::language::Document;
 use fvi_scenario::language::memory_limit::check_capacity;
-use fvi_fft::memory::{Engine, History};
 use fvi_scenario::scenario::{Convolution, kernel_of_document};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

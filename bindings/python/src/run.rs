@@ -7,11 +7,11 @@ use crate::watch::Watch;
 use fvi_fft::memory::Engine;
 use fvi_fft::memory::Tables;
 use fvi_host::checkpoint::IntervalError;
-use fvi_host::run::{
-    Run, RunEnd, RunError, RunOptions, RunSummary, RunSnapshot as HostSnapshot, choose, run as run_into_files,
-};
 use fvi_host::results::rows::Rows;
 use fvi_host::results::trajectory::Format;
+use fvi_host::run::{
+    Run, RunEnd, RunError, RunOptions, RunSnapshot as HostSnapshot, RunSummary, choose, run as run_into_files,
+};
 use fvi_scenario::language::Problem;
 use fvi_scenario::scenario::{Feature, KnownMatrices, Scenario, SharedTerms};
 use fvi_simulation::simulation::{Precision, sample_fractions};
@@ -284,13 +284,16 @@ fn compute(
 ) -> Outcome<Computed> {
     let raised = |error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised);
     let begin = Instant::now();
-    let chosen = match scenario.automatic {
-        Some(_) => Some(choose(scenario, precision, tables, &AtomicBool::new(false)).map_err(|error| match error {
-            RunError::Input(error) => raised(error),
-            other => slot.take().map_or_else(|| Failure::Failed(other.to_string()), Failure::Raised),
-        })?),
-        None => None,
-    };
+    let chosen =
+        match scenario.automatic {
+            Some(_) => Some(choose(scenario, precision, tables, &AtomicBool::new(false)).map_err(
+                |error| match error {
+                    RunError::Input(error) => raised(error),
+                    other => slot.take().map_or_else(|| Failure::Failed(other.to_string()), Failure::Raised),
+                },
+            )?),
+            None => None,
+        };
     let scenario = chosen.as_ref().map_or(scenario, |chosen| &chosen.scenario);
     let mut run = Run::of(scenario)
         .precision(precision)

@@ -5,12 +5,12 @@ use crate::errors::{Failure, Outcome, guarded};
 use crate::run::precision as precision_of;
 use crate::terms::{Callables, ErrorSlot, PythonTerms};
 use crate::watch::Watch;
+use fvi_fft::memory::Tables;
 use fvi_host::sweep::{
-    Column, Ledger as HostLedger, RemoteRun, Parts, Shard, ShardError, Sweep as HostSweep, SweepError,
+    Column, Ledger as HostLedger, Parts, RemoteRun, Shard, ShardError, Sweep as HostSweep, SweepError,
     SweepOptions, SweepSummary, gather, rows, sweep as make_all,
 };
 use fvi_scenario::language::InputError;
-use fvi_fft::memory::Tables;
 use fvi_scenario::scenario::SharedTerms;
 use fvi_simulation::simulation::Precision;
 use numpy::{IntoPyArray, PyArray1};

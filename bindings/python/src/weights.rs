@@ -3,11 +3,11 @@
 use crate::errors::{Failure, Outcome, guarded};
 use crate::memory::{keys, transfer};
 use fvi_core::{ParameterError, RungeKutta};
-use fvi_fft::transfer::multistep_rule::MultistepRule;
+use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::quadrature::multistep_weights::multistep_weights;
 use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
+use fvi_fft::transfer::multistep_rule::MultistepRule;
 use fvi_scenario::language::memory_limit::check_capacity;
-use fvi_fft::quadrature::{ConvolutionFamily};
 use fvi_scenario::scenario::{Convolution, DampedAt};
 use numpy::{IntoPyArray, PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
@@ -53,7 +53,11 @@ pub(crate) fn weights<'py>(
                 },
                 // No family of this function; mechanisms have it.
                 ConvolutionFamily::Gauss { .. } => {
-                    return Err(Failure::argument("family", family, "\"bdf\", \"trapezoidal\", \"radau-iia\" or \"lobatto-iiic\""));
+                    return Err(Failure::argument(
+                        "family",
+                        family,
+                        "\"bdf\", \"trapezoidal\", \"radau-iia\" or \"lobatto-iiic\"",
+                    ));
                 }
             };
             if numbers.iter().all(|weight| *weight == 0.0 || weight.is_normal()) {
@@ -115,7 +119,9 @@ pub(crate) fn convolution(family: &str, order: usize, stages: Option<usize>) -> 
             }
             None => ConvolutionFamily::Trapezoidal,
         },
-        "radau-iia" => ConvolutionFamily::RadauIia { stages: staged(&[1, 2, 3, 5, 7], "1, 2, 3, 5 or 7 with \"radau-iia\"")? },
+        "radau-iia" => ConvolutionFamily::RadauIia {
+            stages: staged(&[1, 2, 3, 5, 7], "1, 2, 3, 5 or 7 with \"radau-iia\"")?,
+        },
         "lobatto-iiic" => {
             ConvolutionFamily::LobattoIiic { stages: staged(&[2, 3, 4], "2, 3 or 4 with \"lobatto-iiic\"")? }
         }

@@ -10,7 +10,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `run`                   a scenario from a file or a dictionary
 `integrate`             a system given by arrays, expressions and functions
 `Model`                 a system that is integrated several times: `Model.run`, and `Model.batch` for
-                        many runs on all cores
+                        many runs on all cores; `Model.gradient` for derivatives by many parameters
 `System`                a system made once, for `integrate`, `Model`, `run`, `response`, `fit` and `converge`
 `run_cases`,            several load cases of a linear system together
 `integrate_cases`
@@ -30,6 +30,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `tune`                  gains and orders of a fractional controller for a plant
 `extremal`              two-point fractional Euler–Lagrange problems
 `fvi.mechanism`         chains, linkages and rigid bodies in words, and pictures of their motion
+`fvi.jax`, `fvi.torch`  models in programs of JAX and PyTorch, which differentiate them; imported separately
 `fvi.petsc`             one large run on MPI ranks, with PETSc; imported separately
 ======================  ==============================================================
 
@@ -42,6 +43,7 @@ from fvi._equation import Solution, solve_fde
 from fvi._errors import InputError, StepError
 from fvi._fit import Estimate, Fit, FitTable, fit
 from fvi._fvi import __version__
+from fvi._gradient import Gradient, Recording
 from fvi._integrate import integrate, integrate_cases
 from fvi._kernel import Kernel
 from fvi._memory import Memory, Operator
@@ -69,6 +71,7 @@ __all__ = [
     "FitTable",
     "Force",
     "FractionalPid",
+    "Gradient",
     "InputError",
     "Kernel",
     "KernelCurves",
@@ -77,6 +80,7 @@ __all__ = [
     "Model",
     "Operator",
     "Potential",
+    "Recording",
     "Response",
     "Result",
     "Runs",

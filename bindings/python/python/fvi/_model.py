@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError, StepError
+from fvi._gradient import Cotangent, Gradient, Recording, gradient_of, numbers_of
 from fvi._integrate import _arguments, _integrated, _scenario, as_it_is, described_by, integrate, named_after_argument
 from fvi._result import Result, ending
 from fvi._run import Progress, check_progress, finish, raise_with, result_of
 from fvi._runs import Runs, runs_of
-from fvi._scenario import SHORT_NAMES, Ready, ready
+from fvi._scenario import SHORT_NAMES, Ready, put, ready
 from fvi._system import System
 from fvi._terms import Damping
 from fvi._types import FloatArray
@@ -250,6 +251,112 @@ class Model:
             setattr(first, "result", runs)
             raise first
         return runs
+
+    def gradient(
+        self,
+        parameters: Mapping[str, ArrayLike] | Sequence[str],
+        cotangent: Cotangent | Callable[[Result], Cotangent],
+    ) -> Gradient:
+        """The derivatives of one function J of the trajectory by any number of parameters, at the price of a few runs.
+
+        The trajectory is integrated once, and its steps are then gone back with their transposed equations: the exact derivative
+        of the computed numbers, equal to that of `sensitivities` up to rounding.
+
+        Parameters
+        ----------
+        parameters : mapping of str to array_like, or sequence of str
+            Numbers by their names or paths, as in `run`, and vectors such as ``"position"`` or ``"damping[0].kernel.strengths"``;
+            or names alone, for the model's own numbers.
+        cotangent : array_like, pair of array_like, or callable
+            ∂J/∂q, of the shape of `Result.q`, or ∂J/∂q and ∂J/∂p; or a function of the `Result` that returns them.
+
+        Returns
+        -------
+        Gradient
+            ∂J/∂θ by names, and the derivatives by the initial state and by a force on each coordinate in each step.
+
+        Raises
+        ------
+        InputError
+            If there is no such number, or no gradient of this system.
+        StepError, Exception
+            As `integrate`.
+
+        Notes
+        -----
+        The steps take 8 N (2 + s) bytes each, s the unknowns of a coordinate in a step; beyond 512 MB states are saved in place of
+        stretches, which are made again.
+
+        Examples
+        --------
+        How does the distance from data, J = ½ Σ (q − d)², depend on the stiffness, the order, and the load?
+
+        >>> import numpy as np, fvi
+        >>> model = fvi.Model(mass=[1.0], potential="0.5*k*q0^2", parameters={"k": 2.0}, damping=fvi.Damping(0.5, 0.1),
+        ...                   position=[1.0], step=0.05, steps=200)
+        >>> data = model.integrate(parameters={"k": 2.2}).q
+        >>> g = model.gradient({"k": 2.0, "damping[0].order": 0.5}, lambda r: r.q - data)
+        >>> g["k"] < 0, g.force.shape
+        (True, (200, 1))
+        """
+        return gradient_of(self.record(parameters), cotangent)
+
+    def record(
+        self, parameters: Mapping[str, ArrayLike] | Sequence[str] = (), *, most_bytes: int | None = None
+    ) -> Recording:
+        """Integrates it and keeps the steps, for gradients of several functions.
+
+        Parameters
+        ----------
+        parameters : mapping of str to array_like, or sequence of str
+            As in `gradient`.
+        most_bytes : int, optional
+            Bytes that a stretch of steps takes at most; default: 512 MB. The states at the ends of earlier stretches are saved in
+            place of these.
+
+        Returns
+        -------
+        Recording
+
+        Raises
+        ------
+        InputError, StepError, Exception
+            As `gradient`.
+        """
+        arguments = self._merged({})
+        if arguments.pop("continue_from") is not None:
+            raise InputError("continue_from: belongs to `integrate`, not to a model", "continue_from")
+        if arguments["precision"] != "f64":
+            raise InputError("precision: gradients are those of double precision", "precision", repr(arguments["precision"]))
+        for name in OPTIONS:
+            arguments.pop(name)
+        if isinstance(parameters, str):
+            parameters = [parameters]
+        paths = {name: _path(name, arguments) for name in parameters}
+        if any(path.startswith("initial.velocity") for path in paths.values()) and arguments["velocity"] is None:
+            if arguments["momentum"] is not None:
+                raise InputError("velocity: cannot stand beside momentum: give one of them", "velocity")
+            arguments["velocity"] = 0.0
+        (title, directory, keys, files), functions = _scenario(**arguments)
+        if functions:
+            message = "functions of Python have no gradients here: use expressions"
+            raise InputError(message, "potential" if arguments["potential"] is not None else "force")
+        size = len(np.atleast_1d(_vector_of((title, directory, keys, files), "position")))
+        values, shapes = numbers_of(parameters, lambda name: size if paths[name] in VECTORS else None)
+        asked: list[str] = []
+        for name, value in values.items():
+            path, shape = paths[name], shapes[name]
+            asked += [f"{path}[{index}]" for index in range(shape[0])] if shape else [path]
+            if value is not None:
+                put(keys, path, value.tolist())
+        if asked:
+            keys["sensitivity"] = {"parameters": asked}
+        with _arguments(), _renamed({path: name for name, path in paths.items()}):
+            made, end, record, raised, steps = _fvi.record((title, directory, keys, files), self._prepared, most_bytes)
+        t, q, p, energy, columns, derivatives = made
+        mass = as_it_is(arguments["mass"])
+        result = finish(result_of(t, q, p, energy, columns, end, record, mass, derivatives), raised, True)
+        return Recording(result, steps, shapes)
 
     def _known(self, given: Mapping[str, Any]) -> _Known:
         """The compiled model whose numbers of these names differ."""
