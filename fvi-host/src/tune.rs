@@ -12,6 +12,7 @@
 //! | `sampled` | the loop as it ticks |
 //! | `grid` | the sampled plant at the frequencies of a search |
 //! | `margins` | distances from −1 |
+//! | `running_loop` | the tuned loop as a scenario |
 //! | `output`, `pictures` | its files |
 
 mod grid;
@@ -25,6 +26,7 @@ mod plant;
 mod problem;
 mod relay;
 mod rules;
+mod running_loop;
 mod sampled;
 mod search;
 
@@ -76,6 +78,8 @@ pub struct Tuning {
     pub sampled_margins: Margins,
     /// The bounds of the specification with the values reached.
     pub bounds: Vec<Bound>,
+    /// Bounds on Ms and Mt that the specification does not have, but that were sought for free orders.
+    pub sought: [Option<f64>; 2],
     /// The plant's ultimate gain and frequency under a proportional controller, if it has them.
     pub ultimate: Option<(f64, f64)>,
     /// Result of a relay experiment, if requested.
@@ -193,6 +197,7 @@ struct Found {
     law: Law,
     /// Result of a relay experiment, if one was made.
     relay: Option<RelayResult>,
+    sought: [Option<f64>; 2],
     about: f64,
 }
 
@@ -214,12 +219,12 @@ pub fn tune(problem: &TuningProblem, stop: &AtomicBool) -> Result<Tuning, TuneEr
     let mut closer = CLOSER;
     let mut searches = 1;
     loop {
-        let Found { law, relay, about } = find_closer(problem, &grid, closer, stop)?;
+        let Found { law, relay, sought, about } = find_closer(problem, &grid, closer, stop)?;
         let tuning = evaluate_design(problem, law, about, stop)?;
         let bounds = bounds(problem, &grid, &law, &tuning.sampled_margins)?;
         let excess = bounds.iter().map(Bound::excess).fold(0.0, max_or_nan);
         if excess == 0.0 {
-            return Ok(Tuning { relay, bounds, ..tuning });
+            return Ok(Tuning { relay, bounds, sought, ..tuning });
         }
         let has_closer = !matches!(problem.specification, Specification::Rule { .. });
         if searches == SEARCHES || excess > MADE_UP || !has_closer {
@@ -305,28 +310,31 @@ fn find_closer(
             let is_stable = |law: &Law| {
                 !stop.load(Ordering::Relaxed) && grid.is_stable(law) && check(plant, law, about).is_ok()
             };
-            let best = |defaults| Search::new(grid, structure, wanted, closer, defaults)?.best(&is_stable);
+            let best = |defaults| {
+                let search = Search::new(grid, structure, wanted, closer, defaults)?;
+                search.best(&is_stable).map(|law| (law, search.sought()))
+            };
             let [first, next] = DEFAULTS;
             let has_both = wanted.ms.is_some() && wanted.mt.is_some();
             let law = best(first).or_else(|reason| if has_both { Err(reason) } else { best(next) });
-            law.map(|law| (law, about))
+            law.map(|(law, sought)| (law, sought, about))
         }
         (Specification::Sensitivity { ms, mt }, Some(grid)) => {
             let bounds = (ms - closer, mt.map(|mt| mt - closer));
-            by_sensitivity(grid, structure, bounds).map(|law| (law, plant.scale()))
+            by_sensitivity(grid, structure, bounds).map(|law| (law, [None; 2], plant.scale()))
         }
         (Specification::Rule { name, ms, purpose, closed_loop_time }, _) => {
             let ultimate = relay.map(|found| (found.describing_gain, found.frequency)).or(exact);
             rules::by_rule(plant, structure, (*name, *ms, *purpose, *closed_loop_time), ultimate)
-                .map(|law| (law, plant.scale()))
+                .map(|law| (law, [None; 2], plant.scale()))
         }
         (_, None) => Err("the specification needs the sampled plant".to_owned()),
     };
     if stop.load(Ordering::Relaxed) {
         return Err(TuneError::Stopped);
     }
-    let (law, about) = found.map_err(TuneError::Infeasible)?;
-    Ok(Found { law, relay, about })
+    let (law, sought, about) = found.map_err(TuneError::Infeasible)?;
+    Ok(Found { law, relay, sought, about })
 }
 
 /// Checks that no motion of the plant itself grows.
@@ -517,6 +525,7 @@ fn evaluate_design(
         margins: found,
         sampled_margins,
         bounds: Vec::new(),
+        sought: [None; 2],
         ultimate: plant.ultimate(),
         relay: None,
         response,

@@ -35,6 +35,9 @@ pub struct TuneRecord<'a> {
     sampled_margins: &'a Margins,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     bounds: Vec<BoundRecord<'a>>,
+    /// Bounds that are not of the specification.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    sought: Vec<SoughtRecord>,
     #[serde(skip_serializing_if = "Option::is_none")]
     ultimate: Option<Ultimate>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -72,6 +75,13 @@ impl<'a> BoundRecord<'a> {
     }
 }
 
+/// A bound that was sought because the specification has none.
+#[derive(Serialize)]
+struct SoughtRecord {
+    what: &'static str,
+    at_most: f64,
+}
+
 /// Ultimate point under a proportional controller.
 #[derive(Serialize)]
 struct Ultimate {
@@ -106,6 +116,11 @@ impl Tuning {
             margins: &self.margins,
             sampled_margins: &self.sampled_margins,
             bounds: self.bounds.iter().map(BoundRecord::new).collect(),
+            sought: ["Ms", "Mt"]
+                .into_iter()
+                .zip(self.sought)
+                .filter_map(|(what, bound)| Some(SoughtRecord { what, at_most: bound? }))
+                .collect(),
             ultimate: self.ultimate.map(|(gain, frequency)| Ultimate { gain, frequency }),
             relay: self.relay,
             warnings: &self.warnings,
@@ -137,7 +152,6 @@ impl Tuning {
                 ("q0".to_owned(), "1.0".to_owned())
             }
         };
-        let law = &self.law;
         let mut line = |key: &str, value: String| {
             // Writing to a string cannot fail.
             let _ = writeln!(text, "{key} = {value}");
@@ -146,6 +160,20 @@ impl Tuning {
         line("measures", toml::Value::from(measures).to_string());
         line("setpoint", "\"1\"".to_owned());
         line("drives", format!("[{drives}]"));
+        text += &self.law_keys(problem);
+        if problem.plant.scenario().is_some() && problem.plant.dead_time() > 0.0 {
+            let _ = writeln!(text, "delay = {:?}", problem.plant.dead_time());
+        }
+        text
+    }
+
+    /// The keys of the law in `[controller]`, with its sampling time.
+    fn law_keys(&self, problem: &TuningProblem) -> String {
+        let mut text = String::new();
+        let law = &self.law;
+        let mut line = |key: &str, value: String| {
+            let _ = writeln!(text, "{key} = {value}");
+        };
         let terms = problem.controller.terms;
         match law.gains {
             PidGains::Parallel { proportional, integral, derivative } => {
@@ -175,10 +203,16 @@ impl Tuning {
             }
         }
         line("sample", format!("{:?}", problem.controller.sample));
-        if problem.plant.scenario().is_some() && problem.plant.dead_time() > 0.0 {
-            line("delay", format!("{:?}", problem.plant.dead_time()));
-        }
         text
+    }
+
+    /// The tuned loop as a scenario for `fvi run` and `fvi controller`, with what `[loop]` says of it; `None`
+    /// for plants that are not quotients of polynomials.
+    pub fn loop_scenario(&self, problem: &TuningProblem) -> Option<String> {
+        let crossovers = &self.sampled_margins.gain_crossovers;
+        let about = crossovers.last().copied().unwrap_or_else(|| problem.plant.scale());
+        let keys = self.law_keys(problem);
+        problem.running.scenario(problem.heading(), &problem.plant, problem.controller.sample, about, &keys)
     }
 
     /// Writes the files of a tuning.
@@ -193,6 +227,9 @@ impl Tuning {
             write_text(&directory.join(name), &text)
         };
         put("controller.toml", self.controller_table(problem))?;
+        if let Some(text) = self.loop_scenario(problem) {
+            put("loop.toml", text)?;
+        }
         let mut text = "omega,plant_re,plant_im,loop_re,loop_im,sampled_re,sampled_im\n".to_owned();
         for super::LoopPoint { omega, plant, open, sampled } in &self.response {
             let numbers = [*omega, plant.re, plant.im, open.re, open.im];

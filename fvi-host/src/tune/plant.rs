@@ -23,6 +23,8 @@ enum Kind {
     FirstOrder { gain: f64, time: f64 },
     /// K/(a s² + b s + 1)
     SecondOrder { gain: f64, coefficients: [f64; 2] },
+    /// K Π(s − z_i)/Π(s − p_j), by coefficients from s⁰ on, the last of the denominator 1, and as given.
+    PolesZeros { gain: f64, numerator: Vec<f64>, denominator: Vec<f64>, roots: [Vec<[f64; 2]>; 2] },
     /// A formula in s with parameters.
     Formula { formula: PlantFormula, parameters: BTreeMap<String, f64> },
     /// A scenario linearised about a position: transfer function from the output of a controller to its
@@ -69,6 +71,33 @@ fn not_zero(value: &Value<'_>) -> Result<f64, InputError> {
     if number != 0.0 { Ok(number) } else { Err(value.out_of_range("a number other than 0")) }
 }
 
+/// Poles or zeros: numbers, and [re, im] for a pair re ± i im.
+fn read_roots(value: &Value<'_>) -> Result<Vec<[f64; 2]>, InputError> {
+    let roots = value.list("a list of numbers, and of [re, im] for pairs")?;
+    let read = |root: &Value<'_>| {
+        if !root.is_list() {
+            return Ok([root.number()?, 0.0]);
+        }
+        match root.numbers()?[..] {
+            [re, im] if im != 0.0 => Ok([re, im]),
+            _ => Err(root.out_of_range("[re, im] with im other than 0, for the pair re ± i im")),
+        }
+    };
+    roots.iter().map(read).collect()
+}
+
+/// Coefficients of `last` Π(s − root), from s⁰ on.
+fn polynomial(roots: &[[f64; 2]], last: f64) -> Vec<f64> {
+    roots.iter().fold(vec![last], |product, &[re, im]| {
+        let factor = if im == 0.0 { vec![-re, 1.0] } else { vec![re * re + im * im, -2.0 * re, 1.0] };
+        let mut next = vec![0.0; product.len() + factor.len() - 1];
+        for (i, a) in product.iter().enumerate() {
+            factor.iter().enumerate().for_each(|(j, b)| next[i + j] += a * b);
+        }
+        next
+    })
+}
+
 impl Plant {
     /// Reads `[plant]`; `sample` is the sampling time of a scenario's controller.
     ///
@@ -76,7 +105,7 @@ impl Plant {
     /// The first invalid entry of the table, or of the scenario that it names.
     pub fn read(table: &Table<'_>, document: &Document, sample: &Value<'_>) -> Result<Self, InputError> {
         let dead_time = table.optional("dead_time").map_or(Ok(0.0), |value| not_negative(&value))?;
-        let forms = ["time_constant", "time_constants", "frequency", "transfer", "scenario"];
+        let forms = ["time_constant", "time_constants", "frequency", "poles", "transfer", "scenario"];
         let mut given = forms.iter().filter(|form| table.optional(form).is_some());
         let form = match given.next() {
             Some(&form) => form,
@@ -112,6 +141,18 @@ impl Plant {
                 let coefficients = [frequency.powi(-2), 2.0 * damping / frequency];
                 Kind::SecondOrder { gain: gain()?, coefficients }
             }
+            "poles" => {
+                table.allow(&["gain", "poles", "zeros", "dead_time"])?;
+                let value = table.required(form)?;
+                let poles = read_roots(&value)?;
+                let zeros = table.optional("zeros").map_or(Ok(Vec::new()), |value| read_roots(&value))?;
+                let gain = gain()?;
+                let [numerator, denominator] = [polynomial(&zeros, gain), polynomial(&poles, 1.0)];
+                if numerator.len() >= denominator.len() {
+                    return Err(value.out_of_range("more poles than `zeros`, pairs counted twice"));
+                }
+                Kind::PolesZeros { gain, numerator, denominator, roots: [zeros, poles] }
+            }
             "transfer" => {
                 table.allow(&["transfer", "parameters", "dead_time"])?;
                 let parameters = table.optional("parameters");
@@ -140,6 +181,15 @@ impl Plant {
             Kind::SecondOrder { gain, coefficients: [a, b] } => {
                 of(Complex::new(*gain, 0.0), s * s * *a + s * *b + 1.0)
             }
+            Kind::PolesZeros { gain, roots: [zeros, poles], .. } => {
+                let product = |roots: &[[f64; 2]], first: f64| {
+                    roots.iter().fold(Complex::new(first, 0.0), |product, &[re, im]| match im {
+                        0.0 => product * (s - re),
+                        _ => product * ((s - re) * (s - re) + im * im),
+                    })
+                };
+                of(product(zeros, *gain), product(poles, 1.0))
+            }
             Kind::Formula { formula, .. } => {
                 let [numerator, denominator] = formula.fraction(s);
                 of(numerator, denominator)
@@ -165,6 +215,19 @@ impl Plant {
         match self.kind {
             Kind::FirstOrder { gain, time } => Some(FirstOrder { gain, time, dead_time: self.dead_time }),
             _ => None,
+        }
+    }
+
+    /// Numerator and denominator of P without its dead time, from s⁰ on, the last coefficient of the
+    /// denominator 1; `None` where it is not given as a quotient of polynomials.
+    pub(super) fn polynomials(&self) -> Option<[Vec<f64>; 2]> {
+        match &self.kind {
+            Kind::FirstOrder { gain, time } => Some([vec![gain / time], vec![time.recip(), 1.0]]),
+            Kind::SecondOrder { gain, coefficients: [a, b] } => {
+                Some([vec![gain / a], vec![a.recip(), b / a, 1.0]])
+            }
+            Kind::PolesZeros { numerator, denominator, .. } => Some([numerator.clone(), denominator.clone()]),
+            Kind::Formula { .. } | Kind::Scenario(_) => None,
         }
     }
 
@@ -375,6 +438,10 @@ struct Record<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     polynomial: Option<[f64; 3]>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    zeros: Option<&'a [[f64; 2]]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    poles: Option<&'a [[f64; 2]]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     transfer: Option<&'a PlantFormula>,
     #[serde(skip_serializing_if = "Option::is_none")]
     parameters: Option<&'a BTreeMap<String, f64>>,
@@ -396,6 +463,9 @@ impl Serialize for Plant {
             }
             Kind::SecondOrder { gain, coefficients: [a, b] } => {
                 (record.gain, record.polynomial) = (Some(*gain), Some([*a, *b, 1.0]));
+            }
+            Kind::PolesZeros { gain, roots: [zeros, poles], .. } => {
+                (record.gain, record.zeros, record.poles) = (Some(*gain), Some(&zeros[..]), Some(&poles[..]));
             }
             Kind::Formula { formula, parameters } => {
                 (record.transfer, record.parameters) = (Some(formula), Some(parameters));

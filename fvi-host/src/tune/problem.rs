@@ -2,6 +2,7 @@
 
 use super::plant::Plant;
 use super::relay::needs_scenario;
+use super::running_loop::Running;
 use fvi_core::DerivativeFilter;
 use fvi_scenario::language::document::{Table, Value};
 use fvi_scenario::language::{Document, InputError, Problem};
@@ -22,6 +23,9 @@ pub struct TuningProblem {
     /// Amplitude d of a relay experiment for the ultimate point; `None`: no experiment.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relay: Option<f64>,
+    /// How the loop is run with it, `loop.toml`.
+    #[serde(skip)]
+    pub(super) running: Running,
     #[serde(skip)]
     document: Document,
 }
@@ -176,8 +180,8 @@ impl TuningProblem {
     /// # Errors
     /// The first thing in the document that cannot be used, with its place.
     pub fn from_document(document: Document) -> Result<Self, InputError> {
-        let (title, plant, controller, specification, relay) = document.with_root(|root| {
-            root.allow(&["title", "plant", "controller", "specification", "relay"])?;
+        let (title, plant, controller, specification, relay, running) = document.with_root(|root| {
+            root.allow(&["title", "plant", "controller", "specification", "relay", "loop"])?;
             let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
             let controller = root.required("controller")?.table()?;
             let specification = root.required("specification")?.table()?;
@@ -195,9 +199,12 @@ impl TuningProblem {
                     Some(table.required("amplitude")?.positive()?)
                 }
             };
-            Ok((title, plant, structure, specification, relay))
+            let running = root
+                .optional("loop")
+                .map_or(Ok(Running::default()), |value| Running::read(&value, &plant, structure.sample))?;
+            Ok((title, plant, structure, specification, relay, running))
         })?;
-        Ok(Self { title, plant, controller, specification, relay, document })
+        Ok(Self { title, plant, controller, specification, relay, running, document })
     }
 
     /// Title of the pictures: that of the problem, or the name of the file.

@@ -270,6 +270,12 @@ impl<'a> Search<'a> {
         })
     }
 
+    /// Bounds on Ms and Mt that the specification does not have and the search does.
+    pub(super) fn sought(&self) -> [Option<f64>; 2] {
+        let [ms, mt] = [(self.wanted.ms, self.ms), (self.wanted.mt, self.mt)];
+        [ms, mt].map(|(wanted, sought)| if wanted.is_none() { sought } else { None })
+    }
+
     /// L of a law at the points of the grid.
     fn open(&self, law: &Law) -> Vec<(f64, Complex<f64>)> {
         let mut parts = self.parts.borrow_mut();

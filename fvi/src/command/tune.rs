@@ -44,10 +44,15 @@ fn said(found: &Tuning, problem: &TuningProblem) -> String {
     let (sampled, continuous) = (&found.sampled_margins, &found.margins);
     let phase = |margin: Option<f64>| margin.map_or("–".to_owned(), |margin| format!("{margin:.2}°"));
     let crossover = sampled.gain_crossovers.last().map_or("–".to_owned(), |omega| format!("{omega:.4e}"));
+    let sought: String = ["Ms", "Mt"]
+        .into_iter()
+        .zip(found.sought)
+        .filter_map(|(name, bound)| Some(format!("; sought by default: {name} ≤ {:.3}", bound?)))
+        .collect();
     let gain = sampled.gain_margin.map_or("any".to_owned(), |margin| format!("{margin:.3}"));
     format!(
         "{}: kp = {kp:.6}, ki = {ki:.6}, lambda = {:.4}, kd = {kd:.6}, mu = {:.4}; with samples of {}: crossover {crossover}, \
-         phase margin {}, gain margin {gain}, Ms {:.3}, Mt {:.3} (in continuous time phase margin {}, Ms {:.3})",
+         phase margin {}, gain margin {gain}, Ms {:.3}, Mt {:.3} (in continuous time phase margin {}, Ms {:.3}){sought}",
         visible_line(problem.heading()),
         found.law.lambda,
         found.law.mu,

@@ -671,3 +671,108 @@ fn mistakes_are_named_with_file_key_and_value() {
     }
     assert!(!place.path("out").exists());
 }
+
+/// Each command on the file of the one before: the plant is tuned, the loop runs with limits, noise, two
+/// setpoints and a load, and its constants are those of the law that ran.
+#[test]
+fn a_plant_is_tuned_run_and_made_into_constants_by_one_file() {
+    let place = Workplace::new();
+    let example = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/tunings/two-tanks.toml");
+    let output = place.fvi(&["tune", example, "--out", "tanks"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let said = text(&output.stdout);
+    assert!(said.contains("sought by default: Ms ≤ 2.000; sought by default: Mt ≤ 1.300"), "{said}");
+    let output = place.fvi(&["run", "tanks/loop.toml", "--out", "run"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let trajectory = fs::read_to_string(place.path("run").join("trajectory.csv")).unwrap();
+    let rows: Vec<Vec<f64>> = trajectory
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect())
+        .collect();
+    let at = |time: f64| rows.iter().rfind(|row| row[0] <= time).unwrap();
+    let last = |row: &[f64], back: usize| row[row.len() - back];
+    // At rest under both setpoints, with the steady output u = y/P(0) = y 0.0005/0.008, less the load.
+    for (time, known, load) in [(299.0, 1.0, 0.0), (599.0, 2.0, 0.0), (900.0, 2.0, 0.5)] {
+        let row = at(time);
+        let [u, y] = [last(row, 3), last(row, 1)];
+        assert!((y - known).abs() < 0.05, "{time}: {y}");
+        assert!((u + load - 0.0625 * known).abs() < 0.02, "{time}: {u}");
+    }
+    assert!(rows.iter().all(|row| last(row, 3).abs() <= 1.0), "limits");
+    // The tuned orders are in the constants.
+    let output = place.fvi(&["controller", "tanks/loop.toml", "--format", "c", "--name", "tanks"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let record: Value =
+        serde_json::from_str(&fs::read_to_string(place.path("tanks").join("tune.json")).unwrap()).unwrap();
+    let constants = text(&output.stdout);
+    let lambda = record["lambda"].as_f64().unwrap();
+    assert!(constants.contains(&format!(".lambda = {lambda:e},")), "{lambda}: {constants}");
+    assert!(constants.contains(".limits = {-1e0f, 1e0f},"), "{constants}");
+}
+
+/// A run of `loop.toml` follows the step that `steps.csv` has of the loop in continuous time, for every form
+/// of plant with polynomials.
+#[test]
+fn the_loop_that_runs_is_the_one_that_was_tuned() {
+    for (plant, sample, crossover) in [
+        ("gain = 3.13\ntime_constant = 43.0\ndead_time = 5.0", 0.1, 0.08),
+        ("gain = -2.0\ntime_constants = [2.0, 0.5]", 0.005, 1.0),
+        ("frequency = 3.0\ndamping = 0.3\ndead_time = 0.1", 0.005, 1.0),
+        ("poles = [0.0, [-1.0, 2.0]]\nzeros = [-3.0]\ngain = 2.0", 0.005, 0.5),
+    ] {
+        let place = Workplace::new();
+        tune(
+            &place,
+            &format!(
+                "[plant]\n{plant}\n[controller]\nstructure = \"pi\"\nsample = {sample}\n\
+                 [specification]\ncrossover = {crossover}\nphase_margin = 60\n"
+            ),
+        );
+        let output = place.fvi(&["run", "out/loop.toml", "--out", "run"]);
+        assert!(output.status.success(), "{plant}: {}", text(&output.stderr));
+        let read = |file: &str| -> Vec<Vec<f64>> {
+            let content = fs::read_to_string(place.path(file)).unwrap();
+            content
+                .lines()
+                .skip(1)
+                .map(|l| l.split(',').map(|cell| cell.parse().unwrap()).collect())
+                .collect()
+        };
+        let (ran, known) = (read("run/trajectory.csv"), read("out/steps.csv"));
+        for step in &known {
+            let row = ran.iter().find(|row| row[0] >= step[0]).unwrap();
+            let apart = (row[row.len() - 1] - step[1]).abs();
+            assert!(apart < 0.03, "{plant} at {}: {apart}", step[0]);
+        }
+    }
+}
+
+#[test]
+fn what_the_loop_cannot_have_is_named() {
+    let place = Workplace::new();
+    let problem = |plant: &str, of_loop: &str| {
+        format!(
+            "[plant]\n{plant}\n[controller]\nstructure = \"pi\"\nsample = 0.1\n\
+             [specification]\ncrossover = 0.5\nphase_margin = 60\n[loop]\n{of_loop}\n"
+        )
+    };
+    let tanks = "poles = [-1.0, -2.0]";
+    for (problem, named) in [
+        (problem(tanks, "rate_limit = -2.0"), "loop.rate_limit"),
+        (problem(tanks, "load = \"stp(t)\""), "loop.load"),
+        (problem(tanks, "sample = 0.1"), "loop.sample"),
+        (problem("poles = [-1.0]\nzeros = [-2.0]", "end = 3.0"), "plant.poles"),
+        (problem("poles = [[-1.0, 0.0]]", "end = 3.0"), "plant.poles"),
+        (
+            problem("transfer = \"1/(s^1.5 + 1)\"", "end = 3.0"),
+            "by gain and time constants, frequency, or poles",
+        ),
+    ] {
+        place.write("plant.toml", &problem);
+        let output = place.fvi(&["tune", "plant.toml", "--out", "out"]);
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{problem}: {message}");
+        assert!(message.contains(named), "{named}: {message}");
+    }
+}
