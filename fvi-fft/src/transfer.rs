@@ -18,7 +18,11 @@ pub mod laplace;
 #[doc(hidden)]
 pub mod multistep_rule;
 #[doc(hidden)]
+pub mod radiation;
+#[doc(hidden)]
 pub mod relaxation;
+#[doc(hidden)]
+pub mod state_space;
 
 use crate::sums::max_or_nan;
 pub use active::Active;

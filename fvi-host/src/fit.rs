@@ -1,7 +1,6 @@
 //! Fits: the numbers of a scenario for which its prediction agrees best with measured data, and how well the
 //! data determine them.
 
-mod cells;
 mod closed;
 mod data;
 mod estimates;

@@ -1,6 +1,8 @@
 //! The input language without its meaning: documents, expressions, and errors with their places.
 
 #[doc(hidden)]
+pub mod cells;
+#[doc(hidden)]
 pub mod document;
 #[doc(hidden)]
 pub mod error;

@@ -37,6 +37,7 @@ mod symbol;
 mod system;
 mod time;
 mod warnings;
+mod waves;
 
 pub use adaptive::Adaptive;
 #[doc(hidden)]
@@ -89,6 +90,7 @@ pub use time::{
     LARGEST_TOLERANCE, MOST_STEPS, OnEnergyGrowth, OutputOptions, ReportedMomentum,
     SMALLEST_SINGLE_TOLERANCE, TimeGrid,
 };
+pub use waves::Waves;
 
 use crate::language::document::{Document, Table};
 use crate::language::expression::Moment;

@@ -1,7 +1,7 @@
 //! Measured data: tables of numbers over time or frequency.
 
-use super::cells::{Cells, DEVIATION, OVER, cells};
 use fvi_core::max_or_nan;
+use fvi_scenario::language::cells::{Cells, DEVIATION, OVER, cells};
 use fvi_scenario::language::document::{Table, Value};
 use fvi_scenario::language::excerpt::excerpt;
 use fvi_scenario::language::expression::nearest;

@@ -4,7 +4,7 @@ use super::error::{InputError, Problem};
 use crate::language::excerpt::excerpt;
 use crate::language::expression::{Expression, Symbols, nearest};
 use crate::language::input_file::{read_data, read_document};
-use crate::language::matrix_file::{self, FileMatrix};
+use crate::language::matrix_file::{self, Arrays, FileMatrix};
 use core::ops::{Range, RangeInclusive};
 use serde::Serialize;
 use std::collections::HashMap;
@@ -397,6 +397,16 @@ impl<'a> Value<'a> {
     /// The matrix in the file that this value refers to.
     pub(crate) fn matrix_file(&self) -> Result<FileMatrix, InputError> {
         self.of_file(matrix_file::read)
+    }
+
+    /// The arrays in the file that this value refers to.
+    pub(crate) fn arrays(&self) -> Result<Arrays, InputError> {
+        self.of_file(Arrays::read)
+    }
+
+    /// The keys that lead to it.
+    pub(crate) fn path(&self) -> &str {
+        &self.path
     }
 
     fn of_file<R>(&self, read: fn(&str, &[u8]) -> Result<R, String>) -> Result<R, InputError> {

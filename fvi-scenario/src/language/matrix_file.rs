@@ -295,6 +295,42 @@ impl Archive<'_> {
     }
 }
 
+/// The arrays of a file of `numpy.savez`.
+pub(crate) struct Arrays(Vec<(String, Result<Array, String>)>);
+
+impl Arrays {
+    /// Reads all of them.
+    pub(crate) fn read(name: &str, bytes: &[u8]) -> Result<Self, String> {
+        if ending(name) != "npz" {
+            return Err("the name must end in .npz (numpy.savez)".to_owned());
+        }
+        let archive = ZipArchive::from_slice(bytes)
+            .map(Archive)
+            .map_err(|error| format!("not a ZIP archive: {error}"))?;
+        let mut names = Vec::new();
+        for entry in archive.0.entries() {
+            let entry = entry.map_err(|error| error.to_string())?;
+            let member = String::from_utf8_lossy(entry.file_path().as_ref()).into_owned();
+            names.extend(member.strip_suffix(".npy").map(str::to_owned));
+        }
+        Ok(Self(names.into_iter().map(|name| (name.clone(), archive.array(&name))).collect()))
+    }
+
+    /// True if there is an array of this name.
+    pub(crate) fn has(&self, name: &str) -> bool {
+        self.0.iter().any(|(own, _)| own == name)
+    }
+
+    /// The array of this name.
+    pub(crate) fn array(&self, name: &str) -> Result<Array, String> {
+        let names = || self.0.iter().map(|(own, _)| own.as_str()).collect::<Vec<_>>().join(", ");
+        match self.0.iter().find(|(own, _)| own == name) {
+            Some((_, array)) => array.clone(),
+            None => Err(format!("the array `{name}` is missing; there are {}", names())),
+        }
+    }
+}
+
 /// Reads what `scipy.sparse.save_npz` writes: compressed rows, compressed columns or coordinates.
 fn sparse_npz(bytes: &[u8]) -> Result<FileMatrix, String> {
     let archive =

@@ -135,6 +135,12 @@ pub(super) fn read_kernel(
     if let Some(value) = table.optional("weights") {
         return read_weights(table, &value);
     }
+    if let Some(value) = table.optional("radiation").or_else(|| table.optional("states")) {
+        return Err(value.key_error(Problem::Incompatible {
+            with: "a kernel without a system".to_owned(),
+            allowed: "it in [[system.damping]], where A(∞) joins the mass".to_owned(),
+        }));
+    }
     let (is_form, value) = table.either("form", "symbol")?;
     if !is_form {
         table.allow(&["symbol"])?;

@@ -166,6 +166,31 @@ impl SymmetricMatrix {
         }
     }
 
+    /// A mass with another one added, which is positive definite together with it.
+    pub(super) fn plus(
+        self,
+        added: &DMatrix<f64>,
+        value: &Value<'_>,
+        known: &Matrices<'_>,
+    ) -> Result<Self, InputError> {
+        let sum = match self {
+            Self::Diagonal(entries) => DMatrix::from_diagonal(&entries.into()) + added,
+            Self::Dense(matrix) => matrix + added,
+            Self::Sparse(_) => {
+                return Err(value.error(Problem::Incompatible {
+                    with: "an added mass A(∞) of a kernel".to_owned(),
+                    allowed: "a mass in numbers; or `added_to_mass = false` there".to_owned(),
+                }));
+            }
+        };
+        let is_diagonal = (0..sum.nrows()).all(|i| (0..i).all(|j| sum[(i, j)] == 0.0 && sum[(j, i)] == 0.0));
+        let sum = match is_diagonal {
+            true => Self::Diagonal(sum.diagonal().iter().copied().collect()),
+            false => Self::Dense(sum),
+        };
+        sum.mass(value, known)
+    }
+
     /// True if both have the same entries, to rounding of the largest.
     pub(super) fn is_close_to(&self, other: &Self) -> bool {
         let (Self::Dense(one), Self::Dense(other)) = (self, other) else { return false };

@@ -10,6 +10,7 @@ use super::own_terms::SharedTerms;
 use super::parameters::{read_parameters, symbols_of, symbols_of_force, symbols_of_potential};
 use super::relaxation_matrix::{Pair, RelaxationMatrix};
 use super::sparse_matrix::{KnownMatrices, Matrices, SparseMatrix};
+use super::waves::Waves;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Symbols};
@@ -99,9 +100,33 @@ pub struct Damping {
 /// A part of a matrix of kernels: that of one pair of coordinates.
 #[derive(Clone, Debug, PartialEq)]
 struct Part {
-    whole: Arc<RelaxationMatrix>,
+    whole: Arc<Whole>,
     /// True if the part replaces the term in the scenario.
     stands_for_it: bool,
+}
+
+/// A matrix of kernels.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
+enum Whole {
+    Relaxation(RelaxationMatrix),
+    Waves(Waves),
+}
+
+impl Whole {
+    fn notes(&self) -> &[String] {
+        match self {
+            Self::Relaxation(matrix) => &matrix.notes,
+            Self::Waves(waves) => &waves.notes,
+        }
+    }
+
+    fn active(&self) -> Option<Active> {
+        match self {
+            Self::Relaxation(matrix) => matrix.active,
+            Self::Waves(waves) => waves.active,
+        }
+    }
 }
 
 /// Serialises the terms of the scenario.
@@ -239,6 +264,7 @@ impl System {
                 .map(in_order)?,
             None => Vec::new(),
         };
+        let mass = with_added_mass(mass, &damping, table, &known)?;
         Ok(Self {
             kinetic,
             constraints,
@@ -385,27 +411,8 @@ impl Damping {
             ])?,
             None => Derivative::Caputo,
         };
-        let kernel = table.optional("kernel").and_then(|value| Some((value.table().ok()?, value)));
-        if let Some((kernel, value)) = &kernel
-            && let Some(files) = kernel.optional("relaxation").filter(RelaxationMatrix::is_one)
-        {
-            for key in ["order", "coefficient", "attached", "scale", "strength", "along"] {
-                if let Some(other) = table.optional(key) {
-                    let with = "a kernel that is a matrix of files".to_owned();
-                    let allowed = "the matrix alone: its entries hold forces over velocities".to_owned();
-                    return Err(other.error(Problem::Incompatible { with, allowed }));
-                }
-            }
-            let (whole, pairs) = RelaxationMatrix::read(kernel, &files, count)?;
-            let allow_active = table.optional("allow_active").map_or(Ok(false), |value| value.truth())?;
-            if let (Some(active), false) = (whole.active, allow_active) {
-                return Err(value.out_of_range(format!(
-                    "a passive kernel: the smallest eigenvalue of this matrix drives the motion at {active}; \
-                     `allow_active = true` admits it{}",
-                    whole.raise.map_or_else(String::new, remedy_of)
-                )));
-            }
-            return Ok(Self::of_matrix(whole, pairs, count, derivative));
+        if let Some(terms) = Self::read_matrix(table, count, derivative)? {
+            return Ok(terms);
         }
         let transfer = read_transfer(table, parameters, step)?;
         // Caputo's derivative of order 0 is the position, not its distance from the start.
@@ -440,14 +447,44 @@ impl Damping {
         Ok(vec![Self { transfer, coefficient, derivative, along: None, attached, scale, matrix: None }])
     }
 
-    /// The terms of a matrix of kernels: E_ii K_ii, and (E_ij + E_ji) K_ij as
-    /// (e_i + e_j)(e_i + e_j)ᵀ K_ij + (E_ii + E_jj)(−K_ij), whose matrices are positive semidefinite.
-    fn of_matrix(
-        whole: RelaxationMatrix,
-        pairs: Vec<Pair>,
+    /// The terms of a matrix of kernels, if the kernel is one.
+    fn read_matrix(
+        table: &Table<'_>,
         count: usize,
         derivative: Derivative,
-    ) -> Vec<Self> {
+    ) -> Result<Option<Vec<Self>>, InputError> {
+        let Some(value) = table.optional("kernel") else { return Ok(None) };
+        let Ok(kernel) = value.table() else { return Ok(None) };
+        let files = kernel.optional("relaxation").filter(RelaxationMatrix::is_one);
+        if files.is_none() && Waves::of(&kernel).is_none() {
+            return Ok(None);
+        }
+        for key in ["order", "coefficient", "attached", "scale", "strength", "along"] {
+            if let Some(other) = table.optional(key) {
+                let with = "a kernel that is a matrix of forces over velocities".to_owned();
+                let allowed = "the matrix alone: its entries hold forces over velocities".to_owned();
+                return Err(other.error(Problem::Incompatible { with, allowed }));
+            }
+        }
+        let allow_active = table.optional("allow_active").map_or(Ok(false), |value| value.truth())?;
+        let Some(files) = files else {
+            let (whole, pairs) = Waves::read(&kernel, &value, count, allow_active)?;
+            return Ok(Some(Self::of_matrix(Whole::Waves(whole), pairs, count, derivative)));
+        };
+        let (whole, pairs) = RelaxationMatrix::read(&kernel, &files, count)?;
+        if let (Some(active), false) = (whole.active, allow_active) {
+            return Err(value.out_of_range(format!(
+                "a passive kernel: the smallest eigenvalue of this matrix drives the motion at {active}; \
+                 `allow_active = true` admits it{}",
+                whole.raise.map_or_else(String::new, remedy_of)
+            )));
+        }
+        Ok(Some(Self::of_matrix(Whole::Relaxation(whole), pairs, count, derivative)))
+    }
+
+    /// The terms of a matrix of kernels: E_ii K_ii, and (E_ij + E_ji) K_ij as
+    /// (e_i + e_j)(e_i + e_j)ᵀ K_ij + (E_ii + E_jj)(−K_ij), whose matrices are positive semidefinite.
+    fn of_matrix(whole: Whole, pairs: Vec<Pair>, count: usize, derivative: Derivative) -> Vec<Self> {
         let whole = Arc::new(whole);
         let terms = pairs.into_iter().flat_map(|((i, j), [transfer, negative])| {
             let mut coefficient = DMatrix::zeros(count, count);
@@ -471,19 +508,45 @@ impl Damping {
     /// Sentences on how the numbers of its kernel were amended; the first part of a matrix has all of them.
     pub(super) fn notes(&self) -> &[String] {
         match &self.matrix {
-            Some(part) if part.stands_for_it => &part.whole.notes,
+            Some(part) if part.stands_for_it => part.whole.notes(),
             Some(_) => &[],
             None => self.transfer.notes(),
+        }
+    }
+
+    /// What its kernel adds to the mass.
+    fn added_mass(&self) -> Option<&DMatrix<f64>> {
+        match self.matrix.as_ref().map(|part| &*part.whole) {
+            Some(Whole::Waves(waves)) => waves.added.as_ref(),
+            _ => None,
         }
     }
 
     /// The region where its kernel is not passive; for a matrix of kernels that of the whole.
     pub fn active(&self) -> Option<Active> {
         match &self.matrix {
-            Some(part) => part.whole.active,
+            Some(part) => part.whole.active(),
             None => self.transfer.active(),
         }
     }
+}
+
+/// The mass with what the kernels add to it.
+fn with_added_mass(
+    mass: SymmetricMatrix,
+    damping: &[Damping],
+    table: &Table<'_>,
+    known: &Matrices<'_>,
+) -> Result<SymmetricMatrix, InputError> {
+    let is_whole = |term: &&Damping| term.matrix.as_ref().is_some_and(|part| part.stands_for_it);
+    let mut added = damping.iter().filter(is_whole).filter_map(Damping::added_mass);
+    added.try_fold(mass, |mass, added| match table.optional("kinetic") {
+        None => mass.plus(added, &table.required("mass")?, known),
+        Some(kinetic) => Err(kinetic.error(Problem::Incompatible {
+            with: "the A(∞) of a kernel, which belongs to the mass".to_owned(),
+            allowed: "`system.mass` in its place, or `added_to_mass = false` there".to_owned(),
+        })),
+    })
 }
 
 /// The terms in the order of the scenario, followed by further parts of matrices of kernels.
@@ -504,7 +567,7 @@ impl Serialize for Damping {
         let mut map = serializer.serialize_map(None)?;
         if let Some(part) = &self.matrix {
             map.serialize_entry("kernel", &*part.whole)?;
-            if part.whole.active.is_some() {
+            if part.whole.active().is_some() {
                 map.serialize_entry("allow_active", &true)?;
             }
             map.serialize_entry("derivative", &self.derivative)?;

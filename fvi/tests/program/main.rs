@@ -34,5 +34,6 @@ mod strategies;
 mod sweeps;
 mod tune;
 mod tune_bounds;
+mod waves;
 mod weights_of_files;
 mod workplace;

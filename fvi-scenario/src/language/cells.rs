@@ -1,35 +1,35 @@
 //! Tables of numbers as laboratories write them: separators, lines before the header, names and units of
 //! columns, numbers that are missing.
 
-use fvi_scenario::language::document::{Table, Value};
-use fvi_scenario::language::excerpt::excerpt;
-use fvi_scenario::language::expression::nearest;
-use fvi_scenario::language::{InputError, Problem};
+use super::document::{Table, Value};
+use super::error::{InputError, Problem};
+use crate::language::excerpt::excerpt;
+use crate::language::expression::nearest;
 use std::f64::consts::TAU;
 
 /// The used cells of a table, with their places in the file for error messages.
-pub(super) struct Cells<'v, 'd> {
+pub struct Cells<'v, 'd> {
     value: &'v Value<'d>,
     file: String,
-    pub(super) columns: Vec<Place>,
+    pub columns: Vec<Place>,
     /// Line number of the header with the column names.
-    pub(super) header: u64,
+    pub header: u64,
     /// Row by row, with the line in the file: numbers as they stand there.
-    pub(super) rows: Vec<(u64, Vec<f64>)>,
+    pub rows: Vec<(u64, Vec<f64>)>,
     /// Lines of rows that are left out, since a number is missing in them.
-    pub(super) left_out: Vec<u64>,
+    pub left_out: Vec<u64>,
 }
 
 /// A column that is used.
-pub(super) struct Place {
+pub struct Place {
     /// The name by which the fit knows it.
-    pub(super) name: String,
+    pub name: String,
     /// Its number in the file, from 1 on.
-    pub(super) number: usize,
+    pub number: usize,
     /// Its unit, as the file says.
-    pub(super) unit: Option<String>,
+    pub unit: Option<String>,
     /// What its numbers are multiplied by.
-    pub(super) factor: f64,
+    pub factor: f64,
 }
 
 /// A row of the file: its line, and its cells.
@@ -39,33 +39,33 @@ type Row = (u64, Vec<String>);
 const MISSING: [&str; 6] = ["", "-", "nan", "na", "n/a", "null"];
 
 /// Independent variables of tables: time, angular frequency, frequency in Hz.
-pub(super) const OVER: [&str; 3] = ["t", "omega", "f"];
+pub const OVER: [&str; 3] = ["t", "omega", "f"];
 
 /// Suffix of the column with the standard deviations of another one.
-pub(super) const DEVIATION: &str = "_deviation";
+pub const DEVIATION: &str = "_deviation";
 
 impl Cells<'_, '_> {
-    pub(super) fn fault(&self, line: u64, reason: String) -> InputError {
+    pub fn fault(&self, line: u64, reason: String) -> InputError {
         self.value.error(Problem::Table { file: self.file.clone(), line, reason })
     }
 
-    pub(super) fn column(&self, name: &str) -> Option<usize> {
+    pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|own| own.name == name)
     }
 
     /// The numbers of a column in the unit of the scenario.
-    pub(super) fn values(&self, column: usize) -> Vec<f64> {
+    pub fn values(&self, column: usize) -> Vec<f64> {
         let factor = self.columns[column].factor;
         self.rows.iter().map(|(_, row)| row[column] * factor).collect()
     }
 
     /// What the numbers of a column are multiplied by.
-    pub(super) fn factor(&self, name: &str) -> f64 {
+    pub fn factor(&self, name: &str) -> f64 {
         self.column(name).map_or(1.0, |column| self.columns[column].factor)
     }
 
     /// "column 2 (storage)".
-    pub(super) fn place(&self, column: usize) -> String {
+    pub fn place(&self, column: usize) -> String {
         let Place { name, number, .. } = &self.columns[column];
         format!("column {number} ({})", excerpt(name))
     }
@@ -77,7 +77,7 @@ impl Cells<'_, '_> {
 }
 
 /// Reads the file of a table; `table` is its entry in the fit.
-pub(super) fn cells<'v, 'd>(value: &'v Value<'d>, table: &Table<'_>) -> Result<Cells<'v, 'd>, InputError> {
+pub fn cells<'v, 'd>(value: &'v Value<'d>, table: &Table<'_>) -> Result<Cells<'v, 'd>, InputError> {
     let document = value.document();
     let name = value.text()?;
     let text = document.read_named(name).map_err(|error| value.file_error(error.to_string()))?;
