@@ -1,6 +1,8 @@
 //! Weights of convolution quadrature as sums of exponentials.
 
 #[doc(hidden)]
+pub mod band_filter;
+#[doc(hidden)]
 pub mod band_table;
 pub mod complex_exponential_table;
 pub mod controller_source;

@@ -8,6 +8,7 @@ pub(crate) mod converge;
 pub(crate) mod exponentials;
 #[cfg(feature = "research")]
 pub(crate) mod extremal;
+pub(crate) mod filter;
 pub(crate) mod fit;
 mod kernel_choice;
 mod listing;
@@ -70,6 +71,8 @@ enum Command {
     Exponentials(exponentials::ExponentialsArguments),
     /// Rates of the memory for steps of any length, as a table or as a constant for firmware
     Rates(rates::RatesArguments),
+    /// Filters of Oustaloup and Matsuda for a power of s: poles, sections or a difference equation
+    Filter(filter::FilterArguments),
     /// The controllers of a scenario as constants for firmware: tables of exponentials, and the law
     Controller(controller::ControllerArguments),
     /// Memory engines side by side: agreement, then time per step and memory
@@ -150,6 +153,7 @@ impl Program {
             Command::Weights(arguments) => arguments.execute(),
             Command::Exponentials(arguments) => arguments.execute(),
             Command::Rates(arguments) => arguments.execute(),
+            Command::Filter(arguments) => arguments.execute(),
             Command::Controller(arguments) => arguments.execute(),
         };
         match result {

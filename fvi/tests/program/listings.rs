@@ -139,6 +139,24 @@ fn tables_for_a_band_say_what_they_are_worth_there() {
     }
 }
 
+#[test]
+fn filters_of_the_literature_are_listed_in_three_forms() {
+    let filter =
+        |rest: &str| text(&format!("filter --exponent -0.5 --step 0.001 --band 1 100 --order 4 {rest}"));
+    for design in ["oustaloup", "matsuda"] {
+        for (form, header, rows) in
+            [("poles", "gain,zero,pole", 4), ("sections", "b0,b1,a1", 4), ("transfer", "n,b,a", 5)]
+        {
+            let table = filter(&format!("--design {design} --form {form}"));
+            assert!(table.contains(" dB, ") && table.contains(" degrees of the operator"), "{table}");
+            let mut lines = table.lines().skip(1);
+            assert_eq!((lines.next(), lines.count()), (Some(header), rows), "{table}");
+        }
+    }
+    let refused = fvi("filter --design oustaloup --exponent 1.5 --step 0.001 --band 1 100 --order 4");
+    assert_eq!(refused.status.code(), Some(2));
+}
+
 /// A controller for a band: every operator's table, in the file and in the message.
 #[test]
 fn a_controller_for_a_band_has_short_tables() {
