@@ -105,7 +105,7 @@ pub struct Gradient {
 /// The steps of a motion backwards.
 ///
 /// With the cotangents q̄, p̄ of the state after a step, those of the state before it are found from the
-/// multipliers λ of the equations of the step (those of the [tangent](super::tangent::Tangent)), which the
+/// multipliers λ of the equations of the step (those of the tangent), which the
 /// transposed matrix of Newton's method determines:
 ///
 /// ```text
