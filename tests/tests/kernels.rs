@@ -921,5 +921,5 @@ fn matrices_that_drive_or_are_not_symmetric_are_refused() {
     let message = refusal(&|i, j, g| if (i, j) == (1, 0) { 1.1 * g } else { g }, "").unwrap();
     assert!(message.contains("the numbers of entry [0][1]"), "{message}");
     let message = refusal(&|_, _, g| g, "coefficient = [1.0, 1.0]").unwrap();
-    assert!(message.contains("a kernel that is a matrix of files"), "{message}");
+    assert!(message.contains("a kernel that is a matrix of forces over velocities"), "{message}");
 }
