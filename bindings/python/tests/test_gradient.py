@@ -1,4 +1,4 @@
-"""Gradients of functions of a trajectory, by themselves and in programs of JAX and PyTorch."""
+"""Gradients of functions of a trajectory, by themselves and in programs of PyTorch."""
 
 import importlib.util
 
@@ -108,29 +108,6 @@ def test_cotangents_have_the_shape_of_the_result():
     recording = fvi.Model(**MODEL).record(["k"])
     with pytest.raises(fvi.InputError, match=r"q: shape \(3, 2\)"):
         recording.gradient(np.zeros((3, 2)))
-
-
-def test_jax_differentiates_models():
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    import fvi.jax
-
-    model = fvi.Model(**MODEL)
-
-    def loss(k, strengths):
-        q, p = fvi.jax.integrate(model, {"k": k, "damping[1].kernel.strengths": strengths})
-        return (q**2).sum() + (p**4).sum()
-
-    strengths = np.array([0.8, 0.7])
-    run = model.gradient({"k": 1.3, "damping[1].kernel.strengths": strengths}, lambda r: (2 * r.q, 4 * r.p**3))
-    for differentiated in (jax.grad(loss, argnums=(0, 1)), jax.jit(jax.grad(loss, argnums=(0, 1)))):
-        by_k, by_strengths = differentiated(1.3, strengths)
-        assert float(by_k) == pytest.approx(run["k"], rel=1e-12)
-        assert np.allclose(by_strengths, run["damping[1].kernel.strengths"], rtol=1e-12)
-    ks = np.array([1.0, 1.3, 1.6])
-    each = jax.vmap(jax.grad(loss), in_axes=(0, None))(ks, strengths)
-    assert np.allclose(each, [jax.grad(loss)(k, strengths) for k in ks], rtol=1e-12)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="PyTorch is not installed: its wheels for Linux bring CUDA")
