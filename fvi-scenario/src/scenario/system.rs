@@ -243,7 +243,7 @@ impl System {
             Some(value) => value
                 .list("a list of tables, each headed [[system.element]]")?
                 .iter()
-                .map(|element| Element::read(&element.table()?, &symbols_of(&parameters), count))
+                .map(|element| Element::read(&element.table()?, &parameters, count))
                 .collect::<Result<_, _>>()?,
             None => Vec::new(),
         };

@@ -604,3 +604,35 @@ fn a_start_that_leaves_the_constraints_with_a_parameter_has_no_derivative() {
     let refused = motion.with_sensitivities(&Default::default()).map(|_| ()).unwrap_err();
     assert!(refused.to_string().contains("initial.project"), "{refused}");
 }
+
+#[test]
+fn an_element_along_elongations_is_its_potential_in_words() {
+    let [spring, twist] = ["hypot(q0 - 1, 2e0*q1)", "q1*x"];
+    let along = json!([
+        { "potential": "0.5*k*x0^2 + 0.1*x0*x1^4", "along": [spring, twist] },
+        { "potential": "1e1*x0^3/3", "along": "q0 + q2" },
+    ]);
+    let of = |key: &str, value: Value| {
+        let mut system = json!({
+            "mass": [1.0, 0.5, 2.0],
+            "parameters": { "k": 4.0, "x": 0.7 },
+            "damping": [{ "order": 0.5, "coefficient": 0.3, "along": spring }],
+        });
+        system[key] = value;
+        let start = json!({ "position": [1.5, 0.4, -0.2], "velocity": [0.0, 1.0, 0.0] });
+        let mut own = in_short(system, start);
+        own["sensitivity"] = json!({ "parameters": ["system.parameters.x"] });
+        let scenario = Scenario::from_value(&own).unwrap();
+        let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+        motion = motion.with_sensitivities(&Default::default()).unwrap();
+        while !motion.is_done() {
+            motion.advance().unwrap();
+        }
+        [motion.state().position.clone(), motion.state().sensitivities.clone()]
+    };
+    let words = format!("0.5*k*({spring})^2 + 0.1*({spring})*({twist})^4 + 10*(q0 + q2)^3/3");
+    let [found, slopes] = of("element", along);
+    let [exact, exact_slopes] = of("potential", json!(words));
+    assert!(distance(&found, &exact) < 1e-12, "{found:?} {exact:?}");
+    assert!(distance(&slopes, &exact_slopes) < 1e-12, "{slopes:?} {exact_slopes:?}");
+}
