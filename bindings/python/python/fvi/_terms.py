@@ -131,10 +131,13 @@ class Element:
         An expression in x0, x1, … and the parameters.
     coordinates : array_like of int, shape (E, n)
         For each repetition, the coordinates that x0, x1, … stand for.
+    along : str or sequence of str
+        In place of coordinates: the elongations that x0, x1, … stand for, expressions in q0, q1, … and the parameters.
     """
 
     potential: str
-    coordinates: ArrayLike
+    coordinates: ArrayLike | None = None
+    along: str | Sequence[str] | None = None
 
 
 @dataclass(frozen=True)
@@ -337,7 +340,8 @@ def elements_of(given: Any, argument: str) -> list[dict[str, Any]]:
     for index, element in enumerate(_arrays.several(argument, given, (Element, Mapping), "a fvi.Element")):
         place = f"{argument}[{index}]"
         if isinstance(element, Element):
-            element = {"potential": element.potential, "coordinates": element.coordinates}
+            keys = {"potential": element.potential, "coordinates": element.coordinates, "along": element.along}
+            element = {key: value for key, value in keys.items() if value is not None}
         if not isinstance(element, Mapping):
             raise InputError(f"{place} = {element!r}: a fvi.Element is needed", place, repr(element))
         elements.append(dict(element))
