@@ -605,12 +605,14 @@ fn a_start_that_leaves_the_constraints_with_a_parameter_has_no_derivative() {
     assert!(refused.to_string().contains("initial.project"), "{refused}");
 }
 
+/// Against the run, and its derivative by a parameter, of the same potential with the elongations written out in
+/// `potential`.
 #[test]
 fn an_element_along_elongations_is_its_potential_in_words() {
     let [spring, twist] = ["hypot(q0 - 1, 2e0*q1)", "q1*x"];
     let along = json!([
         { "potential": "0.5*k*x0^2 + 0.1*x0*x1^4", "along": [spring, twist] },
-        { "potential": "1e1*x0^3/3", "along": "q0 + q2" },
+        { "potential": "1e1*x0^4/4", "along": "q0 + q2" },
     ]);
     let of = |key: &str, value: Value| {
         let mut system = json!({
@@ -630,7 +632,7 @@ fn an_element_along_elongations_is_its_potential_in_words() {
         }
         [motion.state().position.clone(), motion.state().sensitivities.clone()]
     };
-    let words = format!("0.5*k*({spring})^2 + 0.1*({spring})*({twist})^4 + 10*(q0 + q2)^3/3");
+    let words = format!("0.5*k*({spring})^2 + 0.1*({spring})*({twist})^4 + 10*(q0 + q2)^4/4");
     let [found, slopes] = of("element", along);
     let [exact, exact_slopes] = of("potential", json!(words));
     assert!(distance(&found, &exact) < 1e-12, "{found:?} {exact:?}");
