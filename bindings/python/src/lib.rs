@@ -10,6 +10,7 @@ mod derivative;
 mod documents;
 mod engines;
 mod errors;
+mod exponentials;
 mod fit;
 mod gradient;
 mod loads;
@@ -37,6 +38,8 @@ mod _fvi {
     use super::derivative::derivative;
     #[pymodule_export]
     use super::engines::{Memory, Operator};
+    #[pymodule_export]
+    use super::exponentials::exponentials;
     #[pymodule_export]
     use super::fit::fit;
     #[pymodule_export]

@@ -17,6 +17,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `solve_fde`             fractional differential equations D^α x = f(t, x)
 `derivative`            fractional derivatives and integrals of samples
 `weights`               weights of convolution quadrature
+`exponentials`          the same as decaying exponentials, and as a system of first order
 `Kernel`                transfer functions in place of s^β
 `Memory`, `Operator`    the engines and the operator D^β, sample by sample
 `Convolver`             finite responses on a stream without end, block by block
@@ -41,6 +42,7 @@ from fvi._controller import FractionalPid
 from fvi._convolver import Convolver
 from fvi._equation import Solution, solve_fde
 from fvi._errors import InputError, StepError
+from fvi._exponentials import Exponentials, StateSpace, exponentials
 from fvi._fit import Estimate, Fit, FitTable, fit
 from fvi._fvi import __version__
 from fvi._gradient import Gradient, Recording
@@ -66,6 +68,7 @@ __all__ = [
     "Element",
     "Estimate",
     "Event",
+    "Exponentials",
     "Extremal",
     "Fit",
     "FitTable",
@@ -85,6 +88,7 @@ __all__ = [
     "Result",
     "Runs",
     "Solution",
+    "StateSpace",
     "StepError",
     "System",
     "Table",
@@ -93,6 +97,7 @@ __all__ = [
     "compare_engines",
     "converge",
     "derivative",
+    "exponentials",
     "extremal",
     "fit",
     "integrate",

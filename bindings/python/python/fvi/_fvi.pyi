@@ -72,6 +72,16 @@ class Recording:
     def nbytes(self) -> int: ...
     def gradient(self, position: _Array, momentum: _Array) -> list[_Array]: ...
 
+def exponentials(
+    order: int,
+    exponent: float | None,
+    kernel: dict[str, Any] | None,
+    step: float,
+    increments: bool,
+    horizon: int | None,
+    band: list[float] | None,
+    tolerance: float,
+) -> list[_Array]: ...
 def record(
     source: Any, prepared: Prepared, most_bytes: int | None = None
 ) -> tuple[_Arrays, str, Record, BaseException | None, Recording]: ...

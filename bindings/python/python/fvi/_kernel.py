@@ -14,6 +14,7 @@ from fvi._errors import InputError
 from fvi._keyed import Keyed, keys_of
 
 if TYPE_CHECKING:
+    from fvi._exponentials import StateSpace
     from fvi._response import KernelCurves
 
 
@@ -177,6 +178,41 @@ class Kernel(Keyed):
         time = {"step": float(np.pi / frequencies.max()), "steps": 1, "allow_unstable": True}
         scenario = {"system": {"mass": [1.0], "stiffness": [1.0], "damping": [term]}, "time": time}
         return response(scenario, frequencies).kernels[0]
+
+    def state_space(
+        self, step: float, *, order: int = 1, band: Sequence[float] | None = None, tolerance: float = 1e-12
+    ) -> StateSpace:
+        """K(D) at equal steps as a system of first order: that of `exponentials`, for other programs.
+
+        Parameters
+        ----------
+        step : float
+            h > 0.
+        order : int
+            Order of the backward differentiation formula, 1 to 6.
+        band, tolerance
+            As in `exponentials`: a band of frequencies needs fewer states.
+
+        Returns
+        -------
+        StateSpace
+            The matrices A, B, C, D of x_{k+1} = A x_k + B u_k, y_k = C x_k + D u_k, for samples u_k from a state of rest.
+
+        Raises
+        ------
+        InputError
+            As `exponentials`.
+
+        Examples
+        --------
+        >>> import fvi
+        >>> A, B, C, D = fvi.Kernel.prony([1.0], [0.5]).state_space(step=0.1)
+        >>> round(float(D[0, 0]), 4)
+        0.8333
+        """
+        from fvi._exponentials import exponentials
+
+        return exponentials(kernel=self, step=step, order=order, band=band, tolerance=tolerance).state_space()
 
     def plot(self, omega: ArrayLike | None = None, axes: Any = None, *, unit: str = "", time_unit: str = "") -> Any:
         """Draws moduli, loss factor, creep and relaxation, as `KernelCurves.plot`.
