@@ -19,6 +19,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `weights`               weights of convolution quadrature
 `exponentials`          the same as decaying exponentials, and as a system of first order
 `Kernel`                transfer functions in place of s^β
+`read_capytaine`, `read_bemio`   added mass and radiation damping from files of boundary-element codes
 `Memory`, `Operator`    the engines and the operator D^β, sample by sample
 `Convolver`             finite responses on a stream without end, block by block
 `FractionalPid`         a fractional PID controller, sample by sample
@@ -46,6 +47,7 @@ from fvi._exponentials import Exponentials, StateSpace, exponentials
 from fvi._fit import Estimate, Fit, FitTable, fit
 from fvi._fvi import __version__
 from fvi._gradient import Gradient, Recording
+from fvi._hydrodynamics import Hydrodynamics, read_bemio, read_capytaine
 from fvi._integrate import integrate, integrate_cases
 from fvi._kernel import Kernel
 from fvi._memory import Memory, Operator
@@ -75,6 +77,7 @@ __all__ = [
     "Force",
     "FractionalPid",
     "Gradient",
+    "Hydrodynamics",
     "InputError",
     "Kernel",
     "KernelCurves",
@@ -103,6 +106,8 @@ __all__ = [
     "integrate",
     "integrate_cases",
     "load",
+    "read_bemio",
+    "read_capytaine",
     "response",
     "run",
     "run_cases",

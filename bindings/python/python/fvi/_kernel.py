@@ -18,11 +18,24 @@ if TYPE_CHECKING:
     from fvi._response import KernelCurves
 
 
+def _of_bodies(infinite: ArrayLike | None, coordinates: Sequence[int] | None, added_to_mass: bool) -> dict[str, Any]:
+    """The keys of kernels of floating bodies."""
+    keys: dict[str, Any] = {}
+    if infinite is not None:
+        keys["infinite"] = np.asarray(_arrays.numbers("infinite", infinite)).tolist()
+    if coordinates is not None:
+        keys["coordinates"] = [_arrays.whole("coordinates", coordinate, 0) for coordinate in coordinates]
+    if not added_to_mass:
+        keys["added_to_mass"] = False
+    return keys
+
+
 @final
 class Kernel(Keyed):
     """A kernel K(s) in place of s^β: the damping force is −ρ K(D) q.
 
-    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol`, `relaxation`, `relaxation_matrix` or `weights`;
+    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol`, `relaxation`, `relaxation_matrix`, `radiation`,
+    `states` or `weights`;
     accepted by `Damping`, `Memory`, `weights` and `derivative`. A kernel that is not passive, which could feed energy into the
     motion, is refused by `integrate`; the error gives the frequency band. It is allowed if the damping has ``allow_active=True``.
 
@@ -124,6 +137,64 @@ class Kernel(Keyed):
             raise InputError(f"files: rows of {shape} entries instead of {len(rows)} each", "files", repr(shape))
         keys: dict[str, Any] = {"relaxation": rows}
         given = {"decay": decay, "begin": begin, "end": end, "activity": activity, "asymmetry": asymmetry}
+        keys.update({key: _arrays.positive(key, number) for key, number in given.items() if number is not None})
+        return Kernel(**keys)
+
+    @staticmethod
+    def radiation(
+        omega: ArrayLike,
+        added_mass: ArrayLike | None,
+        damping: ArrayLike,
+        *,
+        infinite: ArrayLike | None = None,
+        coordinates: Sequence[int] | None = None,
+        added_to_mass: bool = True,
+        memory: float | None = None,
+        begin: float | None = None,
+        end: float | None = None,
+        activity: float | None = None,
+        asymmetry: float | None = None,
+        inconsistency: float | None = None,
+    ) -> Kernel:
+        """The force −A(∞) q̈ − ∫ K(t − τ) q̇(τ) dτ of radiated waves, K̂(iω) = B(ω) + iω (A(ω) − A(∞)).
+
+        `omega` has n frequencies in rad/s, `added_mass` and `damping` n numbers or n × N × N. A(∞) is `infinite`, or follows
+        from A and B; it is added to the mass unless `added_to_mass` is false. `coordinates` are those that rows and columns
+        belong to. The tolerances are shares of the largest damping: of what is left at the first and the last row (`begin`,
+        `end`), of eigenvalues below 0 (`activity`), of what is not symmetric (`asymmetry`), and of A against B
+        (`inconsistency`). The term, ``fvi.Damping(kernel=…)``, has no `coefficient`.
+        """
+        table: dict[str, Any] = {"omega": np.atleast_1d(_arrays.numbers("omega", omega)).tolist()}
+        for name, key, values in (("added_mass", "A", added_mass), ("damping", "B", damping)):
+            if values is not None:
+                table[key] = np.atleast_1d(_arrays.numbers(name, values)).tolist()
+        keys: dict[str, Any] = {"radiation": table, **_of_bodies(infinite, coordinates, added_to_mass)}
+        given = {"memory": memory, "begin": begin, "end": end, "activity": activity}
+        given |= {"asymmetry": asymmetry, "inconsistency": inconsistency}
+        keys.update({key: _arrays.positive(key, number) for key, number in given.items() if number is not None})
+        return Kernel(**keys)
+
+    @staticmethod
+    def states(
+        A: ArrayLike,
+        B: ArrayLike,
+        C: ArrayLike,
+        D: ArrayLike | None = None,
+        *,
+        infinite: ArrayLike | None = None,
+        coordinates: Sequence[int] | None = None,
+        added_to_mass: bool = True,
+        activity: float | None = None,
+        asymmetry: float | None = None,
+    ) -> Kernel:
+        """The force −A(∞) q̈ − y of equations of states, ẋ = A x + B q̇, y = C x + D q̇, in their poles and residues.
+
+        The term, ``fvi.Damping(kernel=…)``, has no `coefficient`; other arguments as for :meth:`radiation`.
+        """
+        named = {"A": A, "B": B, "C": C} | ({} if D is None else {"D": D})
+        table = {name: np.atleast_2d(_arrays.numbers(name, values)).tolist() for name, values in named.items()}
+        keys: dict[str, Any] = {"states": table, **_of_bodies(infinite, coordinates, added_to_mass)}
+        given = {"activity": activity, "asymmetry": asymmetry}
         keys.update({key: _arrays.positive(key, number) for key, number in given.items() if number is not None})
         return Kernel(**keys)
 
