@@ -605,7 +605,7 @@ fn a_start_that_leaves_the_constraints_with_a_parameter_has_no_derivative() {
     assert!(refused.to_string().contains("initial.project"), "{refused}");
 }
 
-/// Against the run, and its derivative by a parameter, of the same potential with the elongations written out in
+/// Against the run, and its derivative, of the same potential with the elongations written out in
 /// `potential`.
 #[test]
 fn an_element_along_elongations_is_its_potential_in_words() {
