@@ -110,16 +110,8 @@ pub fn band_table(
     band: [f64; 2],
     tolerance: f64,
 ) -> Result<(ExponentialKernel, BandErrors), ExponentialKernelError> {
-    let allowed = |accepted, parameter, value, allowed| {
-        if accepted { Ok(()) } else { Err(ParameterError { parameter, value, allowed }) }
-    };
+    check(band, step_size, tolerance)?;
     let [low, high] = band.map(|frequency| frequency * step_size);
-    allowed(low >= LOWEST, "lower end of the band", band[0], "at least 1e-10 of the sampling frequency")?;
-    let range = "above the lower end, and at most half of the sampling frequency";
-    allowed(low < high && high <= 0.5, "upper end of the band", band[1], range)?;
-    let [least, most] = TOLERANCES;
-    let range = "at least 1e-7 and at most 0.1 over a band";
-    allowed((least..=most).contains(&tolerance), "tolerance", tolerance, range)?;
     let whole = ExponentialKernel::of_transfer(transfer, order, on_increments, step_size, ENDLESS, WHOLE)?;
     let response = Response { transfer, order, step_size, on_increments };
     if whole.exponentials().is_empty() {
@@ -151,6 +143,20 @@ pub fn band_table(
         Some((_, made, errors)) => Ok((made, errors)),
         None => Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }),
     }
+}
+
+/// Errors with the band and the tolerance as they were given, whatever the unit of frequency is.
+pub(super) fn check(band: [f64; 2], step_size: f64, tolerance: f64) -> Result<(), ParameterError> {
+    let allowed = |accepted, parameter, value, allowed| {
+        if accepted { Ok(()) } else { Err(ParameterError { parameter, value, allowed }) }
+    };
+    let [low, high] = band.map(|frequency| frequency * step_size);
+    allowed(low >= LOWEST, "lower end of the band", band[0], "at least 1e-10 of the sampling frequency")?;
+    let range = "above the lower end, and at most half of the sampling frequency";
+    allowed(low < high && high <= 0.5, "upper end of the band", band[1], range)?;
+    let [least, most] = TOLERANCES;
+    let range = "at least 1e-7 and at most 0.1 over a band";
+    allowed((least..=most).contains(&tolerance), "tolerance", tolerance, range)
 }
 
 /// A kernel over frequencies.

@@ -1,6 +1,6 @@
 //! A fractional PID controller as Rust source: its tables, its law, a type and a constructor.
 
-use crate::exponentials::band_table::{BandErrors, band_table};
+use crate::exponentials::band_table::{BandErrors, band_table, check};
 use crate::exponentials::exponential_table::{ExponentialKernel, ExponentialKernelError};
 use crate::exponentials::rust_constants::{end_of, is_identifier, scalar, table_constant, table_fits};
 use crate::transfer::TransferFunction;
@@ -68,6 +68,7 @@ impl ControllerTables {
     ) -> Result<Self, ExponentialKernelError> {
         let mut tables = Self::new(law, 1, tolerance)?;
         let sample = sample_of(law)?;
+        check(band, sample, tolerance)?;
         let mut errors = Vec::new();
         let mut table = |part: &'static str, kernel: Kernel| {
             let exponent = kernel.symbol().growth();
