@@ -143,8 +143,8 @@ fn any_damper(draws: &mut Draws) -> Value {
     json!({ "kernel": kernel, "coefficient": 10_f64.powf(draws.within(-1.0, 1.5)), "along": along })
 }
 
-/// Work of the dampers h Σ b_i W_iᵀ f_i, and what they store, are never negative, and what they have dissipated
-/// never falls, whatever kernel, elongation, step and potential.
+/// The work of the dampers, h Σ b_i W_iᵀ f_i, and what they store are never negative, and what they have
+/// dissipated never falls, whatever kernel, elongation, step and potential.
 #[test]
 fn dampers_never_give_more_than_they_took_from_200_random_systems() {
     let mut draws = Draws(5);
