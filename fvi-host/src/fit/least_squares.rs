@@ -1,6 +1,7 @@
 //! Nonlinear least squares within bounds: the method of Levenberg and Marquardt on the parameters that are
 //! not fixed at a bound, with the damping parameter updated as in \[Nielsen99\].
 
+use fvi_core::max_or_nan;
 use fvi_fft::dense::{SingularValues, triangle};
 use nalgebra::{DMatrix, DVector};
 
@@ -70,8 +71,13 @@ pub(super) enum End {
 /// A step shorter than this, relative to the parameters, ends the search.
 const SHORTEST: f64 = 1e-12;
 
-/// The search ends where the predicted decrease of the sum of squares, relative to it, is less than this.
-const LEAST_GAIN: f64 = 1e-13;
+/// The search ends where the predicted decrease of the sum of squares, relative to it, is less than this:
+/// with m data a distance of 10⁻¹⁰ √m standard deviations, however ill-conditioned the problem is.
+const LEAST_GAIN: f64 = 1e-20;
+
+/// A predicted decrease below this fraction of the sum of squares is not seen in it: steps are then judged
+/// by the gradient.
+const UNSEEN: f64 = 1e-12;
 
 /// Directions with singular values smaller than this, relative to the largest, do not count in the predicted
 /// decrease.
@@ -82,7 +88,7 @@ const NO_GAIN: f64 = 1e-9;
 
 /// The search ends where the cosine of the angle between the residuals and each column of their derivatives
 /// is below this.
-const ORTHOGONAL: f64 = 1e-11;
+const ORTHOGONAL: f64 = 1e-14;
 
 /// Damping parameter at which the search gives up.
 const HEAVIEST: f64 = 1e14;
@@ -102,6 +108,17 @@ pub(super) fn held(point: &[f64], region: &Region, gradient: &[f64]) -> Vec<bool
 pub(super) fn gradient(evaluation: &Evaluation) -> Vec<f64> {
     let Some(jacobian) = &evaluation.jacobian else { return Vec::new() };
     jacobian.column_iter().map(|column| column.dot(&evaluation.residuals)).collect()
+}
+
+/// The largest cosine of the angle between the residuals and a column of their derivatives.
+fn slope_along(evaluation: &Evaluation, free: &[usize]) -> f64 {
+    let Some(jacobian) = &evaluation.jacobian else { return f64::INFINITY };
+    let size = evaluation.residuals.norm();
+    let cosine = |&index: &usize| {
+        let column = jacobian.column(index);
+        column.dot(&evaluation.residuals).abs() / (column.norm() * size).max(f64::MIN_POSITIVE)
+    };
+    free.iter().map(cosine).fold(0.0, max_or_nan)
 }
 
 /// The residuals at a point, with derivatives if requested; `None` where either is undefined.
@@ -220,9 +237,18 @@ pub(super) fn minimise<R: Residuals>(
                         growth = 2.0;
                         break (Some((trial, whole)), is_short.then_some(end_of_short));
                     }
-                } else if is_finite && potential <= 1e-12 * cost && gained.abs() <= 1e-12 * cost {
-                    // The possible decrease is below the rounding of the sum of squares.
-                    break (None, Some(End::Converged));
+                } else if is_finite && potential <= UNSEEN * cost && gained.abs() <= UNSEEN * cost {
+                    let whole = match tried.jacobian {
+                        Some(_) => Some(tried),
+                        None => at(residuals, &trial, true)?,
+                    };
+                    match whole.filter(|whole| 2.0 * slope_along(whole, &free) < slope_along(&now, &free)) {
+                        Some(whole) => {
+                            weight = (0.1 * weight).max(1e-16);
+                            break (Some((trial, whole)), None);
+                        }
+                        None => break (None, Some(End::Converged)),
+                    }
                 }
             }
             if is_short {
