@@ -83,9 +83,10 @@ pub use linear::{
     is_positive_definite_in_place, keep_factors, solve, substitute, substitute_kept,
 };
 #[doc(hidden)]
-pub use mechanism::{DamperRow, MOST_STAGES, Relaxing, Second};
+pub use mechanism::MOST_STAGES;
 pub use mechanism::{
-    Dampers, GaussLobatto, Lagrangian, MechanismError, MechanismIntegrator, RelaxationTable,
+    DamperRow, Dampers, GaussLobatto, Lagrangian, MechanismError, MechanismIntegrator, RelaxationTable,
+    Relaxing, Second,
 };
 pub use memory::{ActsOn, Memory, MemoryError};
 #[doc(hidden)]

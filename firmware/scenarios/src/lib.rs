@@ -7,6 +7,7 @@ pub mod bits;
 pub mod closed_loop;
 pub mod control_loop;
 pub mod jitter;
+pub mod mechanism;
 pub mod oustaloup;
 pub mod pulse;
 pub mod refusal;

@@ -3,8 +3,8 @@
 use core::fmt;
 
 use fvi_core::{
-    DampingError, IntegratorError, MatrixError, OperatorError, ParameterError, PidError, StateError,
-    StepError,
+    DampingError, IntegratorError, MatrixError, MechanismError, OperatorError, ParameterError, PidError,
+    StateError, StepError,
 };
 
 /// The error that stopped it.
@@ -18,6 +18,8 @@ pub enum Refusal {
     Damping(DampingError),
     /// The integrator.
     Integrator(IntegratorError),
+    /// A mechanism.
+    Mechanism(MechanismError),
     /// A step.
     Step(StepError),
     /// A fractional operator.
@@ -53,6 +55,7 @@ refusals!(
     Matrix(MatrixError),
     Damping(DampingError),
     Integrator(IntegratorError),
+    Mechanism(MechanismError),
     Step(StepError),
     Operator(OperatorError),
     Pid(PidError),

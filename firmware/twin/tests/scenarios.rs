@@ -6,6 +6,7 @@ use fvi_core::{
     BdfOrder, ConvolutionWeights, ExponentialSum, ExponentialTable, Memory, StateReader, StateWriter,
 };
 use scenarios::control_loop::ControlLoop;
+use scenarios::mechanism;
 use scenarios::pulse;
 use scenarios::tables::{DAMPING, DERIVATIVE, INTEGRAL};
 
@@ -84,5 +85,54 @@ fn a_control_loop_that_is_restored_goes_on_with_the_same_bits() -> Result<(), Bo
     }
     assert_eq!(restored.hash(), undisturbed.hash());
     assert!(ControlLoop::restored(&mut StateReader::new(&bytes[..written - 1])).is_err());
+    Ok(())
+}
+
+/// Slopes of angle, rate and strut of the mass on its rod, in coordinates without a constraint.
+fn slopes([angle, rate, y0, y1]: [f64; 4]) -> [f64; 4] {
+    let [a, b] = mechanism::HELD;
+    let (x, y) = (angle.sin(), -angle.cos());
+    let length = (x - a).hypot(y - b);
+    // ∂l/∂φ, with ∂(x, y)/∂φ = (−y, x).
+    let lever = ((x - a) * -y + (y - b) * x) / length;
+    let [c0, c1] = mechanism::STRENGTHS;
+    let [r0, r1] = mechanism::RATES;
+    let force = c0 * y0 + c1 * y1;
+    [rate, -mechanism::GRAVITY * x - force * lever, lever * rate - r0 * y0, lever * rate - r1 * y1]
+}
+
+#[test]
+fn the_mass_on_a_rod_moves_as_by_its_angle_and_its_strut_takes_energy() -> Result<(), Box<dyn Error>> {
+    let mut text = String::new();
+    mechanism::run::<f64>(&mut text)?;
+    let [[x, y], [u, v]] = mechanism::START;
+    let mut state = [x.atan2(-y), u * -y + v * x, 0.0, 0.0];
+    let (parts, mut taken) = (50, 0.0);
+    let h = mechanism::STEP_SIZE / f64::from(parts);
+    let on = |state: [f64; 4], by: f64, slope: [f64; 4]| [0, 1, 2, 3].map(|i| state[i] + by * slope[i]);
+    for line in text.lines() {
+        let bits = line.split(' ').skip(1).map(|word| u64::from_str_radix(word, 16));
+        let numbers: Vec<f64> = bits.map(|bits| bits.map(f64::from_bits)).collect::<Result<_, _>>()?;
+        let (x, y) = (numbers[0], numbers[1]);
+        assert!(
+            (x.hypot(y) - 1.0).abs() < 1e-14 && (x * numbers[2] + y * numbers[3]).abs() < 1e-13,
+            "{line}"
+        );
+        let error = (x - state[0].sin()).hypot(y + state[0].cos());
+        assert!(error < 2e-5, "step {line}: {error:e}");
+        assert!(numbers[4] >= -1e-14, "the strut has given {}", -numbers[4]);
+        taken = numbers[4];
+        // The classical Runge–Kutta method, of order 4.
+        for _ in 0..parts {
+            let first = slopes(state);
+            let second = slopes(on(state, 0.5 * h, first));
+            let third = slopes(on(state, 0.5 * h, second));
+            let fourth = slopes(on(state, h, third));
+            let mean = [0, 1, 2, 3].map(|i| (first[i] + 2.0 * (second[i] + third[i]) + fourth[i]) / 6.0);
+            state = on(state, h, mean);
+        }
+    }
+    assert_eq!(text.lines().count(), mechanism::STEPS + 1);
+    assert!(taken > 1.0, "{taken} J");
     Ok(())
 }
