@@ -1,6 +1,7 @@
 //! Functions of the Laplace variable over two kinds of numbers: complex ones, and power series to about 30
 //! digits.
 
+use super::real::Real;
 use fvi_core::DoubleDouble;
 use nalgebra::Complex;
 
@@ -20,9 +21,9 @@ pub trait Algebra: Clone {
     /// Quotient.
     #[must_use]
     fn divide(&self, other: &Self) -> Self;
-    /// The power of a real exponent, given as a sum of two numbers.
+    /// The power of a real exponent.
     #[must_use]
-    fn power(&self, exponent: DoubleDouble) -> Self;
+    fn power(&self, exponent: Real) -> Self;
     /// eˣ.
     #[must_use]
     fn exponential(&self) -> Self;
@@ -44,7 +45,7 @@ pub trait Algebra: Clone {
 
     /// (1 + x)^e − 1, accurate to rounding near x = 0.
     #[must_use]
-    fn power_beside_one(&self, exponent: f64) -> Self;
+    fn power_beside_one(&self, exponent: Real) -> Self;
 
     /// eˣ − 1, accurate to rounding near x = 0.
     #[must_use]
@@ -52,6 +53,37 @@ pub trait Algebra: Clone {
 
     /// True if x, or the first coefficient of a series, lies in the left half-plane.
     fn is_left(&self) -> bool;
+
+    /// A real parameter of the same kind as `self`.
+    #[must_use]
+    fn parameter(&self, value: Real) -> Self {
+        self.constant(value.to_f64())
+    }
+
+    /// Product with a real parameter.
+    #[must_use]
+    fn stretched(&self, factor: Real) -> Self {
+        self.scale(factor.to_f64())
+    }
+
+    /// x/(1 + x).
+    #[must_use]
+    fn share(&self) -> Self {
+        self.divide(&self.add(&self.constant(1.0)))
+    }
+
+    /// 1/(1/x + 1/y): two elements in series.
+    #[must_use]
+    fn in_series(&self, other: &Self) -> Self {
+        self.divide(&self.divide(other).add(&self.constant(1.0)))
+    }
+
+    /// (x + a)^e − a^e, accurate to rounding near x = 0.
+    #[must_use]
+    fn power_beyond(&self, start: Real, exponent: Real) -> Self {
+        let base = self.parameter(start).power(exponent);
+        self.divide(&self.parameter(start)).power_beside_one(exponent).multiply(&base)
+    }
 }
 
 impl Algebra for Complex<f64> {
@@ -71,7 +103,7 @@ impl Algebra for Complex<f64> {
         self / other
     }
 
-    fn power(&self, exponent: DoubleDouble) -> Self {
+    fn power(&self, exponent: Real) -> Self {
         let exponent = exponent.to_f64();
         if exponent == 0.0 {
             return Self::new(1.0, 0.0);
@@ -102,7 +134,8 @@ impl Algebra for Complex<f64> {
         self * factor
     }
 
-    fn power_beside_one(&self, exponent: f64) -> Self {
+    fn power_beside_one(&self, exponent: Real) -> Self {
+        let exponent = exponent.to_f64();
         // ln(1 + x) and eʸ − 1, each from terms that do not cancel.
         let size = 0.5 * libm::log1p(self.re * (2.0 + self.re) + self.im * self.im);
         let (re, im) = (exponent * size, exponent * libm::atan2(self.im, 1.0 + self.re));
@@ -222,7 +255,8 @@ impl Algebra for Series {
     }
 
     /// n f₀ g_n = Σ_{j≥1} ((e + 1) j − n) f_j g_{n−j} for g = f^e.
-    fn power(&self, exponent: DoubleDouble) -> Self {
+    fn power(&self, exponent: Real) -> Self {
+        let exponent = exponent.value;
         let whole = exponent.to_f64();
         if whole == 0.0 {
             return self.constant(1.0);
@@ -275,11 +309,11 @@ impl Algebra for Series {
         })
     }
 
-    fn power_beside_one(&self, exponent: f64) -> Self {
-        let mut power = self.add(&self.constant(1.0)).power(DoubleDouble::exact(exponent));
+    fn power_beside_one(&self, exponent: Real) -> Self {
+        let mut power = self.add(&self.constant(1.0)).power(exponent);
         if let Some(first) = power.coefficients.first_mut() {
             // 1 + x and x^e − 1 lose digits for small x.
-            *first = power_beside_one(self.at(0), exponent);
+            *first = power_beside_one(self.at(0), exponent.to_f64());
         }
         power
     }
@@ -412,8 +446,8 @@ mod tests {
     #[test]
     fn powers_of_a_series_form_a_semigroup() {
         let difference = Series::polynomial(&[double(1.5), double(-2.0), double(0.5)], 200);
-        let (half, rest) = (difference.power(double(0.5)), difference.power(double(0.75)));
-        let all = difference.power(double(1.25));
+        let (half, rest) = (difference.power(Real::from(0.5)), difference.power(Real::from(0.75)));
+        let all = difference.power(Real::from(1.25));
         let product = half.multiply(&rest);
         for n in 0..200 {
             assert!(apart(all.at(n), product.at(n)) < 1e-28 * all.at(n).to_f64().abs() + 1e-31, "{n}");
@@ -430,15 +464,15 @@ mod tests {
         assert!((0..60).all(|n| apart(back.at(n), series.at(n)) < 1e-27));
         // e^{0.7 ln f} = f^{0.7}
         let by_logarithm = series.logarithm().scale(0.7).exponential();
-        let power = series.power(double(0.7));
+        let power = series.power(Real::from(0.7));
         assert!((0..60).all(|n| apart(by_logarithm.at(n), power.at(n)) < 1e-26));
     }
 
     #[test]
     fn small_differences_from_one_keep_their_digits() {
         for x in [Complex::new(1e-12, 3e-13), Complex::new(0.4, -2.0), Complex::new(-0.2, 1e-9)] {
-            let found = x.power_beside_one(-0.3);
-            let direct = Complex::new(1.0, 0.0).add(&x).power(double(-0.3)) - Complex::new(1.0, 0.0);
+            let found = x.power_beside_one(Real::from(-0.3));
+            let direct = Complex::new(1.0, 0.0).add(&x).power(Real::from(-0.3)) - Complex::new(1.0, 0.0);
             assert!((found - direct).norm() < 4e-16, "{x}");
             // −0.3 x + 0.195 x² for small x
             if x.norm() < 1e-9 {
@@ -447,7 +481,7 @@ mod tests {
             }
         }
         let series = Series::polynomial(&[double(1e-9), double(-1e-9)], 4);
-        let power = series.power_beside_one(0.5);
+        let power = series.power_beside_one(Real::from(0.5));
         assert!((power.at(0).to_f64() - (0.5e-9 - 0.125e-18)).abs() < 1e-31);
     }
 }

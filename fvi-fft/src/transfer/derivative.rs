@@ -1,8 +1,10 @@
 //! Derivatives of transfer functions with respect to their parameters.
 
 use crate::transfer::algebra::{Algebra, Series};
-use crate::transfer::{Form, Formula, Pole, TransferFunction, value_at_zero};
-use fvi_core::{DoubleDouble, ParameterError};
+use crate::transfer::form::Slope;
+use crate::transfer::limits::value_at_zero;
+use crate::transfer::{Formula, Pole, TransferFunction};
+use fvi_core::ParameterError;
 use nalgebra::Complex;
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -10,16 +12,8 @@ use std::sync::Arc;
 /// ∂K(s)/∂θ of a transfer function K by one of its parameters θ, a function of s like K: its weights are the
 /// derivatives of those of K.
 ///
-/// With L = ln(τs), u = (τs)^β, v = (τs)^{β−α} and w = (τs)^α:
-///
-/// | form | θ | ∂K/∂θ |
-/// |---|---|---|
-/// | power | β | s^β ln s |
-/// | tempered | β, a | (s+a)^β ln(s+a) − a^β ln a; β ((s+a)^{β−1} − a^{β−1}) |
-/// | Maxwell | β, α, τ | u L/(1+v)²; u v L/(1+v)²; (β u/(1+v) − (β−α) u v/(1+v)²)/τ |
-/// | Prony | g, τ | τs/(1+τs); g s/(1+τs)² |
-/// | Havriliak–Negami | α, γ, τ | γ w L (1+w)^{−γ−1}; (1+w)^{−γ} ln(1+w); γ α w (1+w)^{−γ−1}/τ |
-/// | formula | a constant in it | ∂K/∂θ(s) − ∂K/∂θ(0), by the rules of differentiation |
+/// It follows from the formula of K by the rules of differentiation, with dual numbers K(s; θ) + ε ∂K/∂θ.
+/// For a constant in a formula it is ∂K/∂θ(s) − ∂K/∂θ(0).
 #[derive(Clone, Debug)]
 pub struct TransferDerivative {
     of: Derivand,
@@ -29,35 +23,10 @@ pub struct TransferDerivative {
 
 #[derive(Clone, Debug)]
 enum Derivand {
-    Parameter(Parameter),
+    /// With the exponent of s^β, if θ is β.
+    Parameter(Arc<dyn Slope>, Option<f64>),
     /// ∂K/∂θ itself.
     Formula(Arc<dyn Formula>),
-}
-
-/// θ, and the numbers that its derivative needs.
-#[derive(Clone, Copy, Debug)]
-enum Parameter {
-    PowerOrder { order: f64 },
-    TemperedOrder { order: f64, rate: f64 },
-    TemperedRate { order: f64, rate: f64 },
-    Maxwell { of: MaxwellParameter, order: f64, inner: f64, time: f64 },
-    PronyStrength { time: f64 },
-    PronyTime { strength: f64, time: f64 },
-    HavriliakNegami { of: HavriliakNegamiParameter, order: f64, power: f64, time: f64 },
-}
-
-#[derive(Clone, Copy, Debug)]
-enum MaxwellParameter {
-    Order,
-    Inner,
-    Time,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum HavriliakNegamiParameter {
-    Order,
-    Power,
-    Time,
 }
 
 /// Allowance for a logarithm that multiplies the power of s.
@@ -67,8 +36,9 @@ impl TransferDerivative {
     /// The derivative with respect to the parameter of this name, for a Prony series that of the term
     /// `index`; `None` if there is no such parameter, and for formulas.
     pub fn new(transfer: &TransferFunction, name: &str, index: usize) -> Option<Self> {
-        let parameter = Parameter::of(&transfer.form, name, index)?;
-        Some(Self { of: Derivand::Parameter(parameter), growth: transfer.growth() + LOGARITHM, spring: 0.0 })
+        let slope = transfer.form.slope(name, index)?;
+        let of = Derivand::Parameter(slope, transfer.exponent());
+        Some(Self { of, growth: transfer.growth() + LOGARITHM, spring: 0.0 })
     }
 
     /// The derivative of a formula, itself given as a formula, whose value at s = 0 is split off.
@@ -93,8 +63,8 @@ impl TransferDerivative {
     /// β, if this is the derivative of s^β by β.
     pub fn of_power(&self) -> Option<f64> {
         match self.of {
-            Derivand::Parameter(Parameter::PowerOrder { order }) => Some(order),
-            _ => None,
+            Derivand::Parameter(_, exponent) => exponent,
+            Derivand::Formula(_) => None,
         }
     }
 
@@ -122,155 +92,33 @@ impl TransferDerivative {
     /// ∂K/∂θ at a place off the negative real axis.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
         match &self.of {
-            Derivand::Parameter(parameter) => parameter.at(&s),
+            Derivand::Parameter(slope, _) => slope.value(s),
             Derivand::Formula(formula) => formula.value(s) - self.spring,
         }
     }
 
     /// Im ∂K/∂θ(−x + i0)/π at x = start + d, where K has a cut from −start on.
     pub(crate) fn jump(&self, start: f64, d: f64) -> f64 {
-        let (parameter, place) = match &self.of {
-            // Functions of s + a alone, whose digits s = −a − d does not have.
-            Derivand::Parameter(Parameter::TemperedOrder { order, .. }) => {
-                (&Parameter::PowerOrder { order: *order }, -d)
-            }
-            &Derivand::Parameter(Parameter::TemperedRate { order, .. }) => {
-                let power = Complex::new(-d, 0.0).power(DoubleDouble::exact(order - 1.0));
-                return order * power.im / PI;
-            }
-            Derivand::Parameter(parameter) => (parameter, -(start + d)),
-            Derivand::Formula(_) => return self.value(Complex::new(-(start + d), 0.0)).im / PI,
-        };
-        parameter.at(&Complex::new(place, 0.0)).im / PI
+        match &self.of {
+            Derivand::Parameter(slope, _) => slope.jump(start, d),
+            Derivand::Formula(_) => self.value(Complex::new(-(start + d), 0.0)).im / PI,
+        }
     }
 
     /// The poles of ∂K/∂θ for a Prony series. That by a time has a double one, in place of which simple ones
     /// stand at neighbouring rates: a difference of order four.
     pub(crate) fn poles(&self) -> Vec<Pole> {
-        match self.of {
-            Derivand::Parameter(Parameter::PronyStrength { time }) => {
-                vec![Pole { rate: time.recip(), residue: -time.recip(), rests: [0.0; 2] }]
-            }
-            Derivand::Parameter(Parameter::PronyTime { strength, time }) => {
-                let (whole, near) = (time.recip(), 1e-3);
-                let parts = [(-2.0, 1.0), (-1.0, -8.0), (1.0, 8.0), (2.0, -1.0)];
-                let scale = strength * whole / (12.0 * near);
-                let rates = parts.map(|(place, share)| (whole * (1.0 + near * place), share));
-                rates
-                    .map(|(rate, share)| Pole { rate, residue: scale * share * rate, rests: [0.0; 2] })
-                    .into()
-            }
-            _ => Vec::new(),
+        match &self.of {
+            Derivand::Parameter(slope, _) => slope.poles(),
+            Derivand::Formula(_) => Vec::new(),
         }
     }
 
     /// ∂K/∂θ of a power series with a positive first coefficient.
     pub fn series(&self, s: &Series) -> Series {
         match &self.of {
-            Derivand::Parameter(parameter) => parameter.at(s),
+            Derivand::Parameter(slope, _) => slope.series(s),
             Derivand::Formula(formula) => formula.series(s).add(&s.constant(-self.spring)),
-        }
-    }
-}
-
-impl Parameter {
-    /// The parameter of this name, for a Prony series that of the term `index`.
-    fn of(form: &Form, name: &str, index: usize) -> Option<Self> {
-        if let Form::Prony { strengths, times } = form {
-            let (&strength, &time) = (strengths.get(index)?, times.get(index)?);
-            return match name {
-                "strengths" => Some(Self::PronyStrength { time }),
-                "times" => Some(Self::PronyTime { strength, time }),
-                _ => None,
-            };
-        }
-        if index > 0 {
-            return None;
-        }
-        match (form, name) {
-            (&Form::Power { order }, "order") => Some(Self::PowerOrder { order }),
-            (&Form::Tempered { order, rate }, "order") => Some(Self::TemperedOrder { order, rate }),
-            (&Form::Tempered { order, rate }, "rate") => Some(Self::TemperedRate { order, rate }),
-            (&Form::Maxwell { order, inner, time }, name) => {
-                let of = match name {
-                    "order" => MaxwellParameter::Order,
-                    "inner" => MaxwellParameter::Inner,
-                    "time" => MaxwellParameter::Time,
-                    _ => return None,
-                };
-                Some(Self::Maxwell { of, order, inner, time })
-            }
-            (&Form::HavriliakNegami { order, power, time }, name) => {
-                let of = match name {
-                    "order" => HavriliakNegamiParameter::Order,
-                    "power" => HavriliakNegamiParameter::Power,
-                    "time" => HavriliakNegamiParameter::Time,
-                    _ => return None,
-                };
-                Some(Self::HavriliakNegami { of, order, power, time })
-            }
-            _ => None,
-        }
-    }
-
-    /// ∂K/∂θ at s.
-    fn at<A: Algebra>(self, s: &A) -> A {
-        let exact = DoubleDouble::exact;
-        let one = s.constant(1.0);
-        match self {
-            Self::PowerOrder { order } => s.power(exact(order)).multiply(&s.logarithm()),
-            Self::TemperedRate { order, rate } => {
-                let scaled = s.divide(&s.constant(rate));
-                let scale = s.constant(rate).power(exact(order - 1.0));
-                scaled.power_beside_one(order - 1.0).multiply(&scale).scale(order)
-            }
-            Self::TemperedOrder { order, rate } => {
-                // a^β [((1 + x)^β − 1) ln a + (1 + x)^β ln(1 + x)] with x = s/a
-                let scaled = s.divide(&s.constant(rate));
-                let beyond = scaled.power_beside_one(order);
-                let grown = beyond.add(&one).multiply(&scaled.add(&one).logarithm());
-                let sum = beyond.scale(libm::log(rate)).add(&grown);
-                sum.multiply(&s.constant(rate).power(exact(order)))
-            }
-            Self::Maxwell { of, order, inner, time } => {
-                let scaled = s.scale(time);
-                let between = exact(order).add(exact(-inner));
-                let (u, v) = (scaled.power(exact(order)), scaled.power(between));
-                let below = v.add(&one);
-                let share = u.divide(&below);
-                let squared = share.divide(&below);
-                match of {
-                    MaxwellParameter::Order => squared.multiply(&scaled.logarithm()),
-                    MaxwellParameter::Inner => squared.multiply(&v).multiply(&scaled.logarithm()),
-                    MaxwellParameter::Time => {
-                        let second = squared.multiply(&v).scale(inner - order);
-                        share.scale(order).add(&second).scale(time.recip())
-                    }
-                }
-            }
-            Self::PronyStrength { time } => {
-                let below = s.scale(time).add(&one);
-                s.scale(time).divide(&below)
-            }
-            Self::PronyTime { strength, time } => {
-                let below = s.scale(time).add(&one);
-                s.scale(strength).divide(&below).divide(&below)
-            }
-            Self::HavriliakNegami { of, order, power, time } => {
-                let scaled = s.scale(time);
-                let w = scaled.power(exact(order));
-                let above = w.add(&one);
-                let falling = above.power(exact(-power));
-                match of {
-                    HavriliakNegamiParameter::Power => falling.multiply(&above.logarithm()),
-                    HavriliakNegamiParameter::Order => {
-                        falling.divide(&above).multiply(&w).multiply(&scaled.logarithm()).scale(power)
-                    }
-                    HavriliakNegamiParameter::Time => {
-                        falling.divide(&above).multiply(&w).scale(power * order / time)
-                    }
-                }
-            }
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Complex numbers with a bound of their rounding errors.
 
 use crate::transfer::algebra::Algebra;
-use fvi_core::DoubleDouble;
+use crate::transfer::real::Real;
 use nalgebra::Complex;
 
 /// A value with its rounding error, to first order: what an expression has lost by cancellation.
@@ -64,7 +64,7 @@ impl Algebra for Estimate {
         Self::rounded(value, error, self.divided || other.divided || other.has_lost())
     }
 
-    fn power(&self, exponent: DoubleDouble) -> Self {
+    fn power(&self, exponent: Real) -> Self {
         let value = self.value.power(exponent);
         let relative = if self.error == 0.0 { 0.0 } else { self.error / self.value.norm() };
         let error = exponent.to_f64().abs() * relative * value.norm();
@@ -85,10 +85,10 @@ impl Algebra for Estimate {
         Self::rounded(self.value.scale(factor), self.error * factor.abs(), self.divided)
     }
 
-    fn power_beside_one(&self, exponent: f64) -> Self {
-        let slope = (self.value + 1.0).power(DoubleDouble::exact(exponent - 1.0)).norm();
+    fn power_beside_one(&self, exponent: Real) -> Self {
+        let slope = (self.value + 1.0).power(exponent.less_one()).norm();
         let value = self.value.power_beside_one(exponent);
-        Self::rounded(value, exponent.abs() * slope * self.error, self.divided)
+        Self::rounded(value, exponent.to_f64().abs() * slope * self.error, self.divided)
     }
 
     fn exponential_beside_one(&self) -> Self {
@@ -110,7 +110,7 @@ mod tests {
         let at = |re: f64| Estimate::exact(Complex::new(re, 0.0));
         // √(1 + s) − 1 at s = 10⁻⁸ has 8 digits left, as a number and as a divisor.
         let s = at(1e-8);
-        let root = s.add(&s.constant(1.0)).power(DoubleDouble::exact(0.5));
+        let root = s.add(&s.constant(1.0)).power(Real::from(0.5));
         let rest = root.add(&s.constant(-1.0));
         let miss = (rest.value.re - (5e-9 - 1.25e-17)).abs();
         assert!(miss <= rest.error && rest.error < 1e-15 && rest.is_sure(), "{rest:?}");

@@ -8,22 +8,12 @@ use crate::language::expression::Symbols;
 use crate::language::number_table::NumberTable;
 use fvi_core::ParameterError;
 use fvi_fft::sums::max_or_nan;
-use fvi_fft::transfer::TransferFunction;
 use fvi_fft::transfer::given_weights::GivenWeights;
 use fvi_fft::transfer::relaxation::Relaxation;
+use fvi_fft::transfer::{TransferFunction, WRITTEN, WrittenParameter};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
-
-/// The forms of `kernel.form`.
-#[derive(Clone, Copy)]
-enum Form {
-    Power,
-    Tempered,
-    Maxwell,
-    Prony,
-    HavriliakNegami,
-}
 
 /// Reads `order`, or `kernel` in its place; `step` is the step size of a run with equal steps, for which
 /// weights in a file must be made.
@@ -146,62 +136,43 @@ pub(super) fn read_kernel(
         table.allow(&["symbol"])?;
         return read_symbol(&value, parameters);
     }
-    let form = value.choice(&[
-        ("power", Form::Power),
-        ("tempered", Form::Tempered),
-        ("maxwell", Form::Maxwell),
-        ("prony", Form::Prony),
-        ("havriliak-negami", Form::HavriliakNegami),
-    ])?;
-    let number = |key: &str| table.required(key)?.number();
-    let optional = |key: &str, default: f64| table.optional(key).map_or(Ok(default), |value| value.number());
-    let made = match form {
-        Form::Power => {
-            table.allow(&["form", "order"])?;
-            match number("order")? {
-                order if order < 0.0 => Err(ParameterError {
-                    parameter: "order",
-                    value: order,
-                    allowed: "at least 0 and less than 2",
-                }),
-                order => TransferFunction::power(order)
-                    .map_err(|error| ParameterError { parameter: "order", ..error }),
-            }
+    read_form(table, &value)
+}
+
+/// Reads the parameters of a form that `value` names.
+fn read_form(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction, InputError> {
+    let form = value.choice(&WRITTEN.map(|form| (form.name, form)))?;
+    let names = form.parameters.iter().map(|parameter| parameter.name);
+    table.allow(&std::iter::once("form").chain(names).collect::<Vec<_>>())?;
+    let mut numbers = Vec::with_capacity(form.parameters.len());
+    let mut first: Option<(&str, usize)> = None;
+    for parameter in form.parameters {
+        if !parameter.is_list {
+            numbers.push(vec![match (table.optional(parameter.name), parameter.default) {
+                (None, Some(default)) => default,
+                _ => table.required(parameter.name)?.number()?,
+            }]);
+            continue;
         }
-        Form::Tempered => {
-            table.allow(&["form", "order", "rate"])?;
-            TransferFunction::tempered(number("order")?, number("rate")?)
+        let list = table.required(parameter.name)?;
+        let values = list.numbers()?;
+        let &mut (one, count) = first.get_or_insert((parameter.name, values.len()));
+        if values.len() != count {
+            return Err(list.error(Problem::WrongShape {
+                expected: format!("{count} numbers, one for each of `{one}`"),
+                found: values.len().to_string(),
+            }));
         }
-        Form::Maxwell => {
-            table.allow(&["form", "order", "inner", "time"])?;
-            TransferFunction::maxwell(number("order")?, optional("inner", 0.0)?, number("time")?)
-        }
-        Form::Prony => {
-            table.allow(&["form", "strengths", "times"])?;
-            let strengths = table.required("strengths")?.numbers()?;
-            let times_value = table.required("times")?;
-            let times = times_value.numbers()?;
-            if times.len() != strengths.len() {
-                return Err(times_value.error(Problem::WrongShape {
-                    expected: format!("{} numbers, one for each of `strengths`", strengths.len()),
-                    found: times.len().to_string(),
-                }));
-            }
-            TransferFunction::prony(&strengths, &times)
-        }
-        Form::HavriliakNegami => {
-            table.allow(&["form", "order", "power", "time"])?;
-            TransferFunction::havriliak_negami(number("order")?, optional("power", 1.0)?, number("time")?)
-        }
-    };
-    made.map_err(|error| {
-        let key = match error.parameter {
-            "strength" | "number of strengths" => "strengths",
-            // An error in an entry of `times` is reported for that key.
-            "time" if matches!(form, Form::Prony) => "times",
-            parameter => parameter,
+        numbers.push(values);
+    }
+    form.make(&numbers).map_err(|error| {
+        // An error in an entry of a list is reported for its key.
+        let is_of = |parameter: &&WrittenParameter| {
+            let singular = parameter.name.trim_end_matches('s');
+            parameter.name == error.parameter || (parameter.is_list && error.parameter.contains(singular))
         };
-        let place = table.optional(key).unwrap_or_else(|| value.clone());
+        let own = form.parameters.iter().find(is_of).and_then(|parameter| table.optional(parameter.name));
+        let place = own.unwrap_or_else(|| value.clone());
         place.out_of_range(format!("{} {}", error.parameter, error.allowed))
     })
 }

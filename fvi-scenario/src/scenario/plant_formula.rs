@@ -5,8 +5,8 @@ use super::symbol::{evaluate, unsuited};
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Function, Kind, Node, Operator};
-use fvi_core::DoubleDouble;
 use fvi_fft::transfer::algebra::Algebra;
+use fvi_fft::transfer::real::Real;
 use nalgebra::Complex;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
@@ -117,7 +117,7 @@ fn fraction(node: &Node, s: Complex<f64>) -> [Complex<f64>; 2] {
                 }
                 // A negative power of a base that vanishes at s = 0 only belongs to the denominator.
                 (None, Some(exponent)) if exponent < 0.0 => {
-                    [ONE, evaluate(base, &s).power(DoubleDouble::exact(-exponent))]
+                    [ONE, evaluate(base, &s).power(Real::from(-exponent))]
                 }
                 _ => [evaluate(node, &s), ONE],
             }

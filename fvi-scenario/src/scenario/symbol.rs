@@ -1,13 +1,13 @@
 //! Transfer functions that are expressions in the Laplace variable s.
 
 use crate::language::expression::{Expression, Function, Kind, LARGEST_MULTIPLIED, Node, Operator};
-use fvi_core::DoubleDouble;
 use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::algebra::{Algebra, Series};
 use fvi_fft::transfer::derivative::TransferDerivative;
 use fvi_fft::transfer::dual::Dual;
 use fvi_fft::transfer::estimate::Estimate;
 use fvi_fft::transfer::fractions::{Fractions, Quotient};
+use fvi_fft::transfer::real::Real;
 use fvi_fft::transfer::{Formula, TransferFunction};
 use nalgebra::Complex;
 use std::f64::consts::PI;
@@ -205,8 +205,8 @@ struct SymbolSlope {
 
 impl SymbolSlope {
     fn of<A: Algebra>(&self, s: &A) -> A {
-        let constant = Dual { value: s.constant(self.at), slope: s.constant(1.0) };
-        evaluate_at(self.expression.root(), &Dual::constant_in(s), &constant).slope
+        let constant = Dual::variable(s.constant(self.at));
+        evaluate_at(self.expression.root(), &Dual::constant_in(s), &constant).slope()
     }
 }
 
@@ -303,7 +303,7 @@ fn tangent<A: Algebra>(x: &A) -> A {
 fn power<A: Algebra>(base: &A, exponent: f64) -> A {
     let whole = exponent.abs();
     if exponent.fract() != 0.0 || whole > f64::from(LARGEST_MULTIPLIED) {
-        return base.power(DoubleDouble::exact(exponent));
+        return base.power(Real::from(exponent));
     }
     let product = (0..whole as usize).fold(base.constant(1.0), |product, _| product.multiply(base));
     if exponent < 0.0 { base.constant(1.0).divide(&product) } else { product }
