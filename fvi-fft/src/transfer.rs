@@ -37,7 +37,7 @@ use form::Form;
 pub use form::{WrittenForm, WrittenParameter};
 #[doc(hidden)]
 pub use forms::WRITTEN;
-use forms::{Given, HavriliakNegami, Maxwell, Power, Prony, Symbolic, Tempered};
+use forms::{Distributed, Given, HavriliakNegami, Maxwell, Power, Prony, Symbolic, Tempered};
 use fractions::Fractions;
 use fvi_core::ParameterError;
 use given_weights::GivenWeights;
@@ -56,6 +56,7 @@ use std::sync::Arc;
 /// | [`maxwell`](Self::maxwell) | (τs)^β/(1 + (τs)^{β−α}) |
 /// | [`prony`](Self::prony) | Σ g τ s/(1 + τ s) |
 /// | [`havriliak_negami`](Self::havriliak_negami) | 1 − (1 + (τs)^α)^{−γ} |
+/// | [`distributed`](Self::distributed) | ((τs)^b − (τs)^a)/((b − a) ln(τs)) |
 /// | [`formula`](Self::formula) | any formula that is analytic off the negative real axis |
 /// | [`weights`](Self::weights) | unknown: the weights of one step are given |
 ///
@@ -239,6 +240,17 @@ impl TransferFunction {
         form.map_or_else(|| Self::prony(&[1.0], &[time]), |form| Ok(Self::of(form)))
     }
 
+    /// ((τs)^b − (τs)^a)/((b − a) ln(τs)), the mean of (τs)^β over all orders β from a to b: a derivative of
+    /// distributed order. With a = 0, b = 1 and τ = 1 it is (s − 1)/ln s.
+    ///
+    /// Source: \[Mainardi10\].
+    ///
+    /// # Errors
+    /// Unless 0 ≤ a < b ≤ 1 or 1 ≤ a < b < 2, and if τ is not positive and finite.
+    pub fn distributed(from: f64, to: f64, time: f64) -> Result<Self, ParameterError> {
+        Distributed::new(from, to, time).map(Self::of)
+    }
+
     /// K(s) by a formula that is analytic off the negative real axis. Its value at s = 0 is split off as a
     /// [`spring`](Self::spring).
     ///
@@ -253,7 +265,8 @@ impl TransferFunction {
         Self::of(Given(Arc::new(table)))
     }
 
-    /// True for a formula whose series may lose digits: one that is not rational, without weights of its own.
+    /// True for a formula whose series may lose digits: one that is not rational, without weights of its own,
+    /// or that cancels somewhere.
     pub(crate) fn is_rounded_formula(&self) -> bool {
         self.form.is_rounded_formula()
     }
@@ -467,6 +480,8 @@ mod tests {
             TransferFunction::prony(&[1.0, 0.7], &[1.0, 0.1]).unwrap(),
             TransferFunction::havriliak_negami(0.7, 0.5, 1.0).unwrap(),
             TransferFunction::havriliak_negami(1.0, 0.5, 2.0).unwrap(),
+            TransferFunction::distributed(0.0, 1.0, 1.0).unwrap(),
+            TransferFunction::distributed(1.1, 1.6, 0.4).unwrap(),
         ]
     }
 
@@ -481,7 +496,10 @@ mod tests {
                 let rounding = 1e-13 * above.im.abs() + 1e-15 * (1.0 + cut.start / d) * above.norm();
                 assert!(error <= rounding, "{transfer}, {d}: {} {above}", transfer.jump(d));
             }
-            // The jump begins like d^ν.
+            // The jump begins like d^ν, that of distributed orders with a logarithm.
+            if transfer.form() == "distributed" {
+                continue;
+            }
             let ratio = transfer.jump(2e-12) / transfer.jump(1e-12);
             assert!((ratio.log2() - cut.power).abs() < 1e-3, "{transfer}: {}", ratio.log2());
         }
@@ -543,6 +561,10 @@ mod tests {
         assert_eq!(parameter(TransferFunction::prony(&[1.0], &[0.0])), "time");
         assert_eq!(parameter(TransferFunction::havriliak_negami(0.5, -1.0, 1.0)), "power");
         assert_eq!(parameter(TransferFunction::havriliak_negami(1.0, 1.5, 1.0)), "power");
+        assert_eq!(parameter(TransferFunction::distributed(-0.1, 1.0, 1.0)), "from");
+        assert_eq!(parameter(TransferFunction::distributed(0.5, 0.5, 1.0)), "to");
+        assert_eq!(parameter(TransferFunction::distributed(0.5, 1.2, 1.0)), "to");
+        assert_eq!(parameter(TransferFunction::distributed(0.5, 0.9, 0.0)), "time");
     }
 
     #[test]

@@ -10,7 +10,7 @@ const BASE: [(&str, &str); 3] =
     [("system", "mass = [1.0]\n"), ("initial", "position = [1.0]\n"), ("time", "step = 0.1\nsteps = 10\n")];
 
 /// Tables by their headers, with what else they need to be read as far as their keys.
-const TABLES: [(&str, &str); 36] = [
+const TABLES: [(&str, &str); 37] = [
     ("[equation]", "order = 0.5\nright = [\"-x0\"]\ninitial = [1.0]"),
     ("[system]", "mass = [1.0]"),
     ("[[system.damping]]", "order = 0.5\ncoefficient = [1.0]"),
@@ -44,6 +44,7 @@ const TABLES: [(&str, &str); 36] = [
     ("[system.damping.kernel]", "form = \"maxwell\"\norder = 0.5\ntime = 1.0"),
     ("[system.damping.kernel]", "form = \"prony\"\nstrengths = [1.0]\ntimes = [1.0]"),
     ("[system.damping.kernel]", "form = \"havriliak-negami\"\norder = 0.5\npower = 0.5\ntime = 1.0"),
+    ("[system.damping.kernel]", "form = \"distributed\"\nfrom = 0.1\nto = 0.5\ntime = 1.0"),
     ("[system.damping.kernel]", "symbol = \"s^0.5\""),
     ("[system.damping.kernel]", "relaxation = \"G.csv\""),
     ("title = \"\"", ""),

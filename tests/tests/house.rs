@@ -378,7 +378,7 @@ const TRUE_VALUES: [(&str, usize, &str); 50] = [
     ("fvi-fft/src/quadrature/multistep_weights.rs", 1, NONE),
     ("fvi-fft/src/quadrature/principal_cut.rs", 2, NONE),
     ("fvi-fft/src/quadrature/starting.rs", 2, SHAPE),
-    ("fvi-fft/src/transfer.rs", 1, NONE),
+    ("fvi-fft/src/transfer/forms/given.rs", 1, REFUSED),
     ("fvi-fft/src/transfer/fractions.rs", 1, BEYOND),
     ("fvi-fft/src/transfer/relaxation.rs", 1, NONE),
     ("fvi-sparse/src/kernels.rs", 1, PADDING),
@@ -505,8 +505,11 @@ fn section<'a>(page: &'a str, heading: &str) -> &'a str {
 fn the_lists_of_what_an_addition_touches_name_every_file() {
     let page = fs::read_to_string(workspace().join("book/src/develop/adding.md")).unwrap();
     let lists = [
-        ("A kernel", "Form::", &["Power", "Tempered", "Maxwell", "Prony", "HavriliakNegami"][..]),
-        ("A scheme", "Scheme::", &["LowOrder", "Galerkin", "Collocation", "ExplicitEuler", "ImplicitEuler"]),
+        (
+            "A scheme",
+            "Scheme::",
+            &["LowOrder", "Galerkin", "Collocation", "ExplicitEuler", "ImplicitEuler"][..],
+        ),
         ("An engine", "Engine::", &["Direct", "BlockFft", "RealTime", "ExponentialSum", "AnyStep"]),
     ];
     for (heading, of, variants) in lists {
@@ -527,4 +530,19 @@ fn the_lists_of_what_an_addition_touches_name_every_file() {
         }
         assert!(files > 2, "{heading}: {files} files found");
     }
+    // Nothing but the list of forms and the constructors knows the type of a form.
+    let own = "fvi-fft/src/transfer/forms/distributed.rs";
+    let (list, of) = (section(&page, "A kernel"), "Distributed");
+    let mut files = 0;
+    for (name, _) in HOST {
+        for (path, text) in sources(&workspace().join(name).join("src")) {
+            let path =
+                Path::new(name).join("src").join(path).with_extension("rs").to_string_lossy().into_owned();
+            if text.contains(of) && path != own {
+                files += 1;
+                assert!(list.contains(&path), "A kernel: the list does not name {path}, which has {of}");
+            }
+        }
+    }
+    assert_eq!(files, 2, "files that name a form beside its own");
 }

@@ -48,6 +48,39 @@ fn kernels() -> impl Strategy<Value = TransferFunction> {
     .prop_map(|made| made.expect("parameters in their ranges"))
 }
 
+/// Its series divides by ln(τs), which vanishes at s = 1/τ: there the weights are those of a circle.
+#[test]
+fn weights_of_distributed_orders_are_those_of_cauchys_integral() {
+    for (from, to, time) in [(0.0, 1.0, 1.0), (0.3, 0.9, 0.05), (1.0, 1.4, 0.04), (0.0, 0.5, 20.0)] {
+        let transfer = TransferFunction::distributed(from, to, time).unwrap();
+        // From the definition, where it does not cancel.
+        let mean = |s: Complex<f64>| {
+            let (scaled, width) = (s * time, to - from);
+            (scaled.powf(to) - scaled.powf(from)) / (scaled.ln() * width)
+        };
+        for step in [0.01, 0.05, 0.7] {
+            let found = multistep_weights(&transfer, BdfOrder::new(2).unwrap(), step, false, 700).unwrap();
+            let (points, radius) = (4096, 0.99_f64);
+            let at = |k: usize| {
+                let z = Complex::from_polar(
+                    radius,
+                    2.0 * std::f64::consts::PI * (k as f64 + 0.5) / points as f64,
+                );
+                (z, mean(((1.0 - z) + 0.5 * (1.0 - z) * (1.0 - z)) / step))
+            };
+            let values: Vec<_> = (0..points).map(at).collect();
+            let largest = values.iter().map(|(_, value)| value.norm()).fold(0.0, max_or_nan);
+            for n in [0, 1, 2, 7, 40, 200, 511, 512, 699] {
+                let power = |z: &Complex<f64>| z.powi(-n);
+                let exact: Complex<f64> = values.iter().map(|(z, value)| value * power(z)).sum();
+                let error = (found[n as usize] - exact.re / points as f64).abs();
+                let rounding = 2e-12 * largest * radius.powi(-n);
+                assert!(error <= rounding, "{transfer}, step {step}, n = {n}: {error:e}, {rounding:e}");
+            }
+        }
+    }
+}
+
 fn terms<T: Memories>(
     request: &MemoryRequest<'_>,
     channels: usize,
@@ -189,6 +222,11 @@ fn analytic_kernels() -> Vec<(&'static str, TransferFunction)> {
             TransferFunction::havriliak_negami(0.7, 0.5, 1.0).unwrap(),
         ),
         (r#"{ form = "tempered", order = 0.5, rate = 0.3 }"#, TransferFunction::tempered(0.5, 0.3).unwrap()),
+        (r#"{ form = "distributed" }"#, TransferFunction::distributed(0.0, 1.0, 1.0).unwrap()),
+        (
+            r#"{ form = "distributed", from = 0.3, to = 0.9, time = 0.5 }"#,
+            TransferFunction::distributed(0.3, 0.9, 0.5).unwrap(),
+        ),
         (r#"{ symbol = "0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)" }"#, symbol("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)")),
     ]
 }

@@ -11,6 +11,7 @@ KERNELS = [
     fvi.Kernel.maxwell(order=0.9, time=0.5, inner=0.4),
     fvi.Kernel.prony([1.0, 0.7], [1.0, 0.1]),
     fvi.Kernel.havriliak_negami(order=0.7, power=0.5, time=1.0),
+    fvi.Kernel.distributed(0.2, 0.9, time=0.5),
     fvi.Kernel.symbol("s^0.6/(1 + s^0.6)"),
     fvi.Kernel.symbol("0.4 + s^0.6/(1 + s^0.6)"),
 ]

@@ -129,16 +129,7 @@ impl Head<'_> {
         let mut weights = if self.on_increments { series.sums() } else { series.to_numbers() };
         if self.transfer.is_rounded_formula() {
             // Of the same number of points for any count, so that the same weights are the same numbers.
-            let circle = self.circle(HEAD)?;
-            let bound = circle.bound();
-            let differs = |(found, known): (&f64, &f64)| {
-                let apart = (found - known).abs();
-                apart.is_nan() || apart > bound
-            };
-            if let Some(from) = weights.iter().zip(&circle.weights).position(differs) {
-                weights.truncate(from);
-                weights.extend_from_slice(&circle.weights[from..count]);
-            }
+            self.circle(HEAD)?.replace_lost(&mut weights);
         }
         self.check(&weights)?;
         Ok(weights)
@@ -241,11 +232,16 @@ pub fn derivative_weights(
     }
     let series = derivative.series(&rule.series(step_size, count.min(HEAD)));
     let mut weights = if on_increments { series.sums() } else { series.to_numbers() };
+    let function = |s| derivative.value(s);
+    let circle = |count| transform((&function, derivative.growth()), rule, step_size, on_increments, count);
+    if derivative.is_rounded_formula() {
+        let circle = circle(HEAD);
+        if circle.is_analytic() {
+            circle.replace_lost(&mut weights);
+        }
+    }
     if count > HEAD {
-        let function = |s| derivative.value(s);
-        let growth = derivative.growth();
-        let all = transform((&function, growth), rule, step_size, on_increments, count);
-        weights.extend_from_slice(&all.weights[HEAD..]);
+        weights.extend_from_slice(&circle(count).weights[HEAD..]);
     }
     match weights.iter().find(|weight| !weight.is_finite()) {
         Some(&weight) => refused("derivative of a weight", weight, "finite"),
@@ -395,6 +391,19 @@ impl Circle {
     /// Bound of the error of a weight.
     fn bound(&self) -> f64 {
         Self::ROUNDING * self.largest * (self.weights.len() as f64).powi(self.factors)
+    }
+
+    /// Replaces weights of a series from the first one on that differs.
+    fn replace_lost(&self, weights: &mut [f64]) {
+        let bound = self.bound();
+        let differs = |(found, known): (&f64, &f64)| {
+            let apart = (found - known).abs();
+            apart.is_nan() || apart > bound
+        };
+        if let Some(from) = weights.iter().zip(&self.weights).position(differs) {
+            let known = self.weights.iter().skip(from);
+            weights[from..].iter_mut().zip(known).for_each(|(weight, known)| *weight = *known);
+        }
     }
 }
 

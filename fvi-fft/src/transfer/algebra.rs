@@ -78,6 +78,18 @@ pub trait Algebra: Clone {
         self.divide(&self.divide(other).add(&self.constant(1.0)))
     }
 
+    /// ∫₀¹ tⁿ e^{xt} dt; for n = 0 it is (eˣ − 1)/x.
+    #[must_use]
+    fn exponential_moment(&self, n: u32) -> Self {
+        match n.checked_sub(1) {
+            None => self.exponential_beside_one().divide(self),
+            Some(below) => {
+                let below = self.exponential_moment(below).scale(-f64::from(n));
+                self.exponential().add(&below).divide(self)
+            }
+        }
+    }
+
     /// (x + a)^e − a^e, accurate to rounding near x = 0.
     #[must_use]
     fn power_beyond(&self, start: Real, exponent: Real) -> Self {
@@ -147,6 +159,25 @@ impl Algebra for Complex<f64> {
     fn exponential_beside_one(&self) -> Self {
         let (grown, half) = (libm::expm1(self.re), libm::sin(0.5 * self.im));
         Self::new(grown * libm::cos(self.im) - 2.0 * half * half, (1.0 + grown) * libm::sin(self.im))
+    }
+
+    /// Near x = 0, where its quotient cancels, by the series Σ x^k/(k! (n + k + 1)).
+    fn exponential_moment(&self, n: u32) -> Self {
+        /// Beyond it the terms are below rounding for |x| ≤ 1.
+        const TERMS: u32 = 20;
+        if self.norm() > 1.0 {
+            let above = match n.checked_sub(1) {
+                None => self.exponential_beside_one(),
+                Some(below) => self.exponential() - self.exponential_moment(below) * f64::from(n),
+            };
+            return above / self;
+        }
+        let (mut power, mut sum) = (Self::ONE, Self::ZERO);
+        for k in 0..TERMS {
+            sum += power / f64::from(n + k + 1);
+            power *= self / f64::from(k + 1);
+        }
+        sum
     }
 
     fn is_left(&self) -> bool {

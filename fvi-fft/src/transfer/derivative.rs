@@ -19,6 +19,7 @@ pub struct TransferDerivative {
     of: Derivand,
     growth: f64,
     spring: f64,
+    is_rounded: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -38,7 +39,8 @@ impl TransferDerivative {
     pub fn new(transfer: &TransferFunction, name: &str, index: usize) -> Option<Self> {
         let slope = transfer.form.slope(name, index)?;
         let of = Derivand::Parameter(slope, transfer.exponent());
-        Some(Self { of, growth: transfer.growth() + LOGARITHM, spring: 0.0 })
+        let (growth, is_rounded) = (transfer.growth() + LOGARITHM, transfer.is_rounded_formula());
+        Some(Self { of, growth, spring: 0.0, is_rounded })
     }
 
     /// The derivative of a formula, itself given as a formula, whose value at s = 0 is split off.
@@ -57,7 +59,8 @@ impl TransferDerivative {
             }
         }
         let spring = value_at_zero(&*derivative);
-        Ok(Self { of: Derivand::Formula(derivative), growth: transfer.growth() + LOGARITHM, spring })
+        let (growth, is_rounded) = (transfer.growth() + LOGARITHM, transfer.is_rounded_formula());
+        Ok(Self { of: Derivand::Formula(derivative), growth, spring, is_rounded })
     }
 
     /// β, if this is the derivative of s^β by β.
@@ -72,6 +75,11 @@ impl TransferDerivative {
     /// [`value`](Self::value) and [`series`](Self::series).
     pub fn spring(&self) -> f64 {
         self.spring
+    }
+
+    /// True if its series may lose digits, as that of K.
+    pub(crate) fn is_rounded_formula(&self) -> bool {
+        self.is_rounded
     }
 
     /// An exponent μ with which ∂K/∂θ = O(s^μ) for large s.
@@ -147,6 +155,9 @@ mod tests {
             ("order", 0, 0.6, Box::new(|x| TransferFunction::havriliak_negami(x, 0.5, 2.0))),
             ("power", 0, 0.5, Box::new(|x| TransferFunction::havriliak_negami(0.6, x, 2.0))),
             ("time", 0, 2.0, Box::new(|x| TransferFunction::havriliak_negami(0.6, 0.5, x))),
+            ("from", 0, 0.3, Box::new(|x| TransferFunction::distributed(x, 0.9, 0.7))),
+            ("to", 0, 0.9, Box::new(|x| TransferFunction::distributed(0.3, x, 0.7))),
+            ("time", 0, 0.7, Box::new(|x| TransferFunction::distributed(0.3, 0.9, x))),
         ];
         for (name, index, at, make) in cases {
             let derivative = TransferDerivative::new(&make(at).unwrap(), name, index).unwrap();

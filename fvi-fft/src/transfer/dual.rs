@@ -142,6 +142,10 @@ impl<A: Algebra> Algebra for Dual<A> {
         Self { slope: sum(part(self).as_ref(), part(other)), value }
     }
 
+    fn exponential_moment(&self, n: u32) -> Self {
+        self.chain(self.value.exponential_moment(n), || self.value.exponential_moment(n + 1))
+    }
+
     /// The slope by a, e ((x + a)^{e−1} − a^{e−1}), is again such a difference; that by e is
     /// a^e (((1 + x/a)^e − 1) ln a + (1 + x/a)^e ln(1 + x/a)).
     fn power_beyond(&self, start: Real, exponent: Real) -> Self {
@@ -191,6 +195,17 @@ mod tests {
         );
         close(x.share(), at / (1.0 + at), 1.0 / ((1.0 + at) * (1.0 + at)));
         close(x.in_series(&one), at / (1.0 + at), 1.0 / ((1.0 + at) * (1.0 + at)));
+        for small in [Complex::new(1e-9, 2e-9), Complex::new(-0.3, 0.4), at, 3.0 * at] {
+            // ∫ t e^{xt} dt by Simpson's rule.
+            let integrand = |k: i32| {
+                let t = f64::from(k) / 2000.0;
+                t * (small * t).exp()
+            };
+            let weight = |k: i32| [2.0, 4.0][k as usize % 2] - f64::from(u8::from(k == 0 || k == 2000));
+            let slope: Complex<f64> = (0..=2000).map(|k| integrand(k) * weight(k)).sum();
+            let found = Dual::variable(small).exponential_moment(0);
+            assert!((found.slope() - slope / 6000.0).norm() < 1e-12, "{small}");
+        }
         close(
             x.power_beyond(Real::from(0.4), Real::from(1.3)),
             (at + 0.4).powf(1.3) - 0.4_f64.powf(1.3),

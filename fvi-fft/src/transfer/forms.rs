@@ -1,5 +1,6 @@
 //! The forms of transfer functions: each is a type in a file of its own, and a place in [`WRITTEN`].
 
+mod distributed;
 mod given;
 mod havriliak_negami;
 mod maxwell;
@@ -9,6 +10,7 @@ mod symbolic;
 mod tempered;
 
 use super::form::WrittenForm;
+pub(super) use distributed::Distributed;
 pub(super) use given::Given;
 pub(super) use havriliak_negami::HavriliakNegami;
 pub(super) use maxwell::Maxwell;
@@ -18,5 +20,11 @@ pub(super) use symbolic::Symbolic;
 pub(super) use tempered::Tempered;
 
 /// The forms that files name by `form`.
-pub const WRITTEN: [WrittenForm; 5] =
-    [power::WRITTEN, tempered::WRITTEN, maxwell::WRITTEN, prony::WRITTEN, havriliak_negami::WRITTEN];
+pub const WRITTEN: [WrittenForm; 6] = [
+    power::WRITTEN,
+    tempered::WRITTEN,
+    maxwell::WRITTEN,
+    prony::WRITTEN,
+    havriliak_negami::WRITTEN,
+    distributed::WRITTEN,
+];

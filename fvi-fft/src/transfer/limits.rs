@@ -12,11 +12,7 @@ use nalgebra::Complex;
 pub(super) fn growth_of(formula: &dyn Formula) -> f64 {
     /// Of a periodic factor on the imaginary axis.
     const SWINGS: f64 = 0.25;
-    let slope = |near: f64, far: f64| {
-        let slope = (libm::log10(far) - libm::log10(near)) / 10.0;
-        // To as many digits as are reliable for a formula without a power law at infinity.
-        (slope * 1e6).round() / 1e6
-    };
+    let slope = slope_of_powers;
     let real = |exponent: f64| formula.value(Complex::new(libm::exp10(exponent), 0.0)).norm();
     // The largest of several places, since a factor may be periodic.
     let imaginary = |exponent: f64| {
@@ -29,6 +25,13 @@ pub(super) fn growth_of(formula: &dyn Formula) -> f64 {
         return if imaginary(60.0) == 0.0 { 0.0 } else { along };
     }
     if along > growth + SWINGS { along } else { growth }
+}
+
+/// Slope in decades between two sizes at places ten decades apart, to as many digits as are reliable for a
+/// formula without a power law there.
+pub(super) fn slope_of_powers(near: f64, far: f64) -> f64 {
+    let slope = (libm::log10(far) - libm::log10(near)) / 10.0;
+    (slope * 1e6).round() / 1e6
 }
 
 /// Places 10^{±(10 + 5k)} from which limits of a formula are taken.

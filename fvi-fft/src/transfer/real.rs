@@ -17,10 +17,16 @@ impl Real {
         self.value.to_f64()
     }
 
+    /// The number less another one.
+    #[must_use]
+    pub fn less(self, other: Self) -> Self {
+        Self { value: self.value.add(other.value.scale(-1.0)), slope: self.slope - other.slope }
+    }
+
     /// The number less 1.
     #[must_use]
     pub fn less_one(self) -> Self {
-        Self { value: self.value.add(DoubleDouble::exact(-1.0)), ..self }
+        self.less(1.0.into())
     }
 
     /// The negative.

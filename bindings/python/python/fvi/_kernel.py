@@ -34,8 +34,8 @@ def _of_bodies(infinite: ArrayLike | None, coordinates: Sequence[int] | None, ad
 class Kernel(Keyed):
     """A kernel K(s) in place of s^β: the damping force is −ρ K(D) q.
 
-    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `symbol`, `relaxation`, `relaxation_matrix`, `radiation`,
-    `states` or `weights`;
+    Made by `power`, `tempered`, `maxwell`, `prony`, `havriliak_negami`, `distributed`, `symbol`, `relaxation`,
+    `relaxation_matrix`, `radiation`, `states` or `weights`;
     accepted by `Damping`, `Memory`, `weights` and `derivative`. A kernel that is not passive, which could feed energy into the
     motion, is refused by `integrate`; the error gives the frequency band. It is allowed if the damping has ``allow_active=True``.
 
@@ -77,6 +77,12 @@ class Kernel(Keyed):
         """1 − (1 + (τs)^α)^(−γ), α = `order`, γ = `power`: Cole–Cole with γ = 1, Cole–Davidson with α = 1."""
         numbers = {"order": order, "power": power, "time": time}
         return Kernel(form="havriliak-negami", **{name: _arrays.real(name, number) for name, number in numbers.items()})
+
+    @staticmethod
+    def distributed(start: float = 0.0, stop: float = 1.0, time: float = 1.0) -> Kernel:
+        """((τs)^b − (τs)^a)/((b − a) ln(τs)), the mean of (τs)^β over all orders β from a = `start` to b = `stop`."""
+        numbers = {"from": start, "to": stop, "time": time}
+        return Kernel(form="distributed", **{name: _arrays.real(name, number) for name, number in numbers.items()})
 
     @staticmethod
     def symbol(expression: str) -> Kernel:
