@@ -182,7 +182,7 @@ fn positive(parameter: &'static str, value: f64) -> Result<(), ParameterError> {
     check(value > 0.0 && value.is_finite(), parameter, value, POSITIVE)
 }
 
-fn check(
+pub(crate) fn check(
     accepted: bool,
     parameter: &'static str,
     value: f64,

@@ -10,7 +10,7 @@ const BASE: [(&str, &str); 3] =
     [("system", "mass = [1.0]\n"), ("initial", "position = [1.0]\n"), ("time", "step = 0.1\nsteps = 10\n")];
 
 /// Tables by their headers, with what else they need to be read as far as their keys.
-const TABLES: [(&str, &str); 37] = [
+const TABLES: [(&str, &str); 39] = [
     ("[equation]", "order = 0.5\nright = [\"-x0\"]\ninitial = [1.0]"),
     ("[system]", "mass = [1.0]"),
     ("[[system.damping]]", "order = 0.5\ncoefficient = [1.0]"),
@@ -47,6 +47,8 @@ const TABLES: [(&str, &str); 37] = [
     ("[system.damping.kernel]", "form = \"distributed\"\nfrom = 0.1\nto = 0.5\ntime = 1.0"),
     ("[system.damping.kernel]", "symbol = \"s^0.5\""),
     ("[system.damping.kernel]", "relaxation = \"G.csv\""),
+    ("[system.damping.kernel]", "radiation = \"table.csv\""),
+    ("[system.damping.kernel]", "states = \"file.npz\""),
     ("title = \"\"", ""),
 ];
 
@@ -63,7 +65,10 @@ fn keys(header: &str, content: &str) -> Vec<String> {
             text += &format!("[{name}]\n{lines}");
         }
         if name == "system" && table.starts_with("system.damping.") {
-            text += "[[system.damping]]\ncoefficient = [1.0]\n";
+            // Hydrodynamics are a matrix of kernels, with coefficients of its own.
+            let is_matrix = content.starts_with("radiation") || content.starts_with("states");
+            text +=
+                if is_matrix { "[[system.damping]]\n" } else { "[[system.damping]]\ncoefficient = [1.0]\n" };
         }
         if name == "system" && table.starts_with("system.load.") {
             let other = if table.ends_with("pattern") { "amplitude = \"t\"" } else { "pattern = [1.0]" };

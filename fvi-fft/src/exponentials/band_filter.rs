@@ -17,6 +17,7 @@
 //! Sources: \[Oustaloup00\]; \[MatsudaFujii93\].
 
 use crate::dense::eigenvalues;
+use crate::transfer::check;
 use fvi_core::{ParameterError, max_or_nan};
 use nalgebra::{Complex, DMatrix};
 use std::f64::consts::PI;
@@ -51,15 +52,6 @@ pub struct BandFilter {
     exponent: f64,
     band: [f64; 2],
     step_size: f64,
-}
-
-fn check(
-    accepted: bool,
-    parameter: &'static str,
-    value: f64,
-    allowed: &'static str,
-) -> Result<(), ParameterError> {
-    if accepted { Ok(()) } else { Err(ParameterError { parameter, value, allowed }) }
 }
 
 impl BandFilter {

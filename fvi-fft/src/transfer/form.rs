@@ -187,7 +187,8 @@ pub(super) trait ClosedForm: Clone + fmt::Debug + Send + Sync + 'static {
     /// K(s).
     fn of<A: Algebra>(&self, s: &A) -> A;
 
-    /// The jump of ∂K/∂θ beyond the start of the cut, where s = −a − d has lost digits of d; θ has the slope 1.
+    /// The jump of ∂K/∂θ at d beyond the start a of the cut, where −a − d has lost digits of d; θ has the
+    /// slope 1.
     fn slope_of_jump(&self, _d: f64) -> Option<f64> {
         None
     }
@@ -267,12 +268,12 @@ pub(super) fn one<'a>(name: &'static str, value: &'a mut Real) -> (&'static str,
 
 /// Numbers that identify a form with its parameters, see [`TransferFunction::key`].
 pub(super) fn key(form: &dyn Form) -> Vec<u64> {
-    let name = form.name().bytes().next().map_or(0, u64::from);
+    let name = form.name().bytes().map(u64::from);
     let numbers = form.parameters().into_iter().flat_map(|(_, numbers)| {
         std::iter::once(numbers.len() as u64).chain(numbers.into_iter().map(f64::to_bits))
     });
     let text = form.text().unwrap_or("").bytes().map(u64::from);
     let behind = form.numbers().iter().map(|number| number.to_bits());
     let whole = u64::from(form.includes_its_spring());
-    [name, whole].into_iter().chain(numbers).chain(text).chain(behind).collect()
+    std::iter::once(whole).chain(name).chain(numbers).chain(text).chain(behind).collect()
 }
