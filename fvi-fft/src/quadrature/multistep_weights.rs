@@ -230,6 +230,9 @@ pub fn derivative_weights(
     if let (Some(exponent), MultistepRule::Bdf(order)) = (derivative.of_power(), rule) {
         return Ok(power_derivative(exponent, order, step_size, on_increments, count));
     }
+    if let Some(time) = derivative.of_strength() {
+        return Ok(relaxation_weights(time, rule, step_size, on_increments, count));
+    }
     let series = derivative.series(&rule.series(step_size, count.min(HEAD)));
     let mut weights = if on_increments { series.sums() } else { series.to_numbers() };
     let function = |s| derivative.value(s);
@@ -247,6 +250,69 @@ pub fn derivative_weights(
         Some(&weight) => refused("derivative of a weight", weight, "finite"),
         None => Ok(weights),
     }
+}
+
+/// The weights of τs/(1 + τs), a quotient of polynomials in z for every multistep rule: with γ = G/H
+///
+/// ```text
+/// τγ/h/(1 + τγ/h) = τG/(hH + τG) ,
+/// ```
+///
+/// divided by 1 − z on increments, where G(1) = 0 makes G/(1 − z) a polynomial. The reciprocal of the
+/// denominator follows from its recurrence, in double-double arithmetic.
+fn relaxation_weights(
+    time: f64,
+    rule: MultistepRule,
+    step_size: f64,
+    on_increments: bool,
+    count: usize,
+) -> Vec<f64> {
+    let (mut above, below) = match rule {
+        // Sixty times the coefficients are integers.
+        MultistepRule::Bdf(order) => {
+            (order.coefficients().into_iter().map(|entry| (60.0 * entry).round()).collect(), vec![60.0])
+        }
+        MultistepRule::Trapezoidal => (vec![2.0, -2.0], vec![1.0, 1.0]),
+    };
+    let denominator: Vec<DoubleDouble> = (0..above.len())
+        .map(|k| {
+            let of_time = DoubleDouble::product(time, above[k]);
+            below.get(k).map_or(of_time, |&entry| of_time.add(DoubleDouble::product(step_size, entry)))
+        })
+        .collect();
+    if on_increments {
+        let sums = above.iter().scan(0.0, |sum, entry| {
+            *sum += entry;
+            Some(*sum)
+        });
+        above = sums.collect();
+    }
+    let first = reciprocal(denominator[0]);
+    let back: Vec<DoubleDouble> =
+        denominator[1..].iter().map(|entry| entry.multiply(first).scale(-1.0)).collect();
+    let above: Vec<DoubleDouble> = above.iter().map(|&entry| DoubleDouble::product(time, entry)).collect();
+    // The last coefficients of 1/(hH + τG), the newest first.
+    let mut known = vec![DoubleDouble::ZERO; above.len()];
+    let weight = |n: usize| {
+        let next = match n {
+            0 => first,
+            _ => (back.iter().zip(&known))
+                .fold(DoubleDouble::ZERO, |sum, (entry, known)| sum.add(entry.multiply(*known))),
+        };
+        known.rotate_right(1);
+        known[0] = next;
+        let weight = (above.iter().zip(&known))
+            .fold(DoubleDouble::ZERO, |sum, (entry, known)| sum.add(entry.multiply(*known)));
+        weight.to_f64()
+    };
+    (0..count).map(weight).collect()
+}
+
+/// 1/x, by one step of Newton's method.
+fn reciprocal(x: DoubleDouble) -> DoubleDouble {
+    let near = DoubleDouble::exact(x.to_f64().recip());
+    let rest = DoubleDouble::ONE.add(x.multiply(near).scale(-1.0));
+    near.add(near.multiply(rest))
 }
 
 /// The derivatives by β of the weights of s^β, of y = (γ(z)/h)^β, or of y = (γ(z)/h)^β/(1 − z), by backward
@@ -578,6 +644,30 @@ mod tests {
                 let difference = (8.0 * (one[n] - other[n]) - (far[n] - away[n])) / (12.0 * h);
                 let error = (found[n] - difference).abs();
                 assert!(error < 1e-10 * found[0].abs(), "{n}: {} {difference}", found[n]);
+            }
+        }
+    }
+
+    #[test]
+    fn derivatives_by_strengths_are_those_of_their_series_and_of_the_weights() {
+        let rules = (1..=6).map(|order| MultistepRule::Bdf(BdfOrder::new(order).unwrap()));
+        for rule in rules.chain([MultistepRule::Trapezoidal]) {
+            for time in [2e-4, 0.05, 30.0] {
+                let kernel = TransferFunction::prony(&[1.0], &[time]).unwrap();
+                let derivative = TransferDerivative::new(&kernel, "strengths", 0).unwrap();
+                let series = derivative.series(&rule.series(0.03, HEAD));
+                for (on_increments, known) in [(false, series.to_numbers()), (true, series.sums())] {
+                    let count = HEAD + 4000;
+                    let found = derivative_weights(&derivative, rule, 0.03, on_increments, count).unwrap();
+                    // K is linear in its strength.
+                    let whole = multistep_weights(&kernel, rule, 0.03, on_increments, count).unwrap();
+                    let largest = known[0].abs();
+                    for n in 0..count {
+                        let known = if n < HEAD { known[n] } else { whole[n] };
+                        let error = (found[n] - known).abs();
+                        assert!(error <= 1e-14 * largest, "{rule}, {time}: {n}: {} {known}", found[n]);
+                    }
+                }
             }
         }
     }

@@ -3,6 +3,7 @@
 use crate::quadrature::runge_kutta_circle::on_circle;
 use crate::transfer::derivative::TransferDerivative;
 use fvi_core::{ParameterError, RungeKutta};
+use nalgebra::SMatrix;
 
 /// The derivatives ∂W_n of matrix weights with respect to a parameter θ of the kernel, n = 0 … count − 1,
 /// plane by plane: entry (i, j) of ∂W_n is at (i·R + j)·count + n. On values, or on rises if `on_rises` is
@@ -26,8 +27,49 @@ pub fn runge_kutta_derivative<const R: usize>(
     on_rises: bool,
     count: usize,
 ) -> Result<Vec<f64>, ParameterError> {
+    if let Some(time) = derivative.of_strength() {
+        return relaxation_weights(method, time, step_size, on_rises, count);
+    }
     let value = |s| derivative.value(s);
     Ok(on_circle(method, &value, step_size, on_rises, count)?.planes)
+}
+
+/// The matrix weights of τs/(1 + τs), those of the method for τẏ = u − y: with M = (I + hA/τ)⁻¹, its last row
+/// m and a = M 1, whose last entry is the stability function,
+///
+/// ```text
+/// on rises  W_0 = M ,  W_n = a_R^(n−1) a m ;      on values  W_0 = M ,  W_n = −a_R^(n−1) a m A h/τ .
+/// ```
+fn relaxation_weights<const R: usize>(
+    method: &RungeKutta<R>,
+    time: f64,
+    step_size: f64,
+    on_rises: bool,
+    count: usize,
+) -> Result<Vec<f64>, ParameterError> {
+    let refused = ParameterError { parameter: "step size", value: step_size, allowed: "positive and finite" };
+    if !(step_size > 0.0 && step_size.is_finite()) {
+        return Err(refused);
+    }
+    let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j] * (step_size / time));
+    let Some(inverse) = (SMatrix::identity() + matrix).try_inverse() else { return Err(refused) };
+    let last = inverse.row(R - 1);
+    let row = if on_rises { last.into_owned() } else { -(last * matrix) };
+    let decays = inverse.column_sum();
+    let mut planes = vec![0.0; R * R * count];
+    for (plane, weights) in planes.chunks_mut(count.max(1)).enumerate() {
+        let (i, j) = (plane / R, plane % R);
+        let mut weight = decays[i] * row[j];
+        for (n, place) in weights.iter_mut().enumerate() {
+            if n == 0 {
+                *place = inverse[(i, j)];
+                continue;
+            }
+            *place = weight;
+            weight *= decays[R - 1];
+        }
+    }
+    Ok(planes)
 }
 
 #[cfg(test)]
@@ -48,7 +90,8 @@ mod tests {
         let transfer = make(*at).unwrap();
         let derivative = TransferDerivative::new(&transfer, name, *index).unwrap();
         for on_rises in [false, true] {
-            if on_rises && transfer.growth() < 0.1 {
+            // Differences of weights on rises are those of kernels that grow, besides those of strengths.
+            if on_rises && transfer.growth() < 0.1 && *name != "strengths" {
                 continue;
             }
             let found = runge_kutta_derivative(method, &derivative, step_size, on_rises, count).unwrap();
@@ -81,6 +124,7 @@ mod tests {
             ("rate", 0, 0.3, Box::new(|x| TransferFunction::tempered(1.4, x))),
             ("order", 0, 0.8, Box::new(|x| TransferFunction::maxwell(x, 0.2, 1.5))),
             ("inner", 0, 0.2, Box::new(|x| TransferFunction::maxwell(0.8, x, 1.5))),
+            ("strengths", 1, 0.7, Box::new(|x| TransferFunction::prony(&[1.0, x], &[1.0, 0.1]))),
             ("times", 1, 0.1, Box::new(|x| TransferFunction::prony(&[1.0, 0.7], &[1.0, x]))),
             ("time", 0, 2.0, Box::new(|x| TransferFunction::havriliak_negami(0.6, 0.5, x))),
         ];

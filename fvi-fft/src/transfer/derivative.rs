@@ -71,6 +71,14 @@ impl TransferDerivative {
         }
     }
 
+    /// τ, if this is the derivative τs/(1 + τs) by the strength of a term of a Prony series.
+    pub(crate) fn of_strength(&self) -> Option<f64> {
+        match self.poles()[..] {
+            [pole] => Some(pole.rate.recip()),
+            _ => None,
+        }
+    }
+
     /// ∂K(0)/∂θ, the derivative of the spring beside the memory, which is not included in
     /// [`value`](Self::value) and [`series`](Self::series).
     pub fn spring(&self) -> f64 {
