@@ -7,6 +7,7 @@ mod chain;
 mod channel_damping;
 mod elements;
 mod energies;
+mod equilibrium;
 mod few;
 mod few_equations;
 mod force_moments;

@@ -3,6 +3,7 @@
 
 use super::band::{self, BandFactors};
 use super::chain::{Chain, ChainFactors};
+use super::equilibrium::solve_far_apart;
 use super::few::{few, few_mut};
 use super::shared::Shared;
 use fvi_core::{Block, Equations, MatrixError, Real, Singular, max_or_nan};
@@ -522,6 +523,11 @@ impl<T: Real> Equations<T, Matrix<T>> for DenseEquations<T> {
         }
         if self.is_banded() {
             return band::solve(&mut self.entries, self.band, &mut self.pivots, vector);
+        }
+        if self.pivots.len() > NEVER_BANDED
+            && let Some(solved) = solve_far_apart(&mut self.entries, &mut self.pivots, vector)
+        {
+            return solved;
         }
         self.has_factors = true;
         of_rows!(fvi_core::solve, few_mut, &mut self.entries, &mut self.pivots, vector)
