@@ -1,8 +1,6 @@
 //! The exponential-sum memory: a short head of weights and a tail of decaying exponentials, the same cost at
 //! every step.
 
-use core::marker::PhantomData;
-
 use crate::direct::{MAX_STAGES, Overflow};
 use crate::error::{ParameterError, check_step_size};
 use crate::linear;
@@ -238,27 +236,94 @@ impl<T> ExponentialTable<&[T]> {
 /// assert_eq!(term, [8.0 / 4.0 + 4.0]);
 /// # Ok::<(), Box<dyn core::error::Error>>(())
 /// ```
+pub type ExponentialSum<T, C, B> = TabulatedSum<T, Given<T, C>, B>;
+
+/// The memory of an [`ExponentialSum`] whose kernel is a value K: a table with its scale that the memory was
+/// given, or constants that were generated and checked before ([`GeneratedSum`](crate::GeneratedSum)).
 #[derive(Clone, Debug)]
-pub struct ExponentialSum<T, C, B> {
-    table: ExponentialTable<C>,
-    scale: T,
-    layout: Layout,
+pub struct TabulatedSum<T, K, B> {
+    kernel: K,
     state: B,
     /// Place of the oldest delayed sample.
     oldest: usize,
     /// Index of the slow block that settles at the next step.
     settling: usize,
-    acts_on: ActsOn,
-    /// Samples so far; see [`advance`](ExponentialSum::advance).
+    /// Samples so far; see [`advance`](TabulatedSum::advance).
     len: u64,
-    /// True if the memory goes on past the horizon of the table.
-    forgets: bool,
-    /// True if samples are differences of a signal that jumps: then slow sums are stored as their difference
-    /// from the signal.
-    jumps: bool,
     /// The sum of the samples that have reached the exponentials, in two parts.
     signal: [T; 2],
-    number: PhantomData<T>,
+}
+
+/// Where a [`TabulatedSum`] has its kernel from.
+pub trait TableSource<T> {
+    /// The table.
+    fn table(&self) -> ExponentialTable<&[T]>;
+
+    /// Factor from the weights of the table to those of the kernel.
+    fn scale(&self) -> T;
+
+    /// Layout of the state.
+    fn layout(&self) -> Layout;
+
+    /// Kind of samples.
+    fn acts_on(&self) -> ActsOn;
+
+    /// True if the memory goes on past the horizon of the table.
+    fn forgets(&self) -> bool;
+
+    /// True if samples are differences of a signal that jumps: then slow sums are stored as their difference
+    /// from the signal.
+    fn jumps(&self) -> bool;
+
+    /// States that samples are differences of a signal that jumps, if they are differences.
+    fn expect_jumps(&mut self);
+}
+
+/// A table that an [`ExponentialSum`] was given.
+#[derive(Clone, Debug)]
+pub struct Given<T, C> {
+    table: ExponentialTable<C>,
+    scale: T,
+    layout: Layout,
+    acts_on: ActsOn,
+    forgets: bool,
+    jumps: bool,
+}
+
+impl<T: Real, C: AsRef<[T]>> TableSource<T> for Given<T, C> {
+    #[inline(always)]
+    fn table(&self) -> ExponentialTable<&[T]> {
+        self.table.borrow()
+    }
+
+    #[inline(always)]
+    fn scale(&self) -> T {
+        self.scale
+    }
+
+    #[inline(always)]
+    fn layout(&self) -> Layout {
+        self.layout
+    }
+
+    #[inline(always)]
+    fn acts_on(&self) -> ActsOn {
+        self.acts_on
+    }
+
+    #[inline(always)]
+    fn forgets(&self) -> bool {
+        self.forgets
+    }
+
+    #[inline(always)]
+    fn jumps(&self) -> bool {
+        self.jumps
+    }
+
+    fn expect_jumps(&mut self) {
+        self.jumps = self.layout.of_one_number() && self.acts_on == ActsOn::Increments;
+    }
 }
 
 impl<T, C, B> ExponentialSum<T, C, B>
@@ -302,27 +367,13 @@ where
             "1 for a table whose weights hold the step size",
         )?;
         let layout = Layout::of(&view, channels);
-        let mut memory = Self {
-            table,
-            scale,
-            layout,
-            state,
-            oldest: 0,
-            settling: 0,
-            acts_on: ActsOn::Values,
-            len: 0,
-            forgets: false,
-            jumps: false,
-            signal: [T::zero(); 2],
-            number: PhantomData,
-        };
-        memory.clear();
-        Ok(memory)
+        let kernel = Given { table, scale, layout, acts_on: ActsOn::Values, forgets: false, jumps: false };
+        Ok(Self::with_kernel(kernel, state))
     }
 
     /// The same memory, with weights for samples of the given kind.
     pub fn acting_on(self, acts_on: ActsOn) -> Self {
-        Self { acts_on, ..self }
+        Self { kernel: Given { acts_on, ..self.kernel }, ..self }
     }
 
     /// The same memory, with the policy for samples beyond the table's horizon: it refuses them, as a new
@@ -337,7 +388,7 @@ where
     /// For [`Overflow::Forget`], if an exponential of the table never decays: its sum would grow without
     /// bound.
     pub fn past_horizon(self, overflow: Overflow) -> Result<Self, ParameterError> {
-        let table = self.table.borrow();
+        let table = self.kernel.table();
         let forgets = overflow == Overflow::Forget;
         let stays = vectors(table.exponentials, block_len(table.stages)).any(|block| {
             let (decays, others) = block.split_at_checked(LANES).unwrap_or_default();
@@ -352,24 +403,46 @@ where
             0.0,
             "greater than 0 in a table that forgets: make it with a longer horizon, or endless",
         )?;
-        Ok(Self { forgets, ..self })
+        Ok(Self { kernel: Given { forgets, ..self.kernel }, ..self })
     }
 
     /// The table.
     pub fn table(&self) -> &ExponentialTable<C> {
-        &self.table
+        &self.kernel.table
+    }
+
+    /// Factor from the weights of the table to those of the kernel.
+    pub fn scale(&self) -> T {
+        self.kernel.scale
+    }
+}
+
+impl<T, K, B> TabulatedSum<T, K, B>
+where
+    T: Real,
+    K: TableSource<T>,
+    B: AsRef<[T]> + AsMut<[T]>,
+{
+    /// A memory without samples; the state has the length that the table needs.
+    #[inline(always)]
+    pub(crate) fn with_kernel(kernel: K, state: B) -> Self {
+        let mut memory = Self { kernel, state, oldest: 0, settling: 0, len: 0, signal: [T::zero(); 2] };
+        memory.clear();
+        memory
     }
 
     /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<4> {
-        let table = self.table.borrow();
-        let kernel = fingerprint(table.head.iter().chain(table.exponentials)) ^ self.scale.bits();
+        let table = self.kernel.table();
+        let kernel = fingerprint(table.head.iter().chain(table.exponentials)) ^ self.kernel.scale().bits();
         [
-            ("channels", self.layout.channels() as u64),
+            ("channels", self.kernel.layout().channels() as u64),
             ("stages", table.stages as u64),
             (
                 "slow blocks, far ones above, and whether samples jump",
-                table.slow_blocks as u64 | (table.far_blocks as u64) << 32 | u64::from(self.jumps) << 63,
+                table.slow_blocks as u64
+                    | (table.far_blocks as u64) << 32
+                    | u64::from(self.kernel.jumps()) << 63,
             ),
             ("fingerprint of the kernel", kernel),
         ]
@@ -385,30 +458,34 @@ where
 
     #[inline(always)]
     fn check_capacity(&self) -> Result<(), MemoryError> {
-        if self.len < self.table.horizon || self.forgets { Ok(()) } else { Err(full(self.table.horizon)) }
+        let horizon = self.kernel.table().horizon;
+        // The count never reaches the end of an endless one.
+        let room = horizon == ENDLESS || self.len < horizon || self.kernel.forgets();
+        if room { Ok(()) } else { Err(full(horizon)) }
     }
 
     /// The part of the signal that is saved: both parts if the signal jumps, otherwise none.
     fn saved_signal(&self) -> &[T] {
-        if self.jumps { &self.signal } else { &[] }
+        if self.kernel.jumps() { &self.signal } else { &[] }
     }
 
     /// Numbers of the state that samples change: all but the leading weight.
     fn changing(&self) -> usize {
-        self.state.as_ref().len().saturating_sub(self.layout.planes())
+        self.state.as_ref().len().saturating_sub(self.kernel.layout().planes())
     }
 
     /// Number of samples that the memory takes.
     fn capacity(&self) -> u64 {
-        if self.forgets { ENDLESS } else { self.table.horizon }
+        if self.kernel.forgets() { ENDLESS } else { self.kernel.table().horizon }
     }
 
     /// Counts a sample. Before the count overflows it is reduced by a multiple of both ring lengths, which
     /// leaves `oldest` and `settling` unchanged.
     #[inline(always)]
     fn advance(&mut self) {
-        self.oldest = if self.oldest + 3 < self.layout.head { self.oldest + 1 } else { 0 };
-        self.settling = if self.settling + 1 < self.table.slow_blocks { self.settling + 1 } else { 0 };
+        self.oldest = if self.oldest + 3 < self.kernel.layout().head { self.oldest + 1 } else { 0 };
+        self.settling =
+            if self.settling + 1 < self.kernel.table().slow_blocks { self.settling + 1 } else { 0 };
         self.len = self.len.wrapping_add(1);
         if self.len == ENDLESS {
             self.go_back();
@@ -423,12 +500,12 @@ where
 
     /// Length of the ring of delayed samples, at least 1.
     fn delayed_samples(&self) -> u64 {
-        self.layout.head.saturating_sub(2).max(1) as u64
+        self.kernel.layout().head.saturating_sub(2).max(1) as u64
     }
 
     /// Number of blocks that settle in turn, at least 1.
     fn settling_blocks(&self) -> u64 {
-        self.table.slow_blocks.max(1) as u64
+        self.kernel.table().slow_blocks.max(1) as u64
     }
 }
 
@@ -448,7 +525,7 @@ fn saturated(count: u64) -> usize {
 /// Layout of the parts of the state, one after another. The running sums come first and are aligned if the
 /// state is. Third parts of sums, which few tables have, come last except for the leading weight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Layout {
+pub struct Layout {
     stages: usize,
     /// Channels over stages.
     coordinates: usize,
@@ -460,14 +537,20 @@ struct Layout {
 
 impl Layout {
     /// Layout for a table and a number of channels that [`ExponentialSum::new`] has checked.
-    fn of<T>(table: &ExponentialTable<&[T]>, channels: usize) -> Self {
-        let stages = table.stages.max(1);
+    pub(crate) const fn of<T>(table: &ExponentialTable<&[T]>, channels: usize) -> Self {
+        let stages = if table.stages == 0 { 1 } else { table.stages };
         Self {
             stages,
             coordinates: channels / stages,
-            head: table.head.len() / (stages * stages).max(1),
+            head: table.head.len() / (stages * stages),
             blocks: table.exponentials.len() / block_len(stages),
         }
+    }
+
+    /// True if the samples are plain numbers of one channel.
+    #[inline(always)]
+    pub(crate) fn of_one_number(self) -> bool {
+        self.stages == 1 && self.channels() == 1
     }
 
     #[inline(always)]
@@ -765,10 +848,10 @@ fn lanes_of_both<T: Real>([a, b, c, d]: Lanes<T>, [e, f, g, h]: Lanes<T>) -> [T;
     [a, b, c, d, e, f, g, h]
 }
 
-impl<T, C, B> ExponentialSum<T, C, B>
+impl<T, K, B> TabulatedSum<T, K, B>
 where
     T: Real,
-    C: AsRef<[T]>,
+    K: TableSource<T>,
     B: AsRef<[T]> + AsMut<[T]>,
 {
     /// The step for differences of a signal that jumps. Out of line, so that schemes do not pay for it.
@@ -783,10 +866,10 @@ where
     /// the last digit of x. X is one number for all exponentials, summed without rounding errors.
     #[inline(never)]
     fn push_difference(&mut self, x: T) -> Option<()> {
-        let layout = Layout { stages: 1, coordinates: 1, ..self.layout };
-        let table = self.table.borrow();
+        let layout = Layout { stages: 1, coordinates: 1, ..self.kernel.layout() };
+        let table = self.kernel.table();
         let parts = layout.split(self.state.as_mut())?;
-        let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
+        let step = NumberStep::new(&table, layout, self.kernel.scale(), self.settling)?;
         let leaving = match parts.delayed.get_mut(self.oldest) {
             Some(place) => core::mem::replace(place, x),
             None => x,
@@ -824,17 +907,17 @@ where
             (Some(sums), None) => settle(sums),
             (None, _) => {}
         }
-        *parts.term.first_mut()? = total(totals) * self.scale;
+        *parts.term.first_mut()? = total(totals) * self.kernel.scale();
         Some(())
     }
 
     /// The step for plain numbers in one channel, without a loop and its set-up.
     #[inline(always)]
     fn push_number(&mut self, x: T) -> Option<()> {
-        let layout = Layout { stages: 1, coordinates: 1, ..self.layout };
-        let table = self.table.borrow();
+        let layout = Layout { stages: 1, coordinates: 1, ..self.kernel.layout() };
+        let table = self.kernel.table();
         let parts = layout.split(self.state.as_mut())?;
-        let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
+        let step = NumberStep::new(&table, layout, self.kernel.scale(), self.settling)?;
         let term = parts.term.first_mut()?;
         *term = step.take(x, parts.sums, parts.pending, parts.delayed.get_mut(self.oldest));
         Some(())
@@ -844,10 +927,10 @@ where
     /// found.
     #[inline(always)]
     fn push_numbers(&mut self, sample: &[T]) -> Option<()> {
-        let layout = Layout { stages: 1, ..self.layout };
-        let table = self.table.borrow();
+        let layout = Layout { stages: 1, ..self.kernel.layout() };
+        let table = self.kernel.table();
         let parts = layout.split(self.state.as_mut())?;
-        let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
+        let step = NumberStep::new(&table, layout, self.kernel.scale(), self.settling)?;
         let (mut sums, mut pending) = (parts.sums, parts.pending);
         let mut delayed = parts.delayed.get_mut(self.oldest * layout.coordinates..)?.iter_mut();
         for (&x, term) in sample.iter().zip(parts.term) {
@@ -860,10 +943,10 @@ where
     /// The step for plain numbers where sums have third parts. Out of line: other tables do not pay for it.
     #[inline(never)]
     fn push_numbers_with_third_parts(&mut self, sample: &[T]) -> Option<()> {
-        let layout = Layout { stages: 1, ..self.layout };
-        let table = self.table.borrow();
+        let layout = Layout { stages: 1, ..self.kernel.layout() };
+        let table = self.kernel.table();
         let parts = layout.split(self.state.as_mut())?;
-        let step = NumberStep::new(&table, layout, self.scale, self.settling)?;
+        let step = NumberStep::new(&table, layout, self.kernel.scale(), self.settling)?;
         let (mut sums, mut third, mut pending) = (parts.sums, parts.third, parts.pending);
         let mut delayed = parts.delayed.get_mut(self.oldest * layout.coordinates..)?.iter_mut();
         for (&x, term) in sample.iter().zip(parts.term) {
@@ -878,10 +961,10 @@ where
     /// The step for S×S matrices. Out of line: it would burden the registers of the step for plain numbers.
     #[inline(never)]
     fn push_stages(&mut self, sample: &[T]) -> Option<()> {
-        let layout = self.layout;
+        let layout = self.kernel.layout();
         let Layout { head, blocks, .. } = layout;
         let stages = layout.stages.max(1);
-        let table = self.table.borrow();
+        let table = self.kernel.table();
         let parts = layout.split(self.state.as_mut())?;
         let (mut pending, mut sums) = (parts.pending, parts.sums.as_chunks_mut::<STATE_BLOCK>().0);
         let mut delayed = parts.delayed.get_mut(self.oldest * layout.channels()..)?;
@@ -923,7 +1006,7 @@ where
                 }
             }
             for (term, &totals) in terms.iter_mut().zip(&*totals) {
-                *term = total(totals) * self.scale;
+                *term = total(totals) * self.kernel.scale();
             }
             if let Some(sums) = here.get_mut(..table.slow_blocks)?.get_mut(self.settling) {
                 settle(sums);
@@ -933,33 +1016,32 @@ where
     }
 }
 
-impl<T, C, B> Memory<T> for ExponentialSum<T, C, B>
+impl<T, K, B> Memory<T> for TabulatedSum<T, K, B>
 where
     T: Real,
-    C: AsRef<[T]>,
+    K: TableSource<T>,
     B: AsRef<[T]> + AsMut<[T]>,
 {
     fn channels(&self) -> usize {
-        self.layout.channels()
+        self.kernel.layout().channels()
     }
 
     fn stages(&self) -> usize {
-        self.table.stages
+        self.kernel.table().stages
     }
 
     fn acts_on(&self) -> ActsOn {
-        self.acts_on
+        self.kernel.acts_on()
     }
 
     fn expect_jumps(&mut self) {
-        let one = self.layout.stages == 1 && self.layout.channels() == 1;
-        self.jumps = one && self.acts_on == ActsOn::Increments;
+        self.kernel.expect_jumps();
         self.clear();
     }
 
     fn leading(&self) -> &[T] {
         let state = self.state.as_ref();
-        part_from(state, state.len().saturating_sub(self.table.stages * self.table.stages))
+        part_from(state, state.len().saturating_sub(self.kernel.table().stages * self.kernel.table().stages))
     }
 
     fn len(&self) -> usize {
@@ -972,9 +1054,9 @@ where
 
     #[inline]
     fn next_term(&mut self, term: &mut [T]) -> Result<(), MemoryError> {
-        check_channels(self.layout.channels(), term.len())?;
+        check_channels(self.kernel.layout().channels(), term.len())?;
         self.check_capacity()?;
-        let ready = part_from(self.state.as_ref(), self.layout.term_start());
+        let ready = part_from(self.state.as_ref(), self.kernel.layout().term_start());
         match (term, ready) {
             // One channel needs no set-up of a loop.
             ([term], [ready, ..]) => *term = *ready,
@@ -985,11 +1067,11 @@ where
 
     #[inline(always)]
     fn push(&mut self, sample: &[T]) -> Result<(), MemoryError> {
-        check_channels(self.layout.channels(), sample.len())?;
+        check_channels(self.kernel.layout().channels(), sample.len())?;
         self.check_capacity()?;
-        let stored = match (self.layout.stages, sample) {
-            (_, &[x]) if self.jumps => self.push_difference(x),
-            _ if self.table.far_blocks > 0 => self.push_numbers_with_third_parts(sample),
+        let stored = match (self.kernel.layout().stages, sample) {
+            (_, &[x]) if self.kernel.jumps() => self.push_difference(x),
+            _ if self.kernel.table().far_blocks > 0 => self.push_numbers_with_third_parts(sample),
             (1, &[x]) => self.push_number(x),
             (1, _) => self.push_numbers(sample),
             _ => self.push_stages(sample),
@@ -1000,13 +1082,13 @@ where
     }
 
     fn clear(&mut self) {
-        let table = self.table.borrow();
+        let table = self.kernel.table();
         let state = self.state.as_mut();
         state.fill(T::zero());
-        if let Some(parts) = self.layout.split(state) {
-            let planes = vectors(table.head, self.layout.head);
+        if let Some(parts) = self.kernel.layout().split(state) {
+            let planes = vectors(table.head, self.kernel.layout().head);
             for (leading, plane) in parts.leading.iter_mut().zip(planes) {
-                *leading = linear::at(plane, 0) * self.scale;
+                *leading = linear::at(plane, 0) * self.kernel.scale();
             }
         }
         (self.oldest, self.settling, self.len) = (0, 0, 0);
@@ -1014,16 +1096,16 @@ where
     }
 
     fn bytes(&self) -> usize {
-        let table = self.table.borrow();
+        let table = self.kernel.table();
         let numbers = table.head.len() + table.exponentials.len();
         size_of::<Self>() - size_of::<B>() + (numbers + self.state.as_ref().len()) * size_of::<T>()
     }
 }
 
-impl<T, C, B> Stateful for ExponentialSum<T, C, B>
+impl<T, K, B> Stateful for TabulatedSum<T, K, B>
 where
     T: Real,
-    C: AsRef<[T]>,
+    K: TableSource<T>,
     B: AsRef<[T]> + AsMut<[T]>,
 {
     fn state_bytes(&self) -> usize {
@@ -1045,7 +1127,7 @@ where
         self.check_state(&mut from.clone())?;
         self.len = self.count(from)?;
         let changing = self.changing();
-        let signal = self.signal.iter_mut().take(if self.jumps { 2 } else { 0 });
+        let signal = self.signal.iter_mut().take(if self.kernel.jumps() { 2 } else { 0 });
         from.numbers(self.state.as_mut().iter_mut().take(changing).chain(signal))?;
         // Both indices are cyclic and advance by one with every sample.
         self.oldest = self.len.checked_rem(self.delayed_samples()).map_or(0, saturated);
@@ -1507,11 +1589,11 @@ mod tests {
                 assert!(plain.clone().restore(&mut StateReader::new(&bytes)).is_err());
             }
             memory.clear();
-            assert_eq!((memory.signal, memory.jumps), ([0.0; 2], true));
+            assert_eq!((memory.signal, memory.kernel.jumps()), ([0.0; 2], true));
             // Samples of other kinds are treated as before.
             let mut on_values = build();
             on_values.expect_jumps();
-            assert!(!on_values.jumps);
+            assert!(!on_values.kernel.jumps());
         }
     }
 

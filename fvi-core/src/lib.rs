@@ -20,6 +20,7 @@ mod euler;
 mod exponential_sum;
 mod fractional_integral;
 mod galerkin;
+mod generated;
 mod integrator;
 mod kernel;
 mod linear;
@@ -70,11 +71,16 @@ pub use discrete_lagrangian::DiscreteLagrangian;
 pub use double_double::DoubleDouble;
 pub use error::{MatrixError, ParameterError};
 pub use euler::{ExplicitEuler, ImplicitEuler};
-pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm};
+pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm, TabulatedSum};
+#[doc(hidden)]
+pub use exponential_sum::{Given, Layout, TableSource};
 pub use fractional_integral::{FractionalIntegral, PendingIntegral};
 pub use galerkin::Galerkin;
 #[doc(hidden)]
 pub use galerkin::Tables;
+#[doc(hidden)]
+pub use generated::Sealing;
+pub use generated::{Generated, GeneratedKernel, GeneratedMemory, GeneratedSum, SealedTable};
 pub use integrator::{Integrator, IntegratorBuilder, IntegratorError};
 pub use kernel::{Kernel, Rule, Symbol};
 #[doc(hidden)]
@@ -100,7 +106,8 @@ pub use node_galerkin::NodeStorage;
 pub use operator::{FractionalOperator, OperatorError, Pending, Start, left_operator, right_operator};
 pub use pid::{Actuator, ExponentialPi, ExponentialPid, FractionalPid, PidError, PidInputs, RingPi, RingPid};
 pub use pid_law::{
-    AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw, PidResponse, PidSettings,
+    AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidConstants, PidGains, PidLaw, PidResponse,
+    PidSettings,
 };
 pub use quadrature::{Quadrature, gauss_rule, lobatto_rule};
 pub use real::Real;

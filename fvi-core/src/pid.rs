@@ -6,6 +6,7 @@ use core::fmt;
 use crate::direct::FixedDirect;
 use crate::error::ParameterError;
 use crate::exponential_sum::ExponentialSum;
+use crate::generated::GeneratedMemory;
 use crate::memory::Memory;
 use crate::memoryless::Memoryless;
 use crate::operator::{FractionalOperator, OperatorError, Pending, Start};
@@ -354,6 +355,61 @@ where
         Ok(Self { law, integral, derivative, filter, state: PidState::new(settings.gains) })
     }
 
+    /// A controller on memories that were generated with the law `checked`: nothing is left to compute, and
+    /// where these are constants nothing to compare. Its law is `law`, that one or another for the same
+    /// operators.
+    ///
+    /// # Errors
+    /// [`ParameterError`] if `checked` is not the [`sealed`](PidLaw::sealed) law of these memories, or `law`
+    /// needs other operators.
+    #[inline(always)]
+    pub fn generated(
+        checked: &PidLaw<T>,
+        law: L,
+        integral: I,
+        derivative: Option<D>,
+        filter: Option<F>,
+    ) -> Result<Self, ParameterError>
+    where
+        I: GeneratedMemory<T>,
+        D: GeneratedMemory<T>,
+        F: GeneratedMemory<T>,
+    {
+        let refused = ParameterError {
+            parameter: "memory",
+            value: f64::NAN,
+            allowed: "those that were generated with the law",
+        };
+        let seals = [
+            I::SEAL,
+            if derivative.is_some() { D::SEAL } else { 0 },
+            if filter.is_some() { F::SEAL } else { 0 },
+        ];
+        if checked.memories != seals {
+            return Err(refused);
+        }
+        let shared: &PidLaw<T> = law.borrow();
+        shared.follows(checked)?;
+        let gains = shared.settings().gains;
+        if derivative.is_none() && gains.differentiates() {
+            return Err(refused);
+        }
+        let operator = |memory| FractionalOperator::new(memory, Start::RiemannLiouville);
+        let integral = operator(integral).map_err(|_| refused)?;
+        let start = shared.start();
+        let derivative = match derivative {
+            Some(memory) => Some(FractionalOperator::new(memory, start).map_err(|_| refused)?),
+            None => None,
+        };
+        let filter = match filter {
+            Some(memory) => {
+                Some(FractionalOperator::new(memory, Start::RiemannLiouville).map_err(|_| refused)?)
+            }
+            None => None,
+        };
+        Ok(Self { law, integral, derivative, filter, state: PidState::new(gains) })
+    }
+
     /// Takes setpoint r and measured value y and returns the output u.
     ///
     /// # Errors
@@ -398,10 +454,10 @@ where
         let &PidInputs { setpoint, measured, feed_forward, actuator, .. } = inputs;
         inputs.check()?;
         let (stride, share) = match interval {
-            None if settings.sample.is_some() => (law.stride, law.filter_share),
+            None if settings.sample.is_some() => (law.constants.stride, law.constants.filter_share),
             Some(interval) if settings.sample.is_none() && interval > T::zero() => {
                 finite("the interval", interval)?;
-                (settings.rate_limit * interval, interval / (law.filter_time + interval))
+                (settings.rate_limit * interval, interval / (law.constants.filter_time + interval))
             }
             _ => return Err(PidError::Interval),
         };
@@ -428,7 +484,7 @@ where
             return Ok(output);
         }
         let mut pending = prepare(integral, interval, now.sample)?;
-        let step = if law.accumulates { Some(interval.unwrap_or(law.step)) } else { None };
+        let step = if law.accumulates { Some(interval.unwrap_or(law.constants.step)) } else { None };
         let leading = match step {
             Some(step) => step * pending.leading(),
             None => pending.leading(),
@@ -744,7 +800,7 @@ impl<'a, T: Real, D: Memory<T>, F: Memory<T>> Signals<'a, T, D, F> {
                         }
                         (DerivativeFilter::Fractional { .. }, Some(filter)) => {
                             let (behind, pending) =
-                                relaxed(filter, interval, law.filter_time, pending.value())?;
+                                relaxed(filter, interval, law.constants.filter_time, pending.value())?;
                             pending_filter = Some(pending);
                             CompensatedSum { sum: behind, ..before }
                         }
@@ -805,13 +861,14 @@ impl<T: Real> IntegralTerm<T> {
                     _ => T::zero(),
                 };
                 // f = (missed − w f)/τ^λ: what is fed back is part of the output that it corrects.
-                let feedback = law.tracking * missed / (T::one() + leading * law.tracking);
+                let feedback =
+                    law.constants.tracking * missed / (T::one() + leading * law.constants.tracking);
                 let raw = raw + leading * feedback;
                 let limit = within(raw, limits[0], limits[1]);
                 // u* = a + w (u − u*)/τ^λ beyond a limit.
-                let beyond = (raw - limit) / (T::one() + leading * law.tracking);
+                let beyond = (raw - limit) / (T::one() + leading * law.constants.tracking);
                 let changed = missed != T::zero() || beyond != T::zero();
-                (limit + beyond, changed.then(|| sample + feedback - law.tracking * beyond))
+                (limit + beyond, changed.then(|| sample + feedback - law.constants.tracking * beyond))
             }
             (AntiWindup::Conditional, _) => {
                 let [least, most] = match actuator {

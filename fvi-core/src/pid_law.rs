@@ -228,18 +228,38 @@ impl<T: Real> PidSettings<T> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PidLaw<T> {
     settings: PidSettings<T>,
-    /// τ^{−λ}, or 0 without back-calculation.
-    pub(crate) tracking: T,
-    /// T of the filter: for order 1 a time, for order ν in units of time^ν.
-    pub(crate) filter_time: T,
-    /// h/(T + h) of the filter of order 1.
-    pub(crate) filter_share: T,
-    /// h.
-    pub(crate) step: T,
+    pub(crate) constants: PidConstants<T>,
     /// λ ≥ 1: the integral is the sum of I^{λ−1}.
     pub(crate) accumulates: bool,
+    /// Seals of the memories of integral, derivative and filter that a host has checked; 0 for none.
+    pub(crate) memories: [u32; 3],
+}
+
+/// The numbers that ticks need and that follow from the settings of a law.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PidConstants<T> {
+    /// τ^{−λ}, or 0 without back-calculation.
+    pub tracking: T,
+    /// T of the filter: for order 1 a time, for order ν in units of time^ν.
+    pub filter_time: T,
+    /// h/(T + h) of the filter of order 1.
+    pub filter_share: T,
+    /// h.
+    pub step: T,
     /// Largest change of the output in a tick; infinite for no limit.
-    pub(crate) stride: T,
+    pub stride: T,
+}
+
+impl<T: Copy> PidLaw<T> {
+    /// A law of settings that have been checked.
+    pub(crate) const fn of_constants(
+        settings: PidSettings<T>,
+        constants: PidConstants<T>,
+        memories: [u32; 3],
+    ) -> Self {
+        let accumulates = settings.integral_order >= 1.0;
+        Self { settings, constants, accumulates, memories }
+    }
 }
 
 impl<T: Real> PidLaw<T> {
@@ -313,15 +333,19 @@ impl<T: Real> PidLaw<T> {
             check(values, "derivative", f64::NAN, allowed)?;
         }
         let share = |sample: f64| T::of(sample / (filter_time + sample));
-        Ok(Self {
-            settings,
+        let constants = PidConstants {
             tracking,
             filter_time: T::of(filter_time),
             filter_share: settings.sample.map_or(T::zero(), share),
             step: T::of(settings.sample.unwrap_or(f64::NAN)),
-            accumulates: settings.integral_order >= 1.0,
             stride: stride.unwrap_or(T::of(f64::NAN)),
-        })
+        };
+        Ok(Self::of_constants(settings, constants, [0; 3]))
+    }
+
+    /// The numbers that follow from the settings.
+    pub fn constants(&self) -> &PidConstants<T> {
+        &self.constants
     }
 
     /// The settings that the law was built from.

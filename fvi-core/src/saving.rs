@@ -493,17 +493,21 @@ fn same(what: &'static str, expected: u64, found: u64) -> Result<(), StateError>
     if expected == found { Ok(()) } else { Err(StateError::Mismatch { what, expected, found }) }
 }
 
+/// Hash of no words.
+pub(crate) const BASIS: u64 = 0xcbf2_9ce4_8422_2325;
+
+/// The hash with one more word.
+pub(crate) const fn mix(hash: u64, word: u64) -> u64 {
+    const PRIME: u64 = 0x0100_0000_01b3;
+    let mixed = (hash ^ word).wrapping_mul(PRIME);
+    // Most weights differ in the low bits of their words, and a product mixes into its high bits.
+    mixed ^ (mixed >> 32)
+}
+
 /// Hash of the bits of the numbers (FNV-1a over words), by which kernels with different weights are
 /// distinguished.
 pub fn fingerprint<'n, T: Real>(numbers: impl IntoIterator<Item = &'n T>) -> u64 {
-    const BASIS: u64 = 0xcbf2_9ce4_8422_2325;
-    const PRIME: u64 = 0x0100_0000_01b3;
-    let mix = |hash: u64, number: &T| {
-        let mixed = (hash ^ number.bits()).wrapping_mul(PRIME);
-        // Most weights differ in the low bits of their words, and a product mixes into its high bits.
-        mixed ^ (mixed >> 32)
-    };
-    numbers.into_iter().fold(BASIS, mix)
+    numbers.into_iter().fold(BASIS, |hash, number| mix(hash, number.bits()))
 }
 
 #[cfg(test)]

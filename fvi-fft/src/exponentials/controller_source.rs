@@ -5,8 +5,8 @@ use crate::exponentials::exponential_table::{ExponentialKernel, ExponentialKerne
 use crate::exponentials::rust_constants::{end_of, is_identifier, scalar, table_constant, table_fits};
 use crate::transfer::TransferFunction;
 use fvi_core::{
-    AntiWindup, BdfOrder, Bumpless, DerivativeFilter, DerivativeOf, Kernel, ParameterError, PidGains, PidLaw,
-    PidSettings, Real,
+    ActsOn, AntiWindup, BdfOrder, Bumpless, DerivativeFilter, DerivativeOf, Kernel, Memory as _,
+    ParameterError, PidConstants, PidGains, PidLaw, PidSettings, Real, Sealing,
 };
 use std::fmt::{LowerExp, Write as _};
 
@@ -168,7 +168,7 @@ impl From<ExponentialKernelError> for ControllerSourceError {
 /// # Errors
 /// [`ControllerSourceError`] if the name is not an identifier, [`PidLaw::new`] refuses the settings, or there
 /// are no such tables.
-pub fn controller_source<T: Real + LowerExp>(
+pub fn controller_source<T: Sealing + LowerExp>(
     name: &str,
     settings: &PidSettings<T>,
     horizon: usize,
@@ -183,7 +183,7 @@ pub fn controller_source<T: Real + LowerExp>(
 ///
 /// # Errors
 /// If the name is not an identifier, or a table is out of range in the precision.
-pub fn source_with_tables<T: Real + LowerExp>(
+pub fn source_with_tables<T: Sealing + LowerExp>(
     name: &str,
     law: &PidLaw<T>,
     tables: &ControllerTables,
@@ -200,75 +200,113 @@ pub fn source_with_tables<T: Real + LowerExp>(
     let integral = format!("Integral, s^-{}{summed}", settings.integral_order);
     let derivative = format!("Derivative, s^{}", settings.derivative_order);
     let filter = "Filter of the derivative".to_owned();
-    let mut parts = vec![("integral", integral, &tables.integral)];
+    let mut parts = vec![("integral", integral, &tables.integral, law.integral_kernel()?)];
     if differentiates {
-        parts.push(("derivative", derivative, &tables.derivative));
+        parts.push(("derivative", derivative, &tables.derivative, law.derivative_kernel()?));
     }
-    parts.extend(tables.filter.as_ref().map(|table| ("filter", filter, table)));
-    let mut text = String::new();
-    for (part, origin, table) in &parts {
-        if !table_fits::<T>(table) {
-            let reason = format!("a number does not fit into {scalar}: choose a shorter horizon");
-            return Err(ControllerSourceError::Table { part, reason });
-        }
+    if let (Some(table), Some(kernel)) = (&tables.filter, law.filter_kernel()?) {
+        parts.push(("filter", filter, table, kernel));
+    }
+    let (mut text, camel) = (String::new(), camel_case(&small));
+    let mut memories = Vec::new();
+    for (part, origin, table, kernel) in &parts {
         let origin = format!("{origin}{}", tables.worth(part));
-        text += &table_constant::<T>(table, &origin, &format!("{name}_{part}"));
-        text.push('\n');
+        memories.push(write_memory::<T>(&mut text, name, part, &origin, (table, kernel))?);
     }
-    write_law(&mut text, &small, settings, note);
-
-    let memory = |part: &str| {
-        format!(
-            "fvi_core::ExponentialSum<{scalar}, &'static [{scalar}], [{scalar}; {large}_{part}.state_len(1)]>"
-        )
-    };
+    let none = || Memory { of: format!("fvi_core::Memoryless<{scalar}>"), made: "None".to_owned(), seal: 0 };
+    let mut memories = memories.into_iter();
+    let integral = memories.next().unwrap_or_else(none);
+    let derivative = if differentiates { memories.next() } else { None };
+    let derivative = derivative.map_or_else(none, |memory| memory.some());
+    let filter = memories.next().map_or_else(none, |memory| memory.some());
+    write_law(&mut text, &small, law, [integral.seal, derivative.seal, filter.seal], note);
     let law_type = format!("fvi_core::PidLaw<{scalar}>");
-    let mut types = format!("{scalar}, {}, ", memory("INTEGRAL"));
-    types += &if differentiates { memory("DERIVATIVE") } else { format!("fvi_core::Memoryless<{scalar}>") };
-    types += ", L";
-    if tables.filter.is_some() {
-        let _ = write!(types, ", {}", memory("FILTER"));
-    }
-    let made = |part: &str, kernel: &str| {
-        format!("{kernel}.exponential_sum({large}_{part}, 1, [0.0; {large}_{part}.state_len(1)])?")
-    };
-    let mut body = format!(
-        "    let shared: &{law_type} = law.borrow();\n    let integral = {};\n",
-        made("INTEGRAL", "shared.integral_kernel()?")
-    );
-    if differentiates {
-        let _ = writeln!(body, "    let derivative = {};", made("DERIVATIVE", "shared.derivative_kernel()?"));
-    }
-    body += &match (&tables.filter, differentiates) {
-        (Some(_), _) => format!(
-            "    let filter = match shared.filter_kernel()? {{\n        Some(kernel) => Some({}),\n        \
-             None => None,\n    }};\n    \
-             fvi_core::FractionalPid::with_parts(law, integral, Some(derivative), filter)\n",
-            made("FILTER", "kernel")
-        ),
-        (None, true) => "    fvi_core::FractionalPid::new(law, integral, derivative)\n".to_owned(),
-        (None, false) => "    fvi_core::FractionalPid::without_derivative(law, integral)\n".to_owned(),
-    };
-    let camel = camel_case(&small);
     let end = match law.settings().sample.and_then(|sample| tables.end(sample)) {
         Some(end) => format!("It\n/// {end}: further ticks are refused."),
         None => "It has no end.".to_owned(),
     };
     let _ = write!(
         text,
-        "/// The controller, with a law of its own or one that it borrows. {end}\n\
-         pub type {camel}Pid<L = {law_type}> = fvi_core::FractionalPid<{types}>;\n\n\
+        "/// The controller, with a law of its own, which can be changed, one that it borrows, or\n\
+         /// [`{camel}Law`], which is compiled in. {end}\n\
+         pub type {camel}Pid<L = {law_type}> = fvi_core::FractionalPid<\n    {scalar},\n    {},\n    {},\n    \
+         L,\n    {},\n>;\n\n\
          /// The controller with a law of its own, before its first tick.\n///\n/// # Errors\n\
-         /// None: it has been checked.\n\
+         /// None: it has been checked.\n#[inline]\n\
          pub fn new_{small}() -> Result<{camel}Pid, fvi_core::ParameterError> {{\n    \
-         {small}_with({small}_law()?)\n}}\n\n\
-         /// The same with this law, by value or by reference: one with other gains, \
-         or one that loops share.\n\
-         ///\n/// # Errors\n/// If its orders or its sample time are others than those of the tables.\n\
+         {small}_with({large}_LAW)\n}}\n\n\
+         /// The same with this law, by value or by reference: one with other gains, one that loops share,\n\
+         /// or [`{camel}Law`].\n\
+         ///\n/// # Errors\n/// If its orders or its sample time are others than those of the tables.\n#[inline]\n\
          pub fn {small}_with<L: core::borrow::Borrow<{law_type}>>(\n    law: L,\n\
-         ) -> Result<{camel}Pid<L>, fvi_core::ParameterError> {{\n{body}}}\n"
+         ) -> Result<{camel}Pid<L>, fvi_core::ParameterError> {{\n    \
+         let integral = {};\n    let derivative = {};\n    let filter = {};\n    \
+         fvi_core::FractionalPid::generated(&{large}_LAW, law, integral, derivative, filter)\n}}\n",
+        integral.of, derivative.of, filter.of, integral.made, derivative.made, filter.made,
     );
     Ok(text)
+}
+
+/// The memory of an operator in the source: its type, the expression that makes it, its seal.
+struct Memory {
+    of: String,
+    made: String,
+    seal: u32,
+}
+
+impl Memory {
+    /// The memory of an operator that a law may be without.
+    fn some(self) -> Self {
+        Self { made: format!("Some({})", self.made), ..self }
+    }
+}
+
+/// Writes the table of an operator and the type that stands for it, and returns its memory.
+fn write_memory<T: Sealing + LowerExp>(
+    text: &mut String,
+    name: &str,
+    part: &'static str,
+    origin: &str,
+    (table, kernel): (&ExponentialKernel, &Kernel),
+) -> Result<Memory, ControllerSourceError> {
+    let scalar = scalar::<T>();
+    if !table_fits::<T>(table) {
+        let reason = format!("a number does not fit into {scalar}: choose a shorter horizon");
+        return Err(ControllerSourceError::Table { part, reason });
+    }
+    let numbers = table.table::<T>();
+    let view = numbers.borrow();
+    let memory = kernel.exponential_sum(view, 1, vec![T::zero(); view.state_len(1)])?;
+    if kernel.symbol().growth() == 0.0 {
+        // The memory of an operator of order 0 has no numbers; that it has none is its seal.
+        let of = format!("fvi_core::Memoryless<{scalar}>");
+        return Ok(Memory { made: "fvi_core::Memoryless::new()".to_owned(), of, seal: 1 });
+    }
+    let (scale, acts_on) = (memory.scale(), memory.acts_on());
+    let seal = T::table_seal(&view, scale, acts_on);
+    *text += &table_constant::<T>(table, origin, &format!("{name}_{part}"));
+    let (camel, large) =
+        (camel_case(&format!("{name}_{part}").to_ascii_lowercase()), name.to_ascii_uppercase());
+    let large = format!("{large}_{}", part.to_ascii_uppercase());
+    let acts_on = match acts_on {
+        ActsOn::Values => "Values",
+        ActsOn::Increments => "Increments",
+        ActsOn::Rises => "Rises",
+    };
+    let _ = writeln!(
+        text,
+        "\n/// [`{large}`] as a type, with its scale.\n#[derive(Clone, Copy, Debug)]\npub struct {camel};\n\n\
+         impl fvi_core::GeneratedKernel<{scalar}> for {camel} {{\n    \
+         const TABLE: fvi_core::SealedTable<{scalar}> = match fvi_core::SealedTable::<{scalar}>::new(\n        \
+         {large},\n        {scale:e},\n        fvi_core::ActsOn::{acts_on},\n        {seal:#010x},\n    ) {{\n        \
+         Some(table) => table,\n        \
+         None => panic!(\"a constant has been edited: generate the controller again\"),\n    }};\n}}\n"
+    );
+    Ok(Memory {
+        of: format!("fvi_core::GeneratedSum<{scalar}, {camel}, [{scalar}; {large}.state_len(1)]>"),
+        made: format!("fvi_core::GeneratedSum::generated([0.0; {large}.state_len(1)])?"),
+        seal,
+    })
 }
 
 fn has_derivative<T: Real>(gains: &PidGains<T>) -> bool {
@@ -288,8 +326,9 @@ fn camel_case(name: &str) -> String {
     name.split('_').map(word).collect()
 }
 
-/// Writes the function that constructs the law.
-fn write_law<T: Real>(text: &mut String, small: &str, settings: &PidSettings<T>, note: &str) {
+/// Writes the law, for memories with these seals, and the type that stands for it.
+fn write_law<T: Sealing>(text: &mut String, small: &str, law: &PidLaw<T>, memories: [u32; 3], note: &str) {
+    let settings = law.settings();
     let scalar = scalar::<T>();
     let number = |number: T| match number.to_f64() {
         f64::INFINITY => format!("{scalar}::INFINITY"),
@@ -335,16 +374,17 @@ fn write_law<T: Real>(text: &mut String, small: &str, settings: &PidSettings<T>,
     };
     let ([b, c], [lower, upper]) = (settings.setpoint_weights, settings.limits);
     let sample = settings.sample.map_or_else(|| "of each tick's own".to_owned(), |sample| sample.to_string());
+    let (large, camel) = (small.to_ascii_uppercase(), camel_case(small));
     let _ = writeln!(
         text,
-        "/// The law of the controller, sample {sample}{note}.\n///\n/// # Errors\n/// None: it has been checked.\n\
-         pub fn {small}_law() -> Result<fvi_core::PidLaw<{scalar}>, fvi_core::ParameterError> {{\n    \
-         fvi_core::PidLaw::new(fvi_core::PidSettings {{\n        gains: fvi_core::PidGains::{gains},\n        \
+        "/// The law of the controller, sample {sample}{note}.\n\
+         pub const {large}_LAW: fvi_core::PidLaw<{scalar}> = match fvi_core::PidLaw::<{scalar}>::sealed(\n    \
+         fvi_core::PidSettings {{\n        gains: fvi_core::PidGains::{gains},\n        \
          integral_order: {:?},\n        derivative_order: {:?},\n        sample: {:?},\n        \
          setpoint_weights: [{}, {}],\n        derivative_of: fvi_core::DerivativeOf::{of},\n        \
          derivative_filter: fvi_core::DerivativeFilter::{filter},\n        limits: [{}, {}],\n        \
          rate_limit: {},\n        anti_windup: fvi_core::AntiWindup::{windup},\n        \
-         bumpless: fvi_core::Bumpless::{bumpless},\n    }})\n}}\n",
+         bumpless: fvi_core::Bumpless::{bumpless},\n    }},",
         settings.integral_order,
         settings.derivative_order,
         settings.sample,
@@ -353,6 +393,28 @@ fn write_law<T: Real>(text: &mut String, small: &str, settings: &PidSettings<T>,
         number(lower),
         number(upper),
         number(settings.rate_limit),
+    );
+    let &PidConstants { tracking, filter_time, filter_share, step, stride } = law.constants();
+    let [tracking, filter_time, filter_share, step, stride] =
+        [tracking, filter_time, filter_share, step, stride].map(number);
+    let _ = writeln!(
+        text,
+        "    fvi_core::PidConstants {{\n        tracking: {tracking},\n        filter_time: {filter_time},\n        \
+         filter_share: {filter_share},\n        step: {step},\n        stride: {stride},\n    }},\n    \
+         [{:#x}, {:#x}, {:#x}],\n    {:#010x},\n) {{\n    Some(law) => law,\n    \
+         None => panic!(\"a constant has been edited: generate the controller again\"),\n}};\n\n\
+         /// [`{large}_LAW`].\n///\n/// # Errors\n/// None: it has been checked.\n\
+         pub const fn {small}_law() -> Result<fvi_core::PidLaw<{scalar}>, fvi_core::ParameterError> {{\n    \
+         Ok({large}_LAW)\n}}\n\n\
+         /// [`{large}_LAW`] as a type: a controller with it needs no storage for it, and only the code for\n\
+         /// what it uses.\n#[derive(Clone, Copy, Debug)]\npub struct {camel}Law;\n\n\
+         impl core::borrow::Borrow<fvi_core::PidLaw<{scalar}>> for {camel}Law {{\n    #[inline(always)]\n    \
+         fn borrow(&self) -> &fvi_core::PidLaw<{scalar}> {{\n        \
+         const LAW: &fvi_core::PidLaw<{scalar}> = &{large}_LAW;\n        LAW\n    }}\n}}\n",
+        memories[0],
+        memories[1],
+        memories[2],
+        T::law_seal(law, memories),
     );
 }
 

@@ -23,6 +23,22 @@ pub const FULL_INTEGRAL: fvi_core::ExponentialTable<&[f32]> = fvi_core::Exponent
     step_size: 1.0,
 };
 
+/// [`FULL_INTEGRAL`] as a type, with its scale.
+#[derive(Clone, Copy, Debug)]
+pub struct FullIntegral;
+
+impl fvi_core::GeneratedKernel<f32> for FullIntegral {
+    const TABLE: fvi_core::SealedTable<f32> = match fvi_core::SealedTable::<f32>::new(
+        FULL_INTEGRAL,
+        3.1622776e-1,
+        fvi_core::ActsOn::Values,
+        0xba67e8de,
+    ) {
+        Some(table) => table,
+        None => panic!("a constant has been edited: generate the controller again"),
+    };
+}
+
 /// Derivative, s^0.75: 5 weights, then 9 exponentials; tolerance 1e-3.
 ///
 /// A memory on it ends after 1000 samples: it refuses further ones, or forgets.
@@ -47,6 +63,22 @@ pub const FULL_DERIVATIVE: fvi_core::ExponentialTable<&[f32]> = fvi_core::Expone
     horizon: 1000,
     step_size: 1.0,
 };
+
+/// [`FULL_DERIVATIVE`] as a type, with its scale.
+#[derive(Clone, Copy, Debug)]
+pub struct FullDerivative;
+
+impl fvi_core::GeneratedKernel<f32> for FullDerivative {
+    const TABLE: fvi_core::SealedTable<f32> = match fvi_core::SealedTable::<f32>::new(
+        FULL_DERIVATIVE,
+        3.1622776e1,
+        fvi_core::ActsOn::Increments,
+        0xd5db6ad5,
+    ) {
+        Some(table) => table,
+        None => panic!("a constant has been edited: generate the controller again"),
+    };
+}
 
 /// Filter of the derivative: 5 weights, then 10 exponentials; tolerance 1e-3.
 ///
@@ -73,12 +105,25 @@ pub const FULL_FILTER: fvi_core::ExponentialTable<&[f32]> = fvi_core::Exponentia
     step_size: 1.0,
 };
 
+/// [`FULL_FILTER`] as a type, with its scale.
+#[derive(Clone, Copy, Debug)]
+pub struct FullFilter;
+
+impl fvi_core::GeneratedKernel<f32> for FullFilter {
+    const TABLE: fvi_core::SealedTable<f32> = match fvi_core::SealedTable::<f32>::new(
+        FULL_FILTER,
+        5.623413e1,
+        fvi_core::ActsOn::Increments,
+        0x37c0abc5,
+    ) {
+        Some(table) => table,
+        None => panic!("a constant has been edited: generate the controller again"),
+    };
+}
+
 /// The law of the controller, sample 0.01.
-///
-/// # Errors
-/// None: it has been checked.
-pub fn full_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterError> {
-    fvi_core::PidLaw::new(fvi_core::PidSettings {
+pub const FULL_LAW: fvi_core::PidLaw<f32> = match fvi_core::PidLaw::<f32>::sealed(
+    fvi_core::PidSettings {
         gains: fvi_core::PidGains::Parallel { proportional: 2.0, integral: 1.5, derivative: 0.25 },
         integral_order: 1.25,
         derivative_order: 0.75,
@@ -90,34 +135,73 @@ pub fn full_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterError> {
         rate_limit: 64.0,
         anti_windup: fvi_core::AntiWindup::None,
         bumpless: fvi_core::Bumpless::Whole,
-    })
+    },
+    fvi_core::PidConstants {
+        tracking: 0.0,
+        filter_time: 0.0625,
+        filter_share: 0.13793103,
+        step: 0.01,
+        stride: 0.64,
+    },
+    [0xba67e8de, 0xd5db6ad5, 0x37c0abc5],
+    0x08f702ce,
+) {
+    Some(law) => law,
+    None => panic!("a constant has been edited: generate the controller again"),
+};
+
+/// [`FULL_LAW`].
+///
+/// # Errors
+/// None: it has been checked.
+pub const fn full_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterError> {
+    Ok(FULL_LAW)
 }
 
-/// The controller, with a law of its own or one that it borrows. It
+/// [`FULL_LAW`] as a type: a controller with it needs no storage for it, and only the code for
+/// what it uses.
+#[derive(Clone, Copy, Debug)]
+pub struct FullLaw;
+
+impl core::borrow::Borrow<fvi_core::PidLaw<f32>> for FullLaw {
+    #[inline(always)]
+    fn borrow(&self) -> &fvi_core::PidLaw<f32> {
+        const LAW: &fvi_core::PidLaw<f32> = &FULL_LAW;
+        LAW
+    }
+}
+
+/// The controller, with a law of its own, which can be changed, one that it borrows, or
+/// [`FullLaw`], which is compiled in. It
 /// ends after 1000 samples, 10 units of time: further ticks are refused.
-pub type FullPid<L = fvi_core::PidLaw<f32>> = fvi_core::FractionalPid<f32, fvi_core::ExponentialSum<f32, &'static [f32], [f32; FULL_INTEGRAL.state_len(1)]>, fvi_core::ExponentialSum<f32, &'static [f32], [f32; FULL_DERIVATIVE.state_len(1)]>, L, fvi_core::ExponentialSum<f32, &'static [f32], [f32; FULL_FILTER.state_len(1)]>>;
+pub type FullPid<L = fvi_core::PidLaw<f32>> = fvi_core::FractionalPid<
+    f32,
+    fvi_core::GeneratedSum<f32, FullIntegral, [f32; FULL_INTEGRAL.state_len(1)]>,
+    fvi_core::GeneratedSum<f32, FullDerivative, [f32; FULL_DERIVATIVE.state_len(1)]>,
+    L,
+    fvi_core::GeneratedSum<f32, FullFilter, [f32; FULL_FILTER.state_len(1)]>,
+>;
 
 /// The controller with a law of its own, before its first tick.
 ///
 /// # Errors
 /// None: it has been checked.
+#[inline]
 pub fn new_full() -> Result<FullPid, fvi_core::ParameterError> {
-    full_with(full_law()?)
+    full_with(FULL_LAW)
 }
 
-/// The same with this law, by value or by reference: one with other gains, or one that loops share.
+/// The same with this law, by value or by reference: one with other gains, one that loops share,
+/// or [`FullLaw`].
 ///
 /// # Errors
 /// If its orders or its sample time are others than those of the tables.
+#[inline]
 pub fn full_with<L: core::borrow::Borrow<fvi_core::PidLaw<f32>>>(
     law: L,
 ) -> Result<FullPid<L>, fvi_core::ParameterError> {
-    let shared: &fvi_core::PidLaw<f32> = law.borrow();
-    let integral = shared.integral_kernel()?.exponential_sum(FULL_INTEGRAL, 1, [0.0; FULL_INTEGRAL.state_len(1)])?;
-    let derivative = shared.derivative_kernel()?.exponential_sum(FULL_DERIVATIVE, 1, [0.0; FULL_DERIVATIVE.state_len(1)])?;
-    let filter = match shared.filter_kernel()? {
-        Some(kernel) => Some(kernel.exponential_sum(FULL_FILTER, 1, [0.0; FULL_FILTER.state_len(1)])?),
-        None => None,
-    };
-    fvi_core::FractionalPid::with_parts(law, integral, Some(derivative), filter)
+    let integral = fvi_core::GeneratedSum::generated([0.0; FULL_INTEGRAL.state_len(1)])?;
+    let derivative = Some(fvi_core::GeneratedSum::generated([0.0; FULL_DERIVATIVE.state_len(1)])?);
+    let filter = Some(fvi_core::GeneratedSum::generated([0.0; FULL_FILTER.state_len(1)])?);
+    fvi_core::FractionalPid::generated(&FULL_LAW, law, integral, derivative, filter)
 }

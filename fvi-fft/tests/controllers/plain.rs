@@ -25,12 +25,25 @@ pub const PLAIN_INTEGRAL: fvi_core::ExponentialTable<&[f64]> = fvi_core::Exponen
     step_size: 1.0,
 };
 
+/// [`PLAIN_INTEGRAL`] as a type, with its scale.
+#[derive(Clone, Copy, Debug)]
+pub struct PlainIntegral;
+
+impl fvi_core::GeneratedKernel<f64> for PlainIntegral {
+    const TABLE: fvi_core::SealedTable<f64> = match fvi_core::SealedTable::<f64>::new(
+        PLAIN_INTEGRAL,
+        1e-1,
+        fvi_core::ActsOn::Values,
+        0x85fbd635,
+    ) {
+        Some(table) => table,
+        None => panic!("a constant has been edited: generate the controller again"),
+    };
+}
+
 /// The law of the controller, sample 0.01.
-///
-/// # Errors
-/// None: it has been checked.
-pub fn plain_law() -> Result<fvi_core::PidLaw<f64>, fvi_core::ParameterError> {
-    fvi_core::PidLaw::new(fvi_core::PidSettings {
+pub const PLAIN_LAW: fvi_core::PidLaw<f64> = match fvi_core::PidLaw::<f64>::sealed(
+    fvi_core::PidSettings {
         gains: fvi_core::PidGains::Series { proportional: 0.3, integral_rate: 2.0, derivative_time: 0.0, filter_ratio: 10.0 },
         integral_order: 0.5,
         derivative_order: 1.0,
@@ -42,29 +55,73 @@ pub fn plain_law() -> Result<fvi_core::PidLaw<f64>, fvi_core::ParameterError> {
         rate_limit: f64::INFINITY,
         anti_windup: fvi_core::AntiWindup::None,
         bumpless: fvi_core::Bumpless::Whole,
-    })
+    },
+    fvi_core::PidConstants {
+        tracking: 0.0,
+        filter_time: 0.0,
+        filter_share: 1.0,
+        step: 0.01,
+        stride: f64::INFINITY,
+    },
+    [0x85fbd635, 0x0, 0x0],
+    0xd1f53b96,
+) {
+    Some(law) => law,
+    None => panic!("a constant has been edited: generate the controller again"),
+};
+
+/// [`PLAIN_LAW`].
+///
+/// # Errors
+/// None: it has been checked.
+pub const fn plain_law() -> Result<fvi_core::PidLaw<f64>, fvi_core::ParameterError> {
+    Ok(PLAIN_LAW)
 }
 
-/// The controller, with a law of its own or one that it borrows. It
+/// [`PLAIN_LAW`] as a type: a controller with it needs no storage for it, and only the code for
+/// what it uses.
+#[derive(Clone, Copy, Debug)]
+pub struct PlainLaw;
+
+impl core::borrow::Borrow<fvi_core::PidLaw<f64>> for PlainLaw {
+    #[inline(always)]
+    fn borrow(&self) -> &fvi_core::PidLaw<f64> {
+        const LAW: &fvi_core::PidLaw<f64> = &PLAIN_LAW;
+        LAW
+    }
+}
+
+/// The controller, with a law of its own, which can be changed, one that it borrows, or
+/// [`PlainLaw`], which is compiled in. It
 /// ends after 1000 samples, 10 units of time: further ticks are refused.
-pub type PlainPid<L = fvi_core::PidLaw<f64>> = fvi_core::FractionalPid<f64, fvi_core::ExponentialSum<f64, &'static [f64], [f64; PLAIN_INTEGRAL.state_len(1)]>, fvi_core::Memoryless<f64>, L>;
+pub type PlainPid<L = fvi_core::PidLaw<f64>> = fvi_core::FractionalPid<
+    f64,
+    fvi_core::GeneratedSum<f64, PlainIntegral, [f64; PLAIN_INTEGRAL.state_len(1)]>,
+    fvi_core::Memoryless<f64>,
+    L,
+    fvi_core::Memoryless<f64>,
+>;
 
 /// The controller with a law of its own, before its first tick.
 ///
 /// # Errors
 /// None: it has been checked.
+#[inline]
 pub fn new_plain() -> Result<PlainPid, fvi_core::ParameterError> {
-    plain_with(plain_law()?)
+    plain_with(PLAIN_LAW)
 }
 
-/// The same with this law, by value or by reference: one with other gains, or one that loops share.
+/// The same with this law, by value or by reference: one with other gains, one that loops share,
+/// or [`PlainLaw`].
 ///
 /// # Errors
 /// If its orders or its sample time are others than those of the tables.
+#[inline]
 pub fn plain_with<L: core::borrow::Borrow<fvi_core::PidLaw<f64>>>(
     law: L,
 ) -> Result<PlainPid<L>, fvi_core::ParameterError> {
-    let shared: &fvi_core::PidLaw<f64> = law.borrow();
-    let integral = shared.integral_kernel()?.exponential_sum(PLAIN_INTEGRAL, 1, [0.0; PLAIN_INTEGRAL.state_len(1)])?;
-    fvi_core::FractionalPid::without_derivative(law, integral)
+    let integral = fvi_core::GeneratedSum::generated([0.0; PLAIN_INTEGRAL.state_len(1)])?;
+    let derivative = None;
+    let filter = None;
+    fvi_core::FractionalPid::generated(&PLAIN_LAW, law, integral, derivative, filter)
 }

@@ -6,7 +6,7 @@ use super::listing::{
     parameter_error,
 };
 use super::terminal::mention;
-use fvi_core::{AntiWindup, DerivativeFilter, DerivativeOf, PidGains, Real};
+use fvi_core::{AntiWindup, DerivativeFilter, DerivativeOf, PidGains, Sealing};
 use fvi_fft::exponentials::controller_source::{ControllerSourceError, ControllerTables, source_with_tables};
 use fvi_fft::exponentials::exponential_table::{
     ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
@@ -142,7 +142,7 @@ impl Listed<'_> {
         }
     }
 
-    fn write_rust<T: Real + LowerExp>(&self, text: &mut String) -> Result<(), CommandError> {
+    fn write_rust<T: Sealing + LowerExp>(&self, text: &mut String) -> Result<(), CommandError> {
         let law = self.controller.law::<T>().map_err(parameter_error)?;
         let note = format!(", delay {}", self.controller.delay);
         let source = source_with_tables(&self.name, &law, &self.tables, &note);

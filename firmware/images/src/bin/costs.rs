@@ -2,9 +2,14 @@
 #![no_std]
 #![no_main]
 
+use core::borrow::Borrow;
 use core::fmt::{Display, Write};
 use core::hint::black_box;
 
+use controllers::fractional::{
+    FRACTIONAL_DERIVATIVE, FRACTIONAL_INTEGRAL, FractionalLaw, fractional_with, new_fractional,
+};
+use controllers::integer::{IntegerLaw, integer_with};
 use cortex_m_rt::entry;
 use cortex_m_semihosting::hio::HostStream;
 use fvi_core::{
@@ -22,7 +27,7 @@ use images::stack::used_by;
 use images::{Refused, main};
 use nalgebra::SVector;
 use scenarios::oustaloup::Oustaloup;
-use scenarios::tables::axis::{AXIS_DERIVATIVE, AXIS_INTEGRAL, axis_law};
+use scenarios::tables::axis::{AXIS_DERIVATIVE, AXIS_INTEGRAL, AxisLaw, axis_law, axis_with};
 use scenarios::tables::{DAMPING, ENDLESS, JITTER_DAMPING};
 
 /// Number of steps measured; two tiles, so that every position in a tile occurs.
@@ -272,6 +277,50 @@ impl Bench<'_> {
         Ok(())
     }
 
+    /// Measures generated controllers with limits, back-calculation and a filter; half of their ticks are at a
+    /// limit.
+    #[inline(always)]
+    fn generated<I: Memory<f32>, D: Memory<f32>, L: Borrow<PidLaw<f32>>>(
+        &mut self,
+        name: &str,
+        mut pid: FractionalPid<f32, I, D, L>,
+        products: usize,
+    ) {
+        let mut steps = Spread::default();
+        for k in 0..MEASURED {
+            let setpoint = if k % 16 < 8 { 10.0 } else { 0.01 };
+            let taken = self.counter.count(|| {
+                let _ = black_box(black_box(&mut pid).tick(black_box(setpoint), black_box(0.0)));
+            });
+            steps.add(taken);
+        }
+        let stack = used_by(|| {
+            let _ = black_box(black_box(&mut pid).tick(black_box(1.0), black_box(0.0)));
+        });
+        self.row(name, steps, products, size_of_val(&pid), 4 * products, stack);
+    }
+
+    /// Measures the controllers of the package `controllers`.
+    fn controllers(&mut self) -> Result<(), Refused> {
+        let products = [FRACTIONAL_INTEGRAL, FRACTIONAL_DERIVATIVE]
+            .iter()
+            .map(|table| table.head.len() + table.exponentials.len())
+            .sum();
+        let integer = integer_with(IntegerLaw).map_err(|_| Refused)?;
+        self.generated("generated controller, orders 1, fixed law", integer, 2);
+        let fixed = fractional_with(FractionalLaw).map_err(|_| Refused)?;
+        self.generated("generated controller, endless, fixed law", fixed, products);
+        let changing = new_fractional().map_err(|_| Refused)?;
+        self.generated("generated controller, endless, law that changes", changing, products);
+        let fixed = axis_with(AxisLaw).map_err(|_| Refused)?;
+        let products = [AXIS_INTEGRAL, AXIS_DERIVATIVE]
+            .iter()
+            .map(|table| table.head.len() + table.exponentials.len())
+            .sum();
+        self.generated("generated controller, 10^8 ticks, fixed law", fixed, products);
+        Ok(())
+    }
+
     fn operator(&mut self) -> Result<(), Refused> {
         const STATE: usize = DAMPING.state_len(1);
         let memory = ExponentialSum::new(DAMPING, 1.0, 1, [0.0f32; STATE]).map_err(|_| Refused)?;
@@ -319,6 +368,7 @@ fn start() -> ! {
         bench.operator()?;
         bench.integral()?;
         bench.controller()?;
+        bench.controllers()?;
         bench.endless()?;
         bench.any_step()?;
         bench.oustaloup::<15>();

@@ -35,6 +35,22 @@ pub const AXIS_INTEGRAL: fvi_core::ExponentialTable<&[f32]> = fvi_core::Exponent
     step_size: 1.0,
 };
 
+/// [`AXIS_INTEGRAL`] as a type, with its scale.
+#[derive(Clone, Copy, Debug)]
+pub struct AxisIntegral;
+
+impl fvi_core::GeneratedKernel<f32> for AxisIntegral {
+    const TABLE: fvi_core::SealedTable<f32> = match fvi_core::SealedTable::<f32>::new(
+        AXIS_INTEGRAL,
+        6.9314484e-3,
+        fvi_core::ActsOn::Values,
+        0x228bbd80,
+    ) {
+        Some(table) => table,
+        None => panic!("a constant has been edited: generate the controller again"),
+    };
+}
+
 /// Derivative, s^0.6: 5 weights, then 39 exponentials; tolerance 1e-7.
 ///
 /// A memory on it ends after 100000000 samples: it refuses further ones, or forgets.
@@ -74,12 +90,25 @@ pub const AXIS_DERIVATIVE: fvi_core::ExponentialTable<&[f32]> = fvi_core::Expone
     step_size: 1.0,
 };
 
+/// [`AXIS_DERIVATIVE`] as a type, with its scale.
+#[derive(Clone, Copy, Debug)]
+pub struct AxisDerivative;
+
+impl fvi_core::GeneratedKernel<f32> for AxisDerivative {
+    const TABLE: fvi_core::SealedTable<f32> = match fvi_core::SealedTable::<f32>::new(
+        AXIS_DERIVATIVE,
+        4.162766e1,
+        fvi_core::ActsOn::Increments,
+        0x2c18f952,
+    ) {
+        Some(table) => table,
+        None => panic!("a constant has been edited: generate the controller again"),
+    };
+}
+
 /// The law of the controller, sample 0.002, delay 0.001.
-///
-/// # Errors
-/// None: it has been checked.
-pub fn axis_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterError> {
-    fvi_core::PidLaw::new(fvi_core::PidSettings {
+pub const AXIS_LAW: fvi_core::PidLaw<f32> = match fvi_core::PidLaw::<f32>::sealed(
+    fvi_core::PidSettings {
         gains: fvi_core::PidGains::Parallel { proportional: 60.0, integral: 20.0, derivative: 12.0 },
         integral_order: 0.8,
         derivative_order: 0.6,
@@ -91,30 +120,73 @@ pub fn axis_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterError> {
         rate_limit: 20000.0,
         anti_windup: fvi_core::AntiWindup::BackCalculation { time: 0.05 },
         bumpless: fvi_core::Bumpless::Whole,
-    })
+    },
+    fvi_core::PidConstants {
+        tracking: 10.985605,
+        filter_time: 0.004,
+        filter_share: 0.33333334,
+        step: 0.002,
+        stride: 40.0,
+    },
+    [0x228bbd80, 0x2c18f952, 0x0],
+    0x44b823ba,
+) {
+    Some(law) => law,
+    None => panic!("a constant has been edited: generate the controller again"),
+};
+
+/// [`AXIS_LAW`].
+///
+/// # Errors
+/// None: it has been checked.
+pub const fn axis_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterError> {
+    Ok(AXIS_LAW)
 }
 
-/// The controller, with a law of its own or one that it borrows. It
+/// [`AXIS_LAW`] as a type: a controller with it needs no storage for it, and only the code for
+/// what it uses.
+#[derive(Clone, Copy, Debug)]
+pub struct AxisLaw;
+
+impl core::borrow::Borrow<fvi_core::PidLaw<f32>> for AxisLaw {
+    #[inline(always)]
+    fn borrow(&self) -> &fvi_core::PidLaw<f32> {
+        const LAW: &fvi_core::PidLaw<f32> = &AXIS_LAW;
+        LAW
+    }
+}
+
+/// The controller, with a law of its own, which can be changed, one that it borrows, or
+/// [`AxisLaw`], which is compiled in. It
 /// ends after 100000000 samples, 200000 units of time: further ticks are refused.
-pub type AxisPid<L = fvi_core::PidLaw<f32>> = fvi_core::FractionalPid<f32, fvi_core::ExponentialSum<f32, &'static [f32], [f32; AXIS_INTEGRAL.state_len(1)]>, fvi_core::ExponentialSum<f32, &'static [f32], [f32; AXIS_DERIVATIVE.state_len(1)]>, L>;
+pub type AxisPid<L = fvi_core::PidLaw<f32>> = fvi_core::FractionalPid<
+    f32,
+    fvi_core::GeneratedSum<f32, AxisIntegral, [f32; AXIS_INTEGRAL.state_len(1)]>,
+    fvi_core::GeneratedSum<f32, AxisDerivative, [f32; AXIS_DERIVATIVE.state_len(1)]>,
+    L,
+    fvi_core::Memoryless<f32>,
+>;
 
 /// The controller with a law of its own, before its first tick.
 ///
 /// # Errors
 /// None: it has been checked.
+#[inline]
 pub fn new_axis() -> Result<AxisPid, fvi_core::ParameterError> {
-    axis_with(axis_law()?)
+    axis_with(AXIS_LAW)
 }
 
-/// The same with this law, by value or by reference: one with other gains, or one that loops share.
+/// The same with this law, by value or by reference: one with other gains, one that loops share,
+/// or [`AxisLaw`].
 ///
 /// # Errors
 /// If its orders or its sample time are others than those of the tables.
+#[inline]
 pub fn axis_with<L: core::borrow::Borrow<fvi_core::PidLaw<f32>>>(
     law: L,
 ) -> Result<AxisPid<L>, fvi_core::ParameterError> {
-    let shared: &fvi_core::PidLaw<f32> = law.borrow();
-    let integral = shared.integral_kernel()?.exponential_sum(AXIS_INTEGRAL, 1, [0.0; AXIS_INTEGRAL.state_len(1)])?;
-    let derivative = shared.derivative_kernel()?.exponential_sum(AXIS_DERIVATIVE, 1, [0.0; AXIS_DERIVATIVE.state_len(1)])?;
-    fvi_core::FractionalPid::new(law, integral, derivative)
+    let integral = fvi_core::GeneratedSum::generated([0.0; AXIS_INTEGRAL.state_len(1)])?;
+    let derivative = Some(fvi_core::GeneratedSum::generated([0.0; AXIS_DERIVATIVE.state_len(1)])?);
+    let filter = None;
+    fvi_core::FractionalPid::generated(&AXIS_LAW, law, integral, derivative, filter)
 }
