@@ -271,6 +271,9 @@ pub trait TableSource<T> {
     /// True if the memory goes on past the horizon of the table.
     fn forgets(&self) -> bool;
 
+    /// True if it takes another sample after `len` of them.
+    fn has_room(&self, len: u64) -> bool;
+
     /// True if samples are differences of a signal that jumps: then slow sums are stored as their difference
     /// from the signal.
     fn jumps(&self) -> bool;
@@ -314,6 +317,11 @@ impl<T: Real, C: AsRef<[T]>> TableSource<T> for Given<T, C> {
     #[inline(always)]
     fn forgets(&self) -> bool {
         self.forgets
+    }
+
+    #[inline(always)]
+    fn has_room(&self, len: u64) -> bool {
+        len < self.table.horizon || self.forgets
     }
 
     #[inline(always)]
@@ -458,10 +466,7 @@ where
 
     #[inline(always)]
     fn check_capacity(&self) -> Result<(), MemoryError> {
-        let horizon = self.kernel.table().horizon;
-        // The count never reaches the end of an endless one.
-        let room = horizon == ENDLESS || self.len < horizon || self.kernel.forgets();
-        if room { Ok(()) } else { Err(full(horizon)) }
+        if self.kernel.has_room(self.len) { Ok(()) } else { Err(full(self.kernel.table().horizon)) }
     }
 
     /// The part of the signal that is saved: both parts if the signal jumps, otherwise none.

@@ -17,9 +17,9 @@ use crate::saving::{BASIS, mix};
 /// A table of plain numbers with all that an operator of one channel needs: its scale and the kind of its
 /// samples, which [`Kernel::exponential_sum`](crate::Kernel::exponential_sum) has found on a host.
 ///
-/// [`new`](SealedTable::new) computes the seal of these constants and compares. Evaluated in a constant, as in
-/// files that `fvi controller` prints, a number that has been edited is an error of compilation, and nothing
-/// of the check is left in the program.
+/// [`new`](SealedTable::new) computes the seal of these constants and compares. Evaluated in a constant, as
+/// in files that `fvi controller` prints, a number that has been edited is an error of compilation, and
+/// nothing of the check is left in the program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SealedTable<T: 'static> {
     table: ExponentialTable<&'static [T]>,
@@ -79,6 +79,12 @@ impl<T: Real, K: GeneratedKernel<T>> TableSource<T> for Generated<K> {
     #[inline(always)]
     fn forgets(&self) -> bool {
         false
+    }
+
+    /// The count of an endless memory never reaches its end.
+    #[inline(always)]
+    fn has_room(&self, len: u64) -> bool {
+        K::TABLE.table.horizon == ExponentialTable::<()>::ENDLESS || len < K::TABLE.table.horizon
     }
 
     #[inline(always)]
@@ -196,8 +202,8 @@ macro_rules! seals {
             /// memories with these seals (those of integral, derivative and filter; 0 for none), if `seal` is
             /// the seal of all that; otherwise somebody has edited it.
             ///
-            /// For constants, as in the files that `fvi controller` prints. Where settings are chosen by hand,
-            /// [`new`](PidLaw::new) checks them.
+            /// For constants, as in the files that `fvi controller` prints. [`new`](PidLaw::new) checks
+            /// settings that are chosen by hand.
             pub const fn sealed(
                 settings: PidSettings<$scalar>,
                 constants: PidConstants<$scalar>,

@@ -277,8 +277,8 @@ impl Bench<'_> {
         Ok(())
     }
 
-    /// Measures generated controllers with limits, back-calculation and a filter; half of their ticks are at a
-    /// limit.
+    /// Measures a generated controller with limits, back-calculation and a filter; half of its ticks are at
+    /// a limit.
     #[inline(always)]
     fn generated<I: Memory<f32>, D: Memory<f32>, L: Borrow<PidLaw<f32>>>(
         &mut self,
@@ -307,17 +307,17 @@ impl Bench<'_> {
             .map(|table| table.head.len() + table.exponentials.len())
             .sum();
         let integer = integer_with(IntegerLaw).map_err(|_| Refused)?;
-        self.generated("generated controller, orders 1, fixed law", integer, 2);
+        self.generated("generated controller: orders 1 with a fixed law", integer, 2);
         let fixed = fractional_with(FractionalLaw).map_err(|_| Refused)?;
-        self.generated("generated controller, endless, fixed law", fixed, products);
+        self.generated("generated controller: endless with a fixed law", fixed, products);
         let changing = new_fractional().map_err(|_| Refused)?;
-        self.generated("generated controller, endless, law that changes", changing, products);
+        self.generated("generated controller: endless with a law that changes", changing, products);
         let fixed = axis_with(AxisLaw).map_err(|_| Refused)?;
         let products = [AXIS_INTEGRAL, AXIS_DERIVATIVE]
             .iter()
             .map(|table| table.head.len() + table.exponentials.len())
             .sum();
-        self.generated("generated controller, 10^8 ticks, fixed law", fixed, products);
+        self.generated("generated controller: 10^8 ticks with a fixed law", fixed, products);
         Ok(())
     }
 
