@@ -59,11 +59,13 @@ fn it_makes_the_controller_of_its_settings() {
     let mut own: full::FullPid = full::new_full().unwrap();
     let mut shared: full::FullPid<&PidLaw<f32>> = full::full_with(&law).unwrap();
     let mut plain: plain::PlainPid<plain::PlainLaw> = plain::plain_with(plain::PlainLaw).unwrap();
+    let mut own_plain: plain::PlainPid = plain::new_plain().unwrap();
     let mut sum = 0.0;
     for tick in 0..900 {
         let measured = (tick % 7) as f32 * 0.125;
         assert_eq!(own.tick(1.0, measured).unwrap(), shared.tick(1.0, measured).unwrap());
         sum = plain.tick(1.0, 0.0).unwrap();
+        assert_eq!(own_plain.tick(1.0, 0.0).unwrap(), sum);
     }
     // 0.3 (1 + 2 t^½/Γ(3/2)) at t = 9
     let exact = 0.3 * (1.0 + 2.0 * 3.0 / 0.886_226_925_452_758);
@@ -146,7 +148,7 @@ fn a_constant_that_was_edited_is_not_accepted() {
     assert!(PidLaw::<f32>::sealed(settings, constants, [1, 2, 4], seal).is_none());
     // A law with the seals of other memories.
     let wrong = PidLaw::<f32>::sealed(settings, constants, memories, seal).unwrap();
-    let memory = || fvi_core::Memoryless::<f32>::new();
+    let memory = fvi_core::Memoryless::<f32>::new;
     let made = FractionalPid::generated(&wrong, wrong, memory(), Some(memory()), Some(memory()));
     assert_eq!(made.unwrap_err().parameter, "memory");
 }

@@ -235,9 +235,10 @@ pub fn source_with_tables<T: Sealing + LowerExp>(
          /// None: it has been checked.\n#[inline]\n\
          pub fn new_{small}() -> Result<{camel}Pid, fvi_core::ParameterError> {{\n    \
          {small}_with({large}_LAW)\n}}\n\n\
-         /// The same with this law, by value or by reference: one with other gains, one that loops share,\n\
-         /// or [`{camel}Law`].\n\
-         ///\n/// # Errors\n/// If its orders or its sample time are others than those of the tables.\n#[inline]\n\
+         /// The same with this law, by value or by reference: one with other gains, one that loops\n\
+         /// share, or [`{camel}Law`].\n\
+         ///\n/// # Errors\n\
+         /// If its orders or its sample time are others than those of the tables.\n#[inline]\n\
          pub fn {small}_with<L: core::borrow::Borrow<{law_type}>>(\n    law: L,\n\
          ) -> Result<{camel}Pid<L>, fvi_core::ParameterError> {{\n    \
          let integral = {};\n    let derivative = {};\n    let filter = {};\n    \

@@ -191,8 +191,8 @@ pub fn new_full() -> Result<FullPid, fvi_core::ParameterError> {
     full_with(FULL_LAW)
 }
 
-/// The same with this law, by value or by reference: one with other gains, one that loops share,
-/// or [`FullLaw`].
+/// The same with this law, by value or by reference: one with other gains, one that loops
+/// share, or [`FullLaw`].
 ///
 /// # Errors
 /// If its orders or its sample time are others than those of the tables.

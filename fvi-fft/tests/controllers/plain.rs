@@ -111,8 +111,8 @@ pub fn new_plain() -> Result<PlainPid, fvi_core::ParameterError> {
     plain_with(PLAIN_LAW)
 }
 
-/// The same with this law, by value or by reference: one with other gains, one that loops share,
-/// or [`PlainLaw`].
+/// The same with this law, by value or by reference: one with other gains, one that loops
+/// share, or [`PlainLaw`].
 ///
 /// # Errors
 /// If its orders or its sample time are others than those of the tables.

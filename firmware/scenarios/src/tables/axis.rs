@@ -176,8 +176,8 @@ pub fn new_axis() -> Result<AxisPid, fvi_core::ParameterError> {
     axis_with(AXIS_LAW)
 }
 
-/// The same with this law, by value or by reference: one with other gains, one that loops share,
-/// or [`AxisLaw`].
+/// The same with this law, by value or by reference: one with other gains, one that loops
+/// share, or [`AxisLaw`].
 ///
 /// # Errors
 /// If its orders or its sample time are others than those of the tables.
