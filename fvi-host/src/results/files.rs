@@ -3,12 +3,13 @@
 #[cfg(feature = "pictures")]
 use crate::results::picture::Chart;
 use serde::Serialize;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{self, SyncSender};
-use std::thread::JoinHandle;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 /// A file of results, or a directory for them, could not be written or created.
 #[derive(Debug, thiserror::Error)]
@@ -71,7 +72,7 @@ impl DiskHelper {
         let file = file.try_clone()?;
         // While one flush is in progress one more order can wait; further orders are covered by it.
         let (orders, received) = mpsc::sync_channel(1);
-        let thread = std::thread::Builder::new().spawn(move || {
+        let thread = thread::Builder::new().spawn(move || {
             for () in received {
                 // An error here occurs again when the file is complete, and is reported then.
                 let _ = file.sync_data();
@@ -190,6 +191,22 @@ impl Drop for PartFile {
             let _ = fs::remove_file(&self.part);
         }
     }
+}
+
+/// Locks a file against other processes, and says if another one has it.
+///
+/// What a program has locked and given back stays locked for as long as a child that it has just forked has
+/// not begun its own program: a lock that is taken is tried again for a moment.
+pub(crate) fn lock(file: &File) -> Result<(), TryLockError> {
+    const TRIALS: usize = 20;
+    const PAUSE: Duration = Duration::from_millis(10);
+    for _ in 1..TRIALS {
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => thread::sleep(PAUSE),
+            other => return other,
+        }
+    }
+    file.try_lock()
 }
 
 /// Removes the unfinished files that killed processes have left in a directory: those that no process has

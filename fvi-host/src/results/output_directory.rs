@@ -1,6 +1,6 @@
 //! The directory that the files of a run go to, held by one run at a time.
 
-use crate::results::files::{FileError, remove_abandoned_parts};
+use crate::results::files::{FileError, lock, remove_abandoned_parts};
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -34,7 +34,7 @@ impl OutputDirectory {
         let mut claimed = Self { path: path.to_owned(), made, lock: None };
         let directory = if path.as_os_str().is_empty() { Path::new(".") } else { path };
         if let Ok(file) = File::open(directory) {
-            match file.try_lock() {
+            match lock(&file) {
                 Ok(()) => claimed.lock = Some(file),
                 Err(TryLockError::WouldBlock) => {
                     let reason = "another run is writing to this directory; wait for it, or choose another with `--out`";

@@ -10,7 +10,7 @@
 //! is not done.
 
 use super::SweepError;
-use crate::results::files::{FileError, open_in_place};
+use crate::results::files::{FileError, lock, open_in_place};
 use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -190,7 +190,7 @@ impl Records {
             return Err(SweepError::Incomplete { directory: directory.to_owned(), reasons });
         }
         let file = open_in_place(&path).map_err(&failed)?;
-        if let Err(TryLockError::WouldBlock) = file.try_lock() {
+        if let Err(TryLockError::WouldBlock) = lock(&file) {
             return Err(SweepError::InUse { file: path });
         }
         let head = head(identity);
