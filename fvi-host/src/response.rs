@@ -4,6 +4,7 @@
 mod pictures;
 mod sharp;
 
+use crate::results::csv_row::append_row;
 use crate::results::files::{FileError, remove, write_json, write_text};
 use crate::results::output_directory::OutputDirectory;
 use fvi_core::ParameterError;
@@ -14,7 +15,6 @@ use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::response::{Linearised, SystemPole};
 use serde::Serialize;
 use std::f64::consts::PI;
-use std::fmt::Write as _;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// A number of a response.
@@ -333,7 +333,7 @@ impl Response {
             let mut text = "re,im,frequency,damping\n".to_owned();
             for pole in poles {
                 let numbers = [pole.place.re, pole.place.im, pole.frequency(), pole.damping()];
-                append(&mut text, &numbers);
+                append_row(&mut text, &numbers);
             }
             files.push(("poles.csv".to_owned(), text));
         }
@@ -348,7 +348,11 @@ impl Response {
                     continue;
                 };
                 let mut text = format!("t,{name}\n");
-                kernel.times.iter().zip(values).for_each(|(&time, &value)| append(&mut text, &[time, value]));
+                kernel
+                    .times
+                    .iter()
+                    .zip(values)
+                    .for_each(|(&time, &value)| append_row(&mut text, &[time, value]));
                 files.push((path, text));
             }
         }
@@ -379,16 +383,8 @@ impl Response {
     }
 }
 
-fn append(text: &mut String, numbers: &[f64]) {
-    for (index, number) in numbers.iter().enumerate() {
-        // Writing to a string cannot fail.
-        let _ = write!(text, "{}{number:.16e}", if index > 0 { "," } else { "" });
-    }
-    text.push('\n');
-}
-
 fn complex_table(header: &str, omega: &[f64], values: &[Complex<f64>]) -> String {
     let mut text = format!("{header}\n");
-    omega.iter().zip(values).for_each(|(&omega, value)| append(&mut text, &[omega, value.re, value.im]));
+    omega.iter().zip(values).for_each(|(&omega, value)| append_row(&mut text, &[omega, value.re, value.im]));
     text
 }

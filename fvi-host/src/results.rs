@@ -1,5 +1,6 @@
 //! Results: trajectories, measures of them, pictures, and the files that they are written to.
 
+pub(crate) mod csv_row;
 pub mod files;
 pub(crate) mod growing_file;
 mod levels;

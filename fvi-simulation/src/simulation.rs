@@ -71,7 +71,6 @@ use momentum_offset::MomentumOffset;
 use nalgebra::DMatrix;
 use piece::{Piece, WithinStep};
 use serde::Serialize;
-use std::fmt::Write as _;
 use step_batch::StepBatch;
 
 /// The scalar type of a simulation.
@@ -157,30 +156,6 @@ pub struct GridState {
     /// ∂q_k/∂θ and ∂p_k/∂θ for each parameter of `[sensitivity]`, one after another.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sensitivities: Vec<f64>,
-}
-
-impl GridState {
-    /// Appends a line t,q0,…,p0,…,energy, the run's columns and the sensitivities, with 17 significant
-    /// digits, which identify a number of double precision.
-    pub fn append_row(&self, text: &mut String) {
-        // Writing to a string does not fail.
-        let _ = write!(text, "{:.16e}", self.time);
-        let energy = [&self.energy];
-        let numbers = self.position.iter().chain(&self.momentum).chain(energy).chain(&self.columns);
-        for number in numbers.chain(&self.sensitivities) {
-            let _ = write!(text, ",{number:.16e}");
-        }
-        text.push('\n');
-    }
-
-    /// Appends a line t,x0,… of the unknowns of an equation, in the same way.
-    pub fn append_unknowns(&self, text: &mut String) {
-        let _ = write!(text, "{:.16e}", self.time);
-        for number in self.position.iter().chain(&self.columns) {
-            let _ = write!(text, ",{number:.16e}");
-        }
-        text.push('\n');
-    }
 }
 
 impl Simulation {

@@ -3,6 +3,7 @@
 use super::data::Record;
 use super::plan::{Fit, Free, Model, put_number};
 use super::{Estimate, Fitted, FittedModel};
+use crate::results::csv_row::append_row;
 use crate::results::files::{FileError, remove, write_json, write_text};
 use crate::results::output_directory::OutputDirectory;
 use fvi_scenario::language::put;
@@ -142,10 +143,9 @@ impl Fitted {
             let name = model.name.as_deref().unwrap_or_default().replace('"', "\"\"");
             let (count, chi2) = (model.parameters.len(), model.chi2);
             let (aic, bic) = (model.aic, model.bic);
-            let _ = writeln!(
-                text,
-                "\"{name}\",{count},{chi2:.16e},{aic:.16e},{difference:.16e},{weight:.16e},{bic:.16e}"
-            );
+            // Writing to a string cannot fail.
+            let _ = write!(text, "\"{name}\",{count},");
+            append_row(&mut text, &[chi2, aic, *difference, weight, bic]);
         }
         Some(text)
     }
@@ -180,12 +180,9 @@ impl Fitted {
             let name = format!("profile_{index}.csv");
             match &estimate.profile {
                 Some(profile) => {
-                    let rows = profile.points.iter().fold(String::new(), |mut rows, (value, chi2)| {
-                        // Writing to a string cannot fail.
-                        let _ = writeln!(rows, "{value:.16e},{chi2:.16e}");
-                        rows
-                    });
-                    texts.push((name, format!("value,chi2\n{rows}")));
+                    let mut text = "value,chi2\n".to_owned();
+                    profile.points.iter().for_each(|(value, chi2)| append_row(&mut text, [value, chi2]));
+                    texts.push((name, text));
                 }
                 None => remove(&directory.join(name))?,
             }
@@ -312,12 +309,12 @@ fn residuals(record: &Record, told: &[Vec<f64>]) -> String {
     }
     text.push('\n');
     for (row, place) in record.places.iter().enumerate() {
-        let _ = write!(text, "{place:.16e}");
+        let mut numbers = vec![*place];
         for (column, told) in record.columns.iter().zip(told) {
             let (datum, model, deviation) = (column.values[row], told[row], column.deviations[row]);
-            let _ = write!(text, ",{datum:.16e},{model:.16e},{:.16e},{deviation:.16e}", datum - model);
+            numbers.extend([datum, model, datum - model, deviation]);
         }
-        text.push('\n');
+        append_row(&mut text, &numbers);
     }
     text
 }

@@ -1,5 +1,6 @@
 //! `trajectory.csv` or `trajectory.npz`: one row for each grid point, streamed.
 
+use crate::results::csv_row::append_row;
 use crate::results::growing_file::{GrowingFile, Mark};
 use crate::results::npz_rows::{self, NpzRows};
 use fvi_scenario::scenario::Scenario;
@@ -14,7 +15,7 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Format {
-    /// `trajectory.csv`: `t,q0,…,p0,…,energy`, of an equation `t,x0,…`, with 17 significant digits, and the
+    /// `trajectory.csv`: `t,q0,…,p0,…,energy`, of an equation `t,x0,…`, with the fewest digits that restore the same f64, and the
     /// run's columns, as `u,setpoint,measure` of a controller and `u0,setpoint0,measure0,u1,…` of several.
     #[default]
     Csv,
@@ -254,9 +255,16 @@ impl TrajectoryWriter {
         match &mut self.rows {
             Rows::Csv(file) => {
                 self.line.clear();
+                let row = std::iter::once(&state.time).chain(&state.position);
                 match self.states {
-                    States::Motion => state.append_row(&mut self.line),
-                    States::Unknowns => state.append_unknowns(&mut self.line),
+                    States::Motion => {
+                        let more = state.columns.iter().chain(&state.sensitivities);
+                        append_row(
+                            &mut self.line,
+                            row.chain(&state.momentum).chain([&state.energy]).chain(more),
+                        );
+                    }
+                    States::Unknowns => append_row(&mut self.line, row.chain(&state.columns)),
                 }
                 file.write_all(self.line.as_bytes())
             }

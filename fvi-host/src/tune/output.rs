@@ -3,6 +3,7 @@
 use super::margins::Margins;
 use super::problem::{Specification, Structure, TuningProblem};
 use super::{Allowed, Bound, Plant, Tuning};
+use crate::results::csv_row::append_row;
 use crate::results::files::{FileError, remove, write_json, write_text};
 use crate::results::output_directory::OutputDirectory;
 use fvi_core::{DerivativeFilter, PidGains};
@@ -233,18 +234,17 @@ impl Tuning {
         let mut text = "omega,plant_re,plant_im,loop_re,loop_im,sampled_re,sampled_im\n".to_owned();
         for super::LoopPoint { omega, plant, open, sampled } in &self.response {
             let numbers = [*omega, plant.re, plant.im, open.re, open.im];
-            let cells: Vec<String> = numbers.iter().map(|number| format!("{number:.16e}")).collect();
-            let sampled =
-                sampled.map_or(",".to_owned(), |value| format!("{:.16e},{:.16e}", value.re, value.im));
-            // Writing to a string cannot fail.
-            let _ = writeln!(text, "{},{sampled}", cells.join(","));
+            match sampled {
+                Some(sampled) => append_row(&mut text, numbers.iter().chain([&sampled.re, &sampled.im])),
+                None => {
+                    append_row(&mut text, &numbers);
+                    text.insert_str(text.len() - 1, ",,");
+                }
+            }
         }
         put("loop.csv", text)?;
         let mut text = "t,step,control,load\n".to_owned();
-        for row in &self.steps {
-            let cells: Vec<String> = row.iter().map(|number| format!("{number:.16e}")).collect();
-            let _ = writeln!(text, "{}", cells.join(","));
-        }
+        self.steps.iter().for_each(|row| append_row(&mut text, row));
         put("steps.csv", text)?;
         #[cfg(feature = "pictures")]
         for (name, chart) in super::pictures::charts(self, problem) {
