@@ -134,7 +134,82 @@ fn at<R: Residuals>(
     }
 }
 
+/// An evaluation with its derivatives; `None` where they are undefined.
+fn with_derivatives<R: Residuals>(
+    residuals: &mut R,
+    evaluation: Evaluation,
+    point: &[f64],
+) -> Result<Option<Evaluation>, Refusal<R::End>> {
+    match evaluation.jacobian {
+        Some(_) => Ok(Some(evaluation)),
+        None => at(residuals, point, true),
+    }
+}
+
+/// The residuals as a linear function of the scaled free parameters about a point.
+struct LinearModel {
+    free: Vec<usize>,
+    /// The sizes of the derivatives by the free parameters.
+    scales: Vec<f64>,
+    /// R of the QR factorisation of the scaled derivatives.
+    triangle: DMatrix<f64>,
+    /// Qᵀr.
+    right: DVector<f64>,
+    parts: SingularValues,
+    /// Uᵀ Qᵀr.
+    projected: DVector<f64>,
+}
+
+impl LinearModel {
+    /// `None` if the derivatives have no singular values.
+    fn new(now: &Evaluation, jacobian: &DMatrix<f64>, free: Vec<usize>, scales: Vec<f64>) -> Option<Self> {
+        let columns = DMatrix::from_fn(jacobian.nrows(), free.len(), |row, column| {
+            jacobian[(row, free[column])] / scales[column]
+        });
+        let (triangle, right) = triangle(columns, &now.residuals);
+        let parts = SingularValues::of(triangle.clone())?;
+        let projected = parts.u.tr_mul(&right);
+        Some(Self { free, scales, triangle, right, parts, projected })
+    }
+
+    /// Decrease of the cost that an undamped step would bring.
+    fn potential(&self) -> f64 {
+        let values = &self.parts.values;
+        let steep = |k: &usize| values[*k] > FLAT * values.max();
+        let shares = (0..values.len()).filter(steep).map(|k| self.projected[k] * self.projected[k]);
+        0.5 * shares.sum::<f64>()
+    }
+
+    /// The point after a step damped by a weight, within the region.
+    fn trial(&self, point: &[f64], region: &Region, weight: f64) -> Vec<f64> {
+        let shares = DVector::from_fn(self.parts.values.len(), |k, _| {
+            let sigma = self.parts.values[k];
+            -sigma / (sigma * sigma + weight) * self.projected[k]
+        });
+        let step = self.parts.v_t.tr_mul(&shares);
+        let mut trial = point.to_vec();
+        for (column, &index) in self.free.iter().enumerate() {
+            trial[index] = region.clamped(index, point[index] + step[column] / self.scales[column]);
+        }
+        trial
+    }
+
+    /// Decrease of the cost that the model predicts for a trial point.
+    fn decrease(&self, point: &[f64], trial: &[f64]) -> f64 {
+        let made = DVector::from_fn(self.free.len(), |column, _| {
+            let index = self.free[column];
+            (trial[index] - point[index]) * self.scales[column]
+        });
+        0.5 * (self.right.norm_squared() - (&self.right + &self.triangle * &made).norm_squared())
+    }
+}
+
 impl Region {
+    /// A parameter within its bounds.
+    fn clamped(&self, index: usize, x: f64) -> f64 {
+        x.max(self.lower[index]).min(self.upper[index])
+    }
+
     /// True if a step of the free parameters is too short to change anything.
     fn is_short(&self, free: &[usize], point: &[f64], trial: &[f64]) -> bool {
         free.iter().all(|&index| {
@@ -155,8 +230,7 @@ pub(super) fn minimise<R: Residuals>(
     most: usize,
 ) -> Result<Minimum, Refusal<R::End>> {
     let size = start.len();
-    let clamped = |index: usize, x: f64| x.max(region.lower[index]).min(region.upper[index]);
-    let mut point: Vec<f64> = (0..size).map(|index| clamped(index, start[index])).collect();
+    let mut point: Vec<f64> = (0..size).map(|index| region.clamped(index, start[index])).collect();
     let mut now = residuals.evaluate(&point, true)?;
     if !now.cost().is_finite() {
         return Err(Refusal::Point("the sum of squares there is not a finite number".to_owned()));
@@ -181,19 +255,12 @@ pub(super) fn minimise<R: Residuals>(
         }
         iterations += 1;
         scales.iter_mut().zip(&norms).for_each(|(scale, norm)| *scale = scale.max(*norm));
-        let scale = |index: usize| if scales[index] > 0.0 { scales[index] } else { 1.0 };
-        let columns = DMatrix::from_fn(jacobian.nrows(), free.len(), |row, column| {
-            jacobian[(row, free[column])] / scale(free[column])
-        });
-        // R and Qᵀr of a QR factorisation replace the rows.
-        let (triangle, right) = triangle(columns, &now.residuals);
-        let Some(parts) = SingularValues::of(triangle.clone()) else { break End::Stuck };
-        let projected = parts.u.tr_mul(&right);
+        let scales_of_free = free.iter().map(|&index| if scales[index] > 0.0 { scales[index] } else { 1.0 });
+        let Some(model) = LinearModel::new(&now, jacobian, free.clone(), scales_of_free.collect()) else {
+            break End::Stuck;
+        };
         let cost = now.cost();
-        // Decrease that an undamped step would bring if the model were linear.
-        let steep = |k: &usize| parts.values[*k] > FLAT * parts.values.max();
-        let shares = (0..parts.values.len()).filter(steep).map(|k| projected[k] * projected[k]);
-        let potential = 0.5 * shares.sum::<f64>();
+        let potential = model.potential();
         if potential <= LEAST_GAIN * cost {
             break End::Converged;
         }
@@ -204,20 +271,8 @@ pub(super) fn minimise<R: Residuals>(
         let is_done = potential <= NO_GAIN * cost || potential <= noise;
         let end_of_short = if is_done { End::Converged } else { End::Stuck };
         let (next, step_end) = loop {
-            let shares = DVector::from_fn(parts.values.len(), |k, _| {
-                let sigma = parts.values[k];
-                -sigma / (sigma * sigma + weight) * projected[k]
-            });
-            let step = parts.v_t.tr_mul(&shares);
-            let mut trial = point.clone();
-            for (column, &index) in free.iter().enumerate() {
-                trial[index] = clamped(index, point[index] + step[column] / scale(index));
-            }
-            let made = DVector::from_fn(free.len(), |column, _| {
-                let index = free[column];
-                (trial[index] - point[index]) * scale(index)
-            });
-            let predicted = 0.5 * (right.norm_squared() - (&right + &triangle * &made).norm_squared());
+            let trial = model.trial(&point, region, weight);
+            let predicted = model.decrease(&point, &trial);
             let is_short = region.is_short(&free, &point, &trial);
             if predicted > 0.0
                 && let Some(tried) = at(residuals, &trial, growth == 2.0)?
@@ -227,10 +282,7 @@ pub(super) fn minimise<R: Residuals>(
                 if is_finite && gained > 1e-4 * predicted {
                     // A point without derivatives, where the next step could not begin, is avoided like one
                     // without residuals.
-                    let whole = match tried.jacobian {
-                        Some(_) => Some(tried),
-                        None => at(residuals, &trial, true)?,
-                    };
+                    let whole = with_derivatives(residuals, tried, &trial)?;
                     if let Some(whole) = whole {
                         let ratio = 2.0 * gained / predicted - 1.0;
                         weight = (weight * (1.0 - ratio * ratio * ratio).clamp(0.1, 1.0)).max(1e-16);
@@ -238,10 +290,7 @@ pub(super) fn minimise<R: Residuals>(
                         break (Some((trial, whole)), is_short.then_some(end_of_short));
                     }
                 } else if is_finite && potential <= UNSEEN * cost && gained.abs() <= UNSEEN * cost {
-                    let whole = match tried.jacobian {
-                        Some(_) => Some(tried),
-                        None => at(residuals, &trial, true)?,
-                    };
+                    let whole = with_derivatives(residuals, tried, &trial)?;
                     match whole.filter(|whole| 2.0 * slope_along(whole, &free) < slope_along(&now, &free)) {
                         Some(whole) => {
                             weight = (0.1 * weight).max(1e-16);

@@ -15,8 +15,9 @@ use std::path::{Path, PathBuf};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Format {
-    /// `trajectory.csv`: `t,q0,…,p0,…,energy`, of an equation `t,x0,…`, with the fewest digits that restore the same f64, and the
-    /// run's columns, as `u,setpoint,measure` of a controller and `u0,setpoint0,measure0,u1,…` of several.
+    /// `trajectory.csv`: `t,q0,…,p0,…,energy`, of an equation `t,x0,…`, with the fewest digits that restore
+    /// the same f64, and the run's columns, as `u,setpoint,measure` of a controller and
+    /// `u0,setpoint0,measure0,u1,…` of several.
     #[default]
     Csv,
     /// `trajectory.npz`: the NumPy arrays `t` (rows), `q` and `p` (rows × coordinates) and `energy` (rows),
