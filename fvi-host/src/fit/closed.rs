@@ -70,7 +70,14 @@ impl<'s> Closed<'s> {
                 Observed::LossFactor => value.im / value.re,
                 Observed::Relaxation => self.relaxation(place)?,
                 Observed::Creep => self.creep(place)?,
-                _ => f64::NAN,
+                Observed::Position(_)
+                | Observed::Momentum(_)
+                | Observed::Velocity(_)
+                | Observed::Acceleration(_)
+                | Observed::Energy => {
+                    let said = "a closed form has no states of a motion: responses and moduli alone";
+                    return Err(NoPrediction::Refused(said.to_owned()));
+                }
             };
         }
         Ok(())

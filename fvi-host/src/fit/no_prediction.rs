@@ -12,6 +12,13 @@ pub(super) enum NoPrediction {
     Stopped,
 }
 
+impl NoPrediction {
+    /// A motion is asked for what only closed forms have.
+    pub(super) fn of_a_motion() -> Self {
+        Self::Refused("a motion has states and an energy, no response, modulus or relaxation".to_owned())
+    }
+}
+
 impl From<InputError> for NoPrediction {
     fn from(error: InputError) -> Self {
         Self::Refused(said(&error))

@@ -390,14 +390,14 @@ impl<'f> Predictions<'f> {
                     let Need { place, what, stencil } = &needs[number];
                     let at = index - stencil.first;
                     let share = stencil.shares[at];
-                    let value = derived.value(*what);
+                    let value = derived.value(*what)?;
                     predicted.values[*place] += share * value;
                     if let Some(lower) = stencil.lower.get(at) {
                         predicted.unresolved[*place] += (share - lower) * value;
                     }
                     if let Some(jacobian) = &mut predicted.jacobian {
                         for (column, &parameter) in by.iter().enumerate() {
-                            jacobian[(*place, parameter)] += share * derived.slope(*what, column);
+                            jacobian[(*place, parameter)] += share * derived.slope(*what, column)?;
                         }
                     }
                 }
@@ -624,24 +624,24 @@ impl Derived {
         }
     }
 
-    fn value(&self, what: Observed) -> f64 {
-        match what {
+    fn value(&self, what: Observed) -> Result<f64, NoPrediction> {
+        Ok(match what {
             Observed::Position(index) => self.position[index],
             Observed::Momentum(index) => self.momentum[index],
             Observed::Velocity(index) | Observed::Acceleration(index) => self.velocity[index],
             Observed::Energy => self.energy,
-            _ => f64::NAN,
-        }
+            _ => return Err(NoPrediction::of_a_motion()),
+        })
     }
 
-    fn slope(&self, what: Observed, column: usize) -> f64 {
+    fn slope(&self, what: Observed, column: usize) -> Result<f64, NoPrediction> {
         let at = column * self.position.len();
-        match what {
+        Ok(match what {
             Observed::Position(index) => self.position_slopes[at + index],
             Observed::Momentum(index) => self.momentum_slopes[at + index],
             Observed::Velocity(index) | Observed::Acceleration(index) => self.velocity_slopes[at + index],
             Observed::Energy => self.energy_slopes[column],
-            _ => f64::NAN,
-        }
+            _ => return Err(NoPrediction::of_a_motion()),
+        })
     }
 }
