@@ -8,8 +8,7 @@ use super::symbol::symbol_derivative;
 use super::system::Derivative;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
-use crate::language::expression::Expression;
-use crate::language::expression::Symbols;
+use crate::language::expression::{Expression, ExpressionError, Symbols};
 use fvi_fft::transfer::derivative::TransferDerivative;
 use serde::{Serialize, Serializer};
 
@@ -81,6 +80,100 @@ pub struct Named {
     pub elongations: Vec<(usize, Expression)>,
     /// Derivatives of kernels whose `symbol` contains it, each with the index of the damping term.
     pub kernels: Vec<(usize, TransferDerivative)>,
+}
+
+impl Named {
+    /// The expressions in which several constants are variables together, in their order after the others;
+    /// without kernels, and with the value of this one.
+    ///
+    /// # Errors
+    /// If an expression cannot be read again.
+    pub fn together(&self, scenario: &Scenario, names: &[&str]) -> Result<Self, InputError> {
+        let fault = |error| scenario.error_at("sensitivity.parameters", Problem::Expression(error));
+        Self::read(scenario, (names, self.value), &fault)
+    }
+
+    fn read(
+        scenario: &Scenario,
+        (names, value): (&[&str], f64),
+        fault: &dyn Fn(ExpressionError) -> InputError,
+    ) -> Result<Self, InputError> {
+        let system = &scenario.system;
+        let others = others(scenario, names);
+        let variables = || names.iter().map(|&name| name.to_owned());
+        let count = scenario.coordinates();
+        // The expression with the constants as additional variables; `None` if none of them occurs in it.
+        let again = |expression: &Expression, symbols: Symbols, before: usize| -> Result<_, InputError> {
+            let symbols = symbols.with_variables(variables());
+            let parsed = Expression::parse(expression.text(), &symbols).map_err(fault)?;
+            Ok(parsed.root().has_variable_from(before).then_some(parsed))
+        };
+        let potential = match &system.potential {
+            Some(potential) => again(potential, others.clone().with_coordinates(count), count)?,
+            None => None,
+        };
+        let mut force = None;
+        if let Some(components) = &system.force {
+            // The constants come after positions and, if they are variables, velocities.
+            let moves = system.force_in_words_depends_on_velocity();
+            let before = if moves { 2 * count } else { count };
+            let symbols = || {
+                let symbols = others.clone().with_time().with_coordinates(count);
+                match moves {
+                    true => symbols.with_velocities(count, |other| names.contains(&other)),
+                    false => symbols,
+                }
+                .with_variables(variables())
+            };
+            let parsed = components.iter().map(|component| Expression::parse(component.text(), &symbols()));
+            let parsed: Vec<Expression> = parsed.collect::<Result<_, _>>().map_err(fault)?;
+            let occurs = parsed.iter().any(|component| component.root().has_variable_from(before));
+            force = occurs.then_some(parsed);
+        }
+        let mut elements = Vec::new();
+        for (index, Element { potential, coordinates }) in system.elements.iter().enumerate() {
+            let width = coordinates.first().map_or(0, Vec::len);
+            let inside = (0..width).map(|index| format!("x{index}"));
+            let parsed = again(potential, others.clone().with_variables(inside), width)?;
+            elements.extend(parsed.map(|parsed| (index, parsed)));
+        }
+        let mut loads = Vec::new();
+        for (index, load) in system.loads.iter().enumerate() {
+            if let Amplitude::Expression(amplitude) = &load.amplitude {
+                let parsed = again(amplitude, others.clone().with_time(), 0)?;
+                loads.extend(parsed.map(|parsed| (index, parsed)));
+            }
+        }
+        let kinetic = match &system.kinetic {
+            Some(kinetic) => {
+                let symbols = others.clone().with_coordinates(count);
+                let symbols = symbols.with_velocities(count, |other| names.contains(&other));
+                again(kinetic, symbols, 2 * count)?
+            }
+            None => None,
+        };
+        let of_position = |expressions: &mut dyn Iterator<Item = &Expression>| {
+            let mut found = Vec::new();
+            for (index, expression) in expressions.enumerate() {
+                let parsed = again(expression, others.clone().with_coordinates(count), count)?;
+                found.extend(parsed.map(|parsed| (index, parsed)));
+            }
+            Ok::<_, InputError>(found)
+        };
+        let constraints = of_position(&mut system.constraints.iter())?;
+        let elongations = of_position(&mut system.elongations())?;
+        let kernels = Vec::new();
+        Ok(Self { value, potential, force, elements, loads, kinetic, constraints, elongations, kernels })
+    }
+}
+
+/// The constants of a scenario but those of these names.
+fn others(scenario: &Scenario, names: &[&str]) -> Symbols {
+    let parameters = scenario.system.parameters.iter();
+    let others = parameters.filter(|(other, _)| !names.contains(&other.as_str()));
+    others.fold(Symbols::new(), |symbols, (other, &value)| {
+        symbols.clone().with_parameter(other, value).unwrap_or(symbols)
+    })
 }
 
 impl Quantity {
@@ -346,99 +439,21 @@ impl Reader<'_> {
             let known: Vec<&str> = system.parameters.keys().map(String::as_str).collect();
             return Err(self.refused(format!("one of `system.parameters`: {}", known.join(", "))));
         };
-        let others = system.parameters.iter().filter(|(other, _)| *other != name);
-        let others = others.fold(Symbols::new(), |symbols, (other, &value)| {
-            symbols.clone().with_parameter(other, value).unwrap_or(symbols)
-        });
-        let variable = || std::iter::once(name.to_owned());
-        let count = self.scenario.coordinates();
-        // The expression with the constant as an additional variable; `None` if the constant does not occur
-        // in it.
-        let again = |expression: &Expression, symbols: Symbols, before: usize| -> Result<_, InputError> {
-            let symbols = symbols.with_variables(variable());
-            let parsed = Expression::parse(expression.text(), &symbols)
-                .map_err(|error| self.value.error(Problem::Expression(error)))?;
-            Ok(parsed.root().has_variable(before).then_some(parsed))
-        };
-        let potential = match &system.potential {
-            Some(potential) => again(potential, others.clone().with_coordinates(count), count)?,
-            None => None,
-        };
-        let mut force = None;
-        if let Some(components) = &system.force {
-            // The constant comes after positions and, if they are variables, velocities.
-            let moves = system.force_in_words_depends_on_velocity();
-            let variables = if moves { 2 * count } else { count };
-            let symbols = || {
-                let symbols = others.clone().with_time().with_coordinates(count);
-                match moves {
-                    true => symbols.with_velocities(count, |other| other == name),
-                    false => symbols,
-                }
-                .with_variables(variable())
-            };
-            let parsed = components.iter().map(|component| {
-                Expression::parse(component.text(), &symbols())
-                    .map_err(|error| self.value.error(Problem::Expression(error)))
-            });
-            let parsed: Vec<Expression> = parsed.collect::<Result<_, _>>()?;
-            force = parsed.iter().any(|component| component.root().has_variable(variables)).then_some(parsed);
-        }
-        let mut elements = Vec::new();
-        for (index, Element { potential, coordinates }) in system.elements.iter().enumerate() {
-            let width = coordinates.first().map_or(0, Vec::len);
-            let names = (0..width).map(|index| format!("x{index}"));
-            let parsed = again(potential, others.clone().with_variables(names), width)?;
-            elements.extend(parsed.map(|parsed| (index, parsed)));
-        }
-        let mut loads = Vec::new();
-        for (index, load) in system.loads.iter().enumerate() {
-            if let Amplitude::Expression(amplitude) = &load.amplitude {
-                let parsed = again(amplitude, others.clone().with_time(), 0)?;
-                loads.extend(parsed.map(|parsed| (index, parsed)));
-            }
-        }
-        let kinetic = match &system.kinetic {
-            Some(kinetic) => {
-                let symbols = others.clone().with_coordinates(count);
-                again(kinetic, symbols.with_velocities(count, |other| other == name), 2 * count)?
-            }
-            None => None,
-        };
-        let of_position = |expressions: &mut dyn Iterator<Item = &Expression>| {
-            let mut found = Vec::new();
-            for (index, expression) in expressions.enumerate() {
-                let parsed = again(expression, others.clone().with_coordinates(count), count)?;
-                found.extend(parsed.map(|parsed| (index, parsed)));
-            }
-            Ok::<_, InputError>(found)
-        };
-        let constraints = of_position(&mut system.constraints.iter())?;
-        let elongations = of_position(&mut system.elongations())?;
-        let mut kernels = Vec::new();
+        let fault = |error| self.value.error(Problem::Expression(error));
+        let mut named = Named::read(self.scenario, (&[name], value), &fault)?;
+        let others = others(self.scenario, &[name]);
         for (term, damping) in system.damping.iter().enumerate() {
             if !self.has(term, "kernel.symbol") {
                 continue;
             }
             let Some(text) = damping.transfer.text() else { continue };
-            let symbols = others.clone().with_variables(["s".to_owned()]).with_variables(variable());
-            let parsed = Expression::parse(text, &symbols)
-                .map_err(|error| self.value.error(Problem::Expression(error)))?;
+            let symbols = others.clone().with_variables(["s".to_owned()]).with_variables([name.to_owned()]);
+            let parsed = Expression::parse(text, &symbols).map_err(fault)?;
             if parsed.root().has_variable(1) {
-                kernels.push((term, self.symbol(term, parsed, value)?));
+                named.kernels.push((term, self.symbol(term, parsed, value)?));
             }
         }
-        Ok(Quantity::Named(Box::new(Named {
-            value,
-            potential,
-            force,
-            elements,
-            loads,
-            kinetic,
-            constraints,
-            elongations,
-            kernels,
-        })))
+        Ok(Quantity::Named(Box::new(named)))
     }
 
     /// The derivative of the symbol of a term by a constant in it.

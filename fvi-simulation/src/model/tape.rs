@@ -19,6 +19,7 @@ mod potential;
 mod program;
 mod rough;
 mod sides;
+mod slopes;
 mod time_terms;
 mod unbounded;
 
@@ -28,6 +29,7 @@ pub use potential::{CompiledPotential, QuadraticPart};
 pub(super) use program::{LANES, LaneRegisters, OwnRegisters};
 pub use rough::{RoughArgument, RoughArguments};
 pub use sides::CompiledSides;
+pub use slopes::CompiledSlopes;
 pub use time_terms::{TimeTerms, terms};
 pub use unbounded::{Singularity, Unbounded};
 

@@ -1,5 +1,6 @@
 //! Gradients: derivatives of one function of a discrete motion by any number of parameters.
 
+mod constants;
 mod term;
 
 use crate::model::{AnyScheme, AnySpace, Matrix, Model, StepShape};
@@ -7,6 +8,7 @@ use crate::simulation::step_batch::StepBatch;
 use crate::simulation::tangent::explicit::Direct;
 use crate::simulation::tangent::points::{Points, Step, StepMatrix};
 use crate::simulation::tangent::{Beginning, Solver, Turning, add, gyroscopic, refuse_rough, solver};
+use constants::Constants;
 use fvi_core::{ActsOn, Block, Mechanics, MemoryError, Sampling, Scheme};
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::{InputError, Problem};
@@ -132,6 +134,7 @@ pub struct Adjoint {
     points: Points,
     parameters: Vec<Parameter>,
     direct: Vec<(usize, Direct)>,
+    constants: Option<Constants>,
     mass_changes: Vec<(usize, Vec<(usize, usize)>)>,
     gives_velocity: bool,
     /// q₀, v₀ and t₀ of the memories.
@@ -198,7 +201,7 @@ impl Adjoint {
         let of_position = |what: &Quantity| matches!(what, Quantity::Position(_));
         let direct = parameters.iter().enumerate().filter(|(_, parameter)| !of_position(&parameter.what));
         let direct = direct.flat_map(|(index, parameter)| {
-            Direct::all(scenario, &parameter.what).into_iter().map(move |part| (index, part))
+            Direct::beside_expressions(scenario, &parameter.what).into_iter().map(move |part| (index, part))
         });
         let changes = beginning.mass_changes.into_iter().enumerate();
         let zeros = |count: usize| vec![0.0; count * size];
@@ -213,6 +216,7 @@ impl Adjoint {
             model,
             parameters: parameters.to_vec(),
             direct: direct.collect(),
+            constants: Constants::new(scenario, parameters)?,
             mass_changes: changes.filter(|(_, change)| !change.is_empty()).collect(),
             gives_velocity: scenario.document().has("initial.velocity"),
             base: scenario.initial.base().to_vec(),
@@ -437,7 +441,7 @@ impl Adjoint {
     /// Adds the derivatives by parameters in the mass, the forces, and gyroscopic matrices.
     fn attribute(&mut self, step: &Step<'_>) {
         let (n, h, shape) = (self.size, self.step, step.shape);
-        let Self { cotangents, points, gradient, .. } = self;
+        let Self { cotangents, points, gradient, constants, .. } = self;
         let Cotangents { forces, columns, momentum, .. } = &*cotangents;
         let multipliers = columns.as_slice();
         let parameters = &mut gradient.parameters;
@@ -462,6 +466,9 @@ impl Adjoint {
             let instant = points.instant(step, i);
             for (parameter, part) in &mut self.direct {
                 parameters[*parameter] += part.weighted(instant, points.at(i), &forces[i * n..][..n]);
+            }
+            if let Some(constants) = constants {
+                constants.visit(instant, points.at(i), &forces[i * n..][..n]);
             }
         }
         let mut turned = vec![0.0; n];
@@ -599,6 +606,7 @@ impl Adjoint {
             }
         }
         self.terms.iter_mut().for_each(|term| term.correlate(&mut self.gradient.parameters));
+        self.constants.iter().for_each(|constants| constants.finish(&mut self.gradient.parameters));
         let Cotangents { position, momentum, base, velocity, .. } = &self.cotangents;
         let (mut by_position, mut by_momentum) = (position.clone(), momentum.clone());
         add(&mut by_position, 1.0, base);

@@ -114,6 +114,26 @@ fn gradients_are_the_sums_of_sensitivities() {
 }
 
 #[test]
+fn constants_of_expressions_are_differentiated_together() {
+    // In a potential, elements, a force that depends on velocities, and a load; some in several of them.
+    let text = "[system]\nmass = [1.0, 2.0]\n\
+        potential = \"a*cos(b*q0) + c^2*q1^4/(1 + d*q0^2) + exp(-e*q1^2)*abs(f*q0 + 0.3) + max(g*q0, q1)*0.1 + hypot(h*q0, 1)\"\n\
+        force = [\"-a*v0*abs(v0) + k*sin(w*t)\", \"-(k + 0.1)*tanh(v1) + atan2(l*q0, 2)\"]\n\
+        parameters = { a = 0.4, b = 1.3, c = 0.7, d = 0.2, e = 0.5, f = 0.6, g = 0.9, h = 1.1, k = 0.3, w = 1.7, l = 0.8, u = 1.2 }\n\
+        [[system.damping]]\norder = 0.5\ncoefficient = [0.2, 0.3]\n\
+        [[system.element]]\npotential = \"0.5*u*(x1 - x0)^2 + b*(x1 - x0)^4\"\ncoordinates = [[0, 1]]\n\
+        [[system.load]]\npattern = { coordinate = 1, value = 2.0 }\namplitude = \"l*cos(w*t)\"\n\
+        [initial]\nposition = [0.4, -0.3]\nmomentum = [0.1, 0.2]\n[time]\nstep = 0.05\nsteps = 80\n\
+        [sensitivity]\nparameters = [NAMES]\n";
+    let names =
+        "abcdefghkwlu".chars().map(|name| format!("\"system.parameters.{name}\"")).collect::<Vec<_>>();
+    for scheme in ["", "[scheme]\nkind = \"galerkin\"\ndegree = 2\n", "[scheme]\nkind = \"collocation\"\n"] {
+        let text = text.replace("NAMES", &names.join(", ")).replace("[time]", &format!("{scheme}[time]"));
+        eprintln!("{:e}", error(&text, 3, MOST_BYTES));
+    }
+}
+
+#[test]
 fn stretches_that_are_made_again_change_nothing() {
     for (case, scheme) in
         [(&PENDULUM, ""), (&LINEAR, SCHEMES[4]), (&STAGES, STAGED[4]), (&PENDULUM, SCHEMES[2])]

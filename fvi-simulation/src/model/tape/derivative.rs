@@ -35,10 +35,13 @@ impl Derivatives {
     }
 }
 
+/// Index of the derivative along a direction.
+pub(super) const ALONG: u32 = u32::MAX;
+
 impl Graph {
     /// Adds the tree to the graph.
     pub(super) fn differentiate(&mut self, node: &Node, order: Order) -> Derivatives {
-        Differentiation { graph: self, order, sides: None }.node(node)
+        Differentiation { graph: self, order, sides: None, along: None }.node(node)
     }
 
     /// Adds the tree to the graph, with the sides of jumps and kinks as inputs.
@@ -48,7 +51,15 @@ impl Graph {
         order: Order,
         sides: &mut SideArguments,
     ) -> Derivatives {
-        Differentiation { graph: self, order, sides: Some(sides) }.node(node)
+        Differentiation { graph: self, order, sides: Some(sides), along: None }.node(node)
+    }
+
+    /// Adds the tree in `width` variables x and `constants` further ones θ to the graph. Its derivatives are
+    /// those by θ and along a direction λ, whose components are variables after θ: the index [`ALONG`] stands
+    /// for Σ λ_i ∂/∂x_i. The entries of the Hessian are those of the row of this index by θ.
+    pub(super) fn differentiate_along(&mut self, node: &Node, [width, constants]: [u32; 2]) -> Derivatives {
+        let along = Some([width, constants]);
+        Differentiation { graph: self, order: Order::Hessian, sides: None, along }.node(node)
     }
 }
 
@@ -57,6 +68,8 @@ struct Differentiation<'a> {
     order: Order,
     /// The jumps and kinks whose sides are inputs, if any.
     sides: Option<&'a mut SideArguments>,
+    /// Numbers of variables and constants, if variables are differentiated along a direction.
+    along: Option<[u32; 2]>,
 }
 
 impl Differentiation<'_> {
@@ -68,7 +81,12 @@ impl Differentiation<'_> {
             Kind::Variable(index) => {
                 let index = u32::try_from(*index).expect("a variable's index is below 2³²");
                 let value = self.graph.insert(Origin::Variable(index));
-                let slope = (self.order >= Order::Gradient).then(|| (index, self.graph.constant(1.0)));
+                let slope = (self.order >= Order::Gradient).then(|| match self.along {
+                    Some([width, constants]) if index < width => {
+                        (ALONG, self.graph.insert(Origin::Variable(width + constants + index)))
+                    }
+                    _ => (index, self.graph.constant(1.0)),
+                });
                 Derivatives { gradient: slope.into_iter().collect(), ..Derivatives::constant(value) }
             }
             Kind::Negation(inner) => {
@@ -165,14 +183,22 @@ impl Differentiation<'_> {
         sums
     }
 
+    /// True if the entry of the Hessian in row i and column j ≤ i is computed.
+    fn asks(&self, i: u32, j: u32) -> bool {
+        self.along.is_none() || (i == ALONG && j != ALONG)
+    }
+
     /// x_i·y_j + x_j·y_i for i ≥ j.
     fn cross(&mut self, x: &[(u32, Value)], y: &[(u32, Value)]) -> Vec<(Entry, Value)> {
         if self.order < Order::Hessian {
             return Vec::new();
         }
-        let mut entries = Vec::with_capacity(x.len() * y.len());
+        let mut entries = Vec::new();
         for &(i, x) in x {
             for &(j, y) in y {
+                if !self.asks(i.max(j), i.min(j)) {
+                    continue;
+                }
                 let product = self.graph.multiply(x, y);
                 let entry = if i == j { self.graph.add(product, product) } else { product };
                 entries.push(((i.max(j), i.min(j)), entry));
@@ -236,9 +262,12 @@ impl Differentiation<'_> {
         if self.order < Order::Hessian {
             return Vec::new();
         }
-        let mut entries = Vec::with_capacity(x.len() * (x.len() + 1) / 2);
+        let mut entries = Vec::new();
         for (count, &(i, row)) in x.iter().enumerate() {
             for &(j, column) in &x[..=count] {
+                if !self.asks(i, j) {
+                    continue;
+                }
                 let square = self.graph.multiply(row, column);
                 entries.push(((i, j), self.graph.scale(factor, square)));
             }

@@ -60,6 +60,15 @@ impl Buffers {
 impl Direct {
     /// All parts of ∂G/∂θ of a parameter.
     pub(in crate::simulation) fn all(scenario: &Scenario, what: &Quantity) -> Vec<Self> {
+        let mut parts = Self::beside_expressions(scenario, what);
+        if let Quantity::Named(named) = what {
+            parts.push(Self::Expressions(Box::new(Expressions::new(scenario, named))));
+        }
+        parts
+    }
+
+    /// Those besides derivatives of expressions.
+    pub(in crate::simulation) fn beside_expressions(scenario: &Scenario, what: &Quantity) -> Vec<Self> {
         let damping = &scenario.system.damping;
         let size = scenario.coordinates();
         // Rest position of the spring of a term.
@@ -95,9 +104,6 @@ impl Direct {
                 if restoring.iter().any(|&x| x != 0.0) {
                     parts.push(Self::Constant(restoring));
                 }
-            }
-            Quantity::Named(named) => {
-                parts.push(Self::Expressions(Box::new(Expressions::new(scenario, named))));
             }
             _ => {}
         }
