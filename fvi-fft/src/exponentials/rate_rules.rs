@@ -6,6 +6,7 @@
 
 use crate::exponentials::exponential_table::{JacobiMatrix, LONGEST_RULE};
 use crate::quadrature::inverse::inverse;
+use fvi_core::{Resolvent, RungeKutta};
 use nalgebra::{SMatrix, SVector};
 use std::ops::Range;
 
@@ -196,20 +197,45 @@ pub(crate) fn late_responses(horizon: f64) -> Vec<Responses> {
 }
 
 /// The entries of (I + h′λA)⁻¹1 · R(−hλ)ⁿ · e_Rᵀ(I + hλA)⁻¹ for the shortest step h, some n and h′ ≥ h.
-pub(crate) fn early_responses<const R: usize>(matrix: &SMatrix<f64, R, R>, shortest: f64) -> Vec<Responses> {
-    let matrix = *matrix;
+pub(crate) fn early_responses<const R: usize>(method: &RungeKutta<R>, shortest: f64) -> Vec<Responses> {
+    let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
+    let resolvents = Resolvent::<f64, R>::new(method);
+    let at = move |x: f64| if R > 4 { vectors_of(&resolvents, x) } else { vectors_by_inverse(&matrix, x) };
     let of = |ratio: f64| -> Responses {
         Box::new(move |rate, values| {
-            let before = resolvent(&matrix, shortest * rate);
-            let here = resolvent(&matrix, ratio * shortest * rate) * SVector::repeat(1.0);
-            let decay = before.row(R - 1).sum();
+            let ((_, before), (here, _)) = (at(shortest * rate), at(ratio * shortest * rate));
+            let decay: f64 = before.iter().sum();
             for steps in [0, 1, 4] {
-                let entry = |entry: usize| here[entry / R] * decay.powi(steps) * before[(R - 1, entry % R)];
+                let entry = |entry: usize| here[entry / R] * decay.powi(steps) * before[entry % R];
                 values.extend((0..R * R).map(entry));
             }
         })
     };
     [1.0, 3.0, 30.0].map(of).into()
+}
+
+/// (I + xA)⁻¹ 1 and e_Rᵀ (I + xA)⁻¹.
+fn vectors_by_inverse<const R: usize>(matrix: &SMatrix<f64, R, R>, x: f64) -> ([f64; R], [f64; R]) {
+    let inverse = resolvent(matrix, x);
+    let ones = inverse * SVector::<f64, R>::repeat(1.0);
+    (std::array::from_fn(|stage| ones[stage]), std::array::from_fn(|stage| inverse[(R - 1, stage)]))
+}
+
+/// The same from the polynomials of the resolvent, for methods whose matrices are larger.
+fn vectors_of<const R: usize>(resolvent: &Resolvent<f64, R>, x: f64) -> ([f64; R], [f64; R]) {
+    // As homogeneous forms of two numbers of which none is larger than 1.
+    let (high, low) = if x <= 1.0 { (x, 1.0) } else { (1.0, 1.0 / x) };
+    let (mut column, mut row, mut determinant) = ([0.0; R], [0.0; R], 1.0);
+    let mut power = 1.0;
+    let coefficients = resolvent.columns().iter().zip(resolvent.rows()).zip(resolvent.determinant());
+    for ((columns, rows), p) in coefficients {
+        column.iter_mut().zip(columns).for_each(|(sum, c)| *sum = *sum * low + c * power);
+        row.iter_mut().zip(rows).for_each(|(sum, c)| *sum = *sum * low + c * power);
+        power *= high;
+        determinant = determinant * low + p * power;
+    }
+    let factor = low / determinant;
+    (column.map(|number| number * factor), row.map(|number| number * factor))
 }
 
 /// The entries of hA(I + hλA)⁻¹, the contribution of a relaxation within a step of length h.

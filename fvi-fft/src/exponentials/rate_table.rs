@@ -52,7 +52,7 @@ pub fn rate_table<T: Real, const R: usize>(
         Vec::new()
     } else {
         Power { mu: exponent.ceil() - exponent, jump: (PI * (exponent - exponent.round())).sin().abs() / PI }
-            .compressed(early_responses(&matrix, shortest), [shortest, horizon], tolerance)
+            .compressed(early_responses(method, shortest), [shortest, horizon], tolerance)
     };
     let leading = (0..R * R).map(|index| T::of(leading[(index / R, index % R)])).collect();
     Ok(table(exponent, leading, &relaxations, [shortest, horizon]))
@@ -215,7 +215,7 @@ pub fn rate_table_of<T: Real, const R: usize>(
             .map(|node| Relaxation { coefficient: node.coefficient.abs(), ..*node })
             .collect();
         let within = [1.0, 30.0].map(|ratio| responses_beyond(&matrix, ratio * shortest));
-        let early = early_responses(&matrix, shortest).into_iter().chain(within).collect();
+        let early = early_responses(method, shortest).into_iter().chain(within).collect();
         let late = late_responses(horizon).into_iter().chain([responses_within(&matrix, horizon)]).collect();
         let closing = Some(ENDLESS / shortest);
         let compression = Compression { early, late, shortest, horizon, tolerance, closing };
