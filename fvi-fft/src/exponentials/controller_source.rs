@@ -408,7 +408,7 @@ fn write_law<T: Sealing>(text: &mut String, small: &str, law: &PidLaw<T>, memori
          pub const fn {small}_law() -> Result<fvi_core::PidLaw<{scalar}>, fvi_core::ParameterError> {{\n    \
          Ok({large}_LAW)\n}}\n\n\
          /// [`{large}_LAW`] as a type: a controller with it needs no storage for it, and only the code for\n\
-         /// what it uses.\n#[derive(Clone, Copy, Debug)]\npub struct {camel}Law;\n\n\
+         /// what it uses.\n#[derive(Clone, Copy, Debug)]\n#[allow(dead_code)]\npub struct {camel}Law;\n\n\
          impl core::borrow::Borrow<fvi_core::PidLaw<{scalar}>> for {camel}Law {{\n    #[inline(always)]\n    \
          fn borrow(&self) -> &fvi_core::PidLaw<{scalar}> {{\n        \
          const LAW: &fvi_core::PidLaw<{scalar}> = &{large}_LAW;\n        LAW\n    }}\n}}\n",
@@ -436,7 +436,7 @@ mod tests {
         for passage in [
             "pub const TWO_AXES_INTEGRAL: fvi_core::ExponentialTable<&[f32]>",
             "pub const TWO_AXES_DERIVATIVE: fvi_core::ExponentialTable<&[f32]>",
-            "pub fn two_axes_law()",
+            "pub const fn two_axes_law()",
             "proportional: 8.0, integral: 4.0, derivative: 0.1",
             "sample: Some(0.001)",
             "limits: [f32::NEG_INFINITY, f32::INFINITY]",
@@ -449,14 +449,18 @@ mod tests {
         }
         // Numbers in the precision of the settings; tables without a horizon on request.
         let gains = PidGains::Parallel { proportional: 0.1, integral: 4.0, derivative: 0.0 };
-        let source = controller_source::<f64>("a", &PidSettings::new(gains, 0.5), ENDLESS, 1e-12).unwrap();
+        let without = PidSettings { integral_order: 0.9, ..PidSettings::new(gains, 0.5) };
+        let source = controller_source::<f64>("a", &without, ENDLESS, 1e-12).unwrap();
         assert!(source.contains("proportional: 0.1, ") && source.contains("::ENDLESS"), "{source}");
         // Without a derivative there is no memory for it.
         assert!(source.contains("fvi_core::Memoryless<f64>") && !source.contains("DERIVATIVE"), "{source}");
         let filter = DerivativeFilter::Fractional { time: 0.1, order: 0.7 };
         let filtered = PidSettings { derivative_filter: filter, ..settings(FULL) };
         let source = controller_source("a", &filtered, 1000, 1e-7).unwrap();
-        assert!(source.contains("A_FILTER") && source.contains("with_parts(law"), "{source}");
+        assert!(
+            source.contains("A_FILTER") && source.contains("law, integral, derivative, filter)"),
+            "{source}"
+        );
     }
 
     #[test]

@@ -161,6 +161,7 @@ pub const fn full_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterErro
 /// [`FULL_LAW`] as a type: a controller with it needs no storage for it, and only the code for
 /// what it uses.
 #[derive(Clone, Copy, Debug)]
+#[allow(dead_code)]
 pub struct FullLaw;
 
 impl core::borrow::Borrow<fvi_core::PidLaw<f32>> for FullLaw {

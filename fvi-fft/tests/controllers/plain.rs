@@ -81,6 +81,7 @@ pub const fn plain_law() -> Result<fvi_core::PidLaw<f64>, fvi_core::ParameterErr
 /// [`PLAIN_LAW`] as a type: a controller with it needs no storage for it, and only the code for
 /// what it uses.
 #[derive(Clone, Copy, Debug)]
+#[allow(dead_code)]
 pub struct PlainLaw;
 
 impl core::borrow::Borrow<fvi_core::PidLaw<f64>> for PlainLaw {

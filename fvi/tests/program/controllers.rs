@@ -700,7 +700,7 @@ fn constants_for_firmware_have_the_tables_and_the_law_of_the_run() {
     for passage in [
         "pub const AXIS_INTEGRAL: fvi_core::ExponentialTable<&[f32]>",
         "pub const AXIS_DERIVATIVE: fvi_core::ExponentialTable<&[f32]>",
-        "pub fn axis_law()",
+        "pub const fn axis_law()",
         "proportional: 1.5, integral: 0.8, derivative: 0.6",
         "limits: [-1.0, 2.0]",
         "anti_windup: fvi_core::AntiWindup::Conditional",

@@ -117,8 +117,8 @@ fn gradients_are_the_sums_of_sensitivities() {
 fn constants_of_expressions_are_differentiated_together() {
     // In a potential, elements, a force that depends on velocities, and a load; some in several of them.
     let text = "[system]\nmass = [1.0, 2.0]\n\
-        potential = \"a*cos(b*q0) + c^2*q1^4/(1 + d*q0^2) + exp(-e*q1^2)*abs(f*q0 + 0.3) + max(g*q0, q1)*0.1 + hypot(h*q0, 1)\"\n\
-        force = [\"-a*v0*abs(v0) + k*sin(w*t)\", \"-(k + 0.1)*tanh(v1) + atan2(l*q0, 2)\"]\n\
+        potential = \"a*cos(b*q0) + c^2*q1^4/(1 + d*q0^2) + exp(-e*q1^2)*sqrt((f*q0 + 0.3)^2 + 1) + 0.1*q1*tanh(g*q0) + hypot(h*q0, 1)\"\n\
+        force = [\"-a*v0*sqrt(v0^2 + 0.01) + k*sin(w*t)\", \"-(k + 0.1)*tanh(v1) + atan2(l*q0, 2)\"]\n\
         parameters = { a = 0.4, b = 1.3, c = 0.7, d = 0.2, e = 0.5, f = 0.6, g = 0.9, h = 1.1, k = 0.3, w = 1.7, l = 0.8, u = 1.2 }\n\
         [[system.damping]]\norder = 0.5\ncoefficient = [0.2, 0.3]\n\
         [[system.element]]\npotential = \"0.5*u*(x1 - x0)^2 + b*(x1 - x0)^4\"\ncoordinates = [[0, 1]]\n\

@@ -146,6 +146,7 @@ pub const fn axis_law() -> Result<fvi_core::PidLaw<f32>, fvi_core::ParameterErro
 /// [`AXIS_LAW`] as a type: a controller with it needs no storage for it, and only the code for
 /// what it uses.
 #[derive(Clone, Copy, Debug)]
+#[allow(dead_code)]
 pub struct AxisLaw;
 
 impl core::borrow::Borrow<fvi_core::PidLaw<f32>> for AxisLaw {
