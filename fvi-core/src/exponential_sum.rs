@@ -544,10 +544,14 @@ impl Layout {
     /// Layout for a table and a number of channels that [`ExponentialSum::new`] has checked.
     pub(crate) const fn of<T>(table: &ExponentialTable<&[T]>, channels: usize) -> Self {
         let stages = if table.stages == 0 { 1 } else { table.stages };
+        let planes = match stages.saturating_mul(stages) {
+            0 => 1,
+            planes => planes,
+        };
         Self {
             stages,
             coordinates: channels / stages,
-            head: table.head.len() / (stages * stages),
+            head: table.head.len() / planes,
             blocks: table.exponentials.len() / block_len(stages),
         }
     }
