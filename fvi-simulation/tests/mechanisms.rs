@@ -186,3 +186,82 @@ fn dampers_never_give_more_than_they_took_from_200_random_systems() {
     // The dampers do take, of some systems nearly all.
     assert!(most_taken > 0.5, "{most_taken}");
 }
+
+/// How a run of a mechanism ends: its reason to stop, if it stops, and its warning.
+fn end_of(system: Value, initial: Value, time: Value) -> (Option<String>, Option<String>) {
+    let scenario =
+        Scenario::from_value(&json!({ "system": system, "initial": initial, "time": time })).unwrap();
+    let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+    while !motion.is_done() {
+        if let Err(failure) = motion.advance() {
+            return (Some(failure.reason), None);
+        }
+    }
+    (None, motion.warning().map(str::to_owned))
+}
+
+#[test]
+fn mechanisms_whose_energy_rises_without_work_are_stopped() {
+    let stopped = |system: Value, initial: Value, time: Value| {
+        let (reason, _) = end_of(system.clone(), initial, time);
+        let reason = reason.unwrap_or_else(|| panic!("{system} ran to the end"));
+        assert!(reason.contains("energy has risen"), "{reason}");
+    };
+    // A double pendulum that turns too far in a step, a mass that vanishes on the way, a sharp bend.
+    let double = json!({
+        "kinetic": "0.5*2*v0^2 + 0.5*v1^2 + cos(q0 - q1)*v0*v1",
+        "potential": "-19.62*cos(q0) - 9.81*cos(q1)",
+    });
+    stopped(double.clone(), json!({ "position": [2.5, 2.5] }), json!({ "step": 0.1, "end": 24.0 }));
+    let vanishing = json!({ "kinetic": "0.5*q0^2*v0^2", "potential": "0.5*q0^2" });
+    stopped(vanishing, json!({ "position": [1.0] }), json!({ "step": 0.01, "end": 5.0 }));
+    let sharp = json!({ "mass": [1.0, 1.0], "constraints": ["q0^2 + 1e-9*q1"] });
+    let start = json!({ "position": [0.0, 0.0], "velocity": [1.0, 0.0] });
+    stopped(sharp, start, json!({ "step": 0.01, "end": 5.0 }));
+    // With steps that are short enough the double pendulum is let pass, and so is one that falls from rest
+    // at a height of 0 with a constant of any size in its potential.
+    let time = json!({ "step": 0.01, "end": 24.0 });
+    assert_eq!(end_of(double, json!({ "position": [2.5, 2.5] }), time.clone()), (None, None));
+    let lifted = json!({ "kinetic": "0.5*v0^2", "potential": "1e6 + 9.81*(cos(1) - cos(q0))" });
+    assert_eq!(end_of(lifted, json!({ "position": [1.0] }), time), (None, None));
+}
+
+#[test]
+fn energy_of_a_mechanism_that_changes_though_nothing_drives_it_is_told() {
+    // A spherical pendulum that passes close to the pole of its angles, and a bead in a steep parabola.
+    let spherical = json!({ "kinetic": "0.5*(v0^2 + sin(q0)^2*v1^2)", "potential": "-9.81*cos(q0)" });
+    let start = json!({ "position": [1.0, 0.0], "momentum": [0.0, 0.001] });
+    let (reason, warning) = end_of(spherical, start, json!({ "step": 0.01, "end": 20.0 }));
+    assert_eq!(reason, None);
+    assert!(warning.as_ref().is_some_and(|warning| warning.contains("though nothing damps")), "{warning:?}");
+    let parabola = json!({ "mass": [1.0, 1.0], "potential": "9.81*q1", "constraints": ["q1 - 10*q0^2"] });
+    let start = json!({ "position": [1.0, 10.0] });
+    let (reason, warning) = end_of(parabola, start, json!({ "step": 0.01, "end": 5.0 }));
+    assert_eq!(reason, None);
+    assert!(warning.as_ref().is_some_and(|warning| warning.contains("risen")), "{warning:?}");
+}
+
+#[test]
+fn work_that_is_done_on_a_mechanism_is_explained() {
+    // Resonance, a force against the motion's
+    // own direction that drives it, and dampers of orders up to 1.7.
+    let time = json!({ "step": 0.02, "end": 40.0 });
+    let pendulum =
+        |force: &str| json!({ "kinetic": "0.5*v0^2", "potential": "-9.81*cos(q0)", "force": [force] });
+    assert_eq!(end_of(pendulum("0.1*sin(3.13*t)"), json!({ "position": [0.0] }), time.clone()), (None, None));
+    assert_eq!(end_of(pendulum("0.2*v0"), json!({ "position": [0.01] }), time.clone()), (None, None));
+    for order in [0.2, 0.5, 1.0, 1.7] {
+        let damper = json!({ "order": order, "coefficient": 3.0, "along": "hypot(q0 - 2, q1)" });
+        let bead = json!({ "mass": [1.0, 1.0], "constraints": ["q0^2 + q1^2 - 1"], "damping": [damper] });
+        for velocity in [[0.0, 0.0], [0.0, 2.0]] {
+            let start = json!({ "position": [1.0, 0.0], "velocity": velocity });
+            assert_eq!(
+                end_of(bead.clone(), start, time.clone()),
+                (None, None),
+                "order {order}, {velocity:?}"
+            );
+        }
+        let start = json!({ "position": [0.0, 1.0] });
+        assert_eq!(end_of(bead, start, time.clone()), (None, None), "order {order}, at rest");
+    }
+}

@@ -117,7 +117,10 @@ impl fmt::Display for MechanismError {
                 write!(f, "the initial velocity changes constraint {index} (from 0) at the rate {rate:e}")
             }
             Self::Redundant { index } => {
-                write!(f, "constraint {index} (from 0) is redundant beside those before it")
+                write!(
+                    f,
+                    "constraint {index} (from 0) is redundant: its gradient is zero, or a combination of those before it"
+                )
             }
             Self::SingularMass => {
                 write!(f, "the mass is singular for velocities that the constraints allow")

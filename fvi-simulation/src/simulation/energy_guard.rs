@@ -2,11 +2,11 @@
 
 use crate::column::{highest, lowest};
 use crate::model::tape::CompiledForce;
-use crate::model::{Loads, RoughForces};
+use crate::model::{AnySpace, Loads, Model, RoughForces};
 use crate::simulation::GridState;
 use crate::simulation::stability;
 use crate::simulation::step_batch::StepBatch;
-use fvi_core::NodalRule;
+use fvi_core::{Mechanics, NodalRule};
 use fvi_fft::dense;
 use fvi_fft::transfer::TransferFunction;
 use fvi_scenario::language::expression::Moment;
@@ -45,12 +45,18 @@ const FACTOR: f64 = 1000.0;
 /// With a mass matrix from a file each velocity would require the solution of equations. The diagonal matrix
 /// L of the sums of |m_ij| over rows is used instead: M ≤ L, so that ½ pᵀL⁻¹p is a lower bound of T. The
 /// energy is computed only if that bound alone exceeds the limit.
+///
+/// The mass at the start is not that of a mechanism elsewhere: T is E − U there, velocities are Δq/h, and a
+/// motion without damping and forces warns when its energy has changed in either direction. Constraints do no
+/// work, and the work of a mechanism's memories is never negative.
 pub struct EnergyGuard {
     reaction: OnEnergyGrowth,
     start: f64,
     inverse_mass: SymmetricMatrix,
     /// True if the inverse is that of the larger, diagonal mass instead of the system's.
     is_lumped: bool,
+    /// U of a mechanism.
+    potential: Option<Box<Model<f64>>>,
     /// Forces that the initial state exerts through the memory: ρ x, K(s) and j, with the force ρ x
     /// L⁻¹[K(s)/s^{1+j}](t).
     pushes: Vec<(Vec<f64>, TransferFunction, f64)>,
@@ -97,15 +103,15 @@ pub struct Gathered {
 impl EnergyGuard {
     /// A guard for a run of the scenario from this state.
     pub fn new(scenario: &Scenario, start: &GridState) -> Self {
-        // Linear systems are covered by the check of the step; equations have no energy; the mass at the
-        // start is not that of a mechanism elsewhere, and constraints do no work.
-        let is_other = scenario.equation.is_some() || scenario.system.is_mechanism();
-        if !scenario.cases.is_empty() || is_other {
+        // Linear systems are covered by the check of the step; equations have no energy.
+        if !scenario.cases.is_empty() || scenario.equation.is_some() {
             return Self::blind();
         }
+        let mut potential = potential_of_mechanism(scenario);
         // Zero for coordinates without mass.
         let inverse = |mass: f64| if mass == 0.0 { 0.0 } else { mass.recip() };
         let inverse_mass = match &scenario.system.mass {
+            _ if potential.is_some() => SymmetricMatrix::Diagonal(vec![0.0; scenario.coordinates()]),
             SymmetricMatrix::Diagonal(masses) => {
                 SymmetricMatrix::Diagonal(masses.iter().map(|&mass| inverse(mass)).collect())
             }
@@ -126,11 +132,14 @@ impl EnergyGuard {
                     .collect(),
             ),
         };
-        let is_lumped = matches!(scenario.system.mass, SymmetricMatrix::Sparse(_));
+        let is_lumped = potential.is_none() && matches!(scenario.system.mass, SymmetricMatrix::Sparse(_));
         let velocity = inverse_mass.times(&start.momentum);
-        let kinetic = 0.5 * dot(&start.momentum, &velocity);
+        let kinetic = match &mut potential {
+            Some(potential) => start.energy - height(potential, &start.position),
+            None => 0.5 * dot(&start.momentum, &velocity),
+        };
         let (mut pushes, mut springs) = (Vec::new(), 0.0);
-        for term in &scenario.system.damping {
+        for term in scenario.system.damping.iter().filter(|_| potential.is_none()) {
             let pulled = term.coefficient.times(&start.position);
             match term.derivative {
                 Derivative::Caputo if term.transfer.exponent() == Some(0.0) => {
@@ -164,7 +173,7 @@ impl EnergyGuard {
             || scenario.input.is_some()
             || !scenario.controllers.is_empty()
             || !pushes.is_empty();
-        let potential = start.energy - kinetic;
+        let first_potential = start.energy - kinetic;
         // A past stored in memories may add energy that is not accounted for here.
         let remembers = scenario.initial.past.is_some() && scenario.time.energy_guard.is_none();
         let reaction = if remembers { OnEnergyGrowth::Ignore } else { scenario.time.on_energy_growth() };
@@ -175,8 +184,8 @@ impl EnergyGuard {
             is_lumped,
             pushes,
             first_energy: start.energy,
-            first_potential: potential,
-            lowest_potential: potential,
+            first_potential,
+            lowest_potential: first_potential,
             stored: kinetic + springs,
             is_driven,
             work: 0.0,
@@ -188,7 +197,8 @@ impl EnergyGuard {
             rough: RoughForces::of(scenario).map(|rough| (rough, vec![0.0; 2 * scenario.coordinates()])),
             own,
             nodes: stability::force_nodes(scenario),
-            may_lose: may_lose(scenario).filter(|_| !is_driven),
+            may_lose: may_lose(scenario, potential.is_some()).filter(|_| !is_driven),
+            potential,
             lost: None,
             warning: None,
             heights: Vec::new(),
@@ -224,6 +234,7 @@ impl EnergyGuard {
             start: 0.0,
             inverse_mass: SymmetricMatrix::Diagonal(Vec::new()),
             is_lumped: false,
+            potential: None,
             pushes: Vec::new(),
             first_energy: 0.0,
             first_potential: 0.0,
@@ -278,6 +289,9 @@ impl EnergyGuard {
     /// below it after every step.
     fn take_without_rise(&mut self, batch: &StepBatch) -> bool {
         let SymmetricMatrix::Diagonal(inverse) = &self.inverse_mass else { return false };
+        if self.potential.is_some() {
+            return false;
+        }
         // Beyond the bound, or not a number.
         let within = highest(batch.energies()) - self.first_energy <= FACTOR * self.explained();
         if self.is_driven || !within {
@@ -342,12 +356,13 @@ impl EnergyGuard {
 
     /// Adds the work of a step to a state; returns the kinetic energy.
     fn follow(&mut self, input: &[f64], state: &GridState) -> f64 {
-        let kinetic = match &self.inverse_mass {
+        let kinetic = match (&mut self.potential, &self.inverse_mass) {
+            (Some(potential), _) => state.energy - height(potential, &state.position),
             // Velocities are not needed themselves.
-            SymmetricMatrix::Diagonal(inverse) if !self.is_driven => {
+            (None, SymmetricMatrix::Diagonal(inverse)) if !self.is_driven => {
                 0.5 * state.momentum.iter().zip(inverse).map(|(p, inverse)| p * (inverse * p)).sum::<f64>()
             }
-            inverse => {
+            (None, inverse) => {
                 inverse.write_times(&state.momentum, &mut self.new_velocity);
                 0.5 * dot(&state.momentum, &self.new_velocity)
             }
@@ -376,10 +391,12 @@ impl EnergyGuard {
     fn judge_loss(&mut self, energy: f64, time: f64) {
         let Some(share) = self.may_lose.filter(|_| self.lost.is_none()) else { return };
         let there_was = self.stored + self.first_potential - self.lowest_potential;
-        let loss = self.first_energy - energy;
-        if loss > share * there_was && loss > f64::EPSILON.sqrt() * self.first_energy.abs() {
+        let change = energy - self.first_energy;
+        let counts = if self.potential.is_some() { change.abs() } else { -change };
+        if counts > share * there_was && counts > f64::EPSILON.sqrt() * self.first_energy.abs() {
+            let how = if change < 0.0 { "fallen" } else { "risen" };
             self.lost = Some(format!(
-                "the energy has fallen from {:.3e} to {energy:.3e} at t = {time}, though nothing damps: the steps seem too long there",
+                "the energy has {how} from {:.3e} to {energy:.3e} at t = {time}, though nothing damps or drives: the steps seem too long there",
                 self.first_energy
             ));
         }
@@ -467,8 +484,11 @@ impl EnergyGuard {
             if let Some(Moves { velocity, moved }) = moves {
                 let ends = self.velocity.iter().zip(&self.new_velocity).zip(from.iter().zip(to));
                 for (v, ((first, last), (from, to))) in velocity.iter_mut().zip(ends) {
-                    // Velocities of a lumped mass are too small.
-                    *v = if self.is_lumped { (to - from) / step } else { first + node * (last - first) };
+                    *v = if self.is_lumped || self.potential.is_some() {
+                        (to - from) / step
+                    } else {
+                        first + node * (last - first)
+                    };
                 }
                 let count = velocity.len();
                 place[count..].copy_from_slice(velocity);
@@ -496,15 +516,33 @@ impl EnergyGuard {
 }
 
 /// Fraction of its energy that a motion of the scenario may lose if nothing dissipates any. Variational
-/// schemes on steps known in advance lose none, their energy only oscillates.
-fn may_lose(scenario: &Scenario) -> Option<f64> {
+/// schemes on steps known in advance lose none, their energy only oscillates; that of a mechanism is compared
+/// all the same, since its step is never checked before the run.
+fn may_lose(scenario: &Scenario, is_mechanism: bool) -> Option<f64> {
     if !scenario.system.damping.is_empty() {
         return None;
     }
     match scenario.time.adaptive() {
         Some(rule) => Some((LOST_IN_TOLERANCES * rule.tolerance).min(LOST)),
-        None => scenario.scheme_descriptor().is_dissipative.then_some(LOST),
+        None => (is_mechanism || scenario.scheme_descriptor().is_dissipative).then_some(LOST),
     }
+}
+
+/// U of a mechanism, without its dampers; `None` for other systems.
+fn potential_of_mechanism(scenario: &Scenario) -> Option<Box<Model<f64>>> {
+    if !scenario.system.is_mechanism() {
+        return None;
+    }
+    let mut undamped = scenario.clone();
+    undamped.system.damping.clear();
+    // The simulation has made the same model.
+    Model::new(&undamped).ok().map(Box::new)
+}
+
+/// U at a position.
+fn height(potential: &mut Model<f64>, position: &[f64]) -> f64 {
+    let still = vec![0.0; position.len()];
+    Mechanics::<f64, AnySpace>::energy(potential, &position.to_vec(), &still)
 }
 
 /// A velocity, and a velocity-dependent force there.

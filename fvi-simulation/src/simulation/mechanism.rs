@@ -260,7 +260,12 @@ fn table<T: Elementary>(
 fn refused(scenario: &Scenario, error: &MechanismError) -> InputError {
     let reason = match error {
         MechanismError::OffConstraint { .. } | MechanismError::LeavesConstraint { .. } => {
-            format!("{error}; `initial.project = true` moves the start onto the constraints")
+            match scenario.initial.project {
+                true => format!(
+                    "{error}: moving the start onto the constraints (`initial.project`) has not converged"
+                ),
+                false => format!("{error}; `initial.project = true` moves the start onto the constraints"),
+            }
         }
         _ => error.to_string(),
     };
