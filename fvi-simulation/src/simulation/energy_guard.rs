@@ -46,7 +46,7 @@ const FACTOR: f64 = 1000.0;
 /// L of the sums of |m_ij| over rows is used instead: M ≤ L, so that ½ pᵀL⁻¹p is a lower bound of T. The
 /// energy is computed only if that bound alone exceeds the limit.
 ///
-/// The mass at the start is not that of a mechanism elsewhere: T is E − U there, velocities are Δq/h, and a
+/// The mass at the start is not that of a mechanism elsewhere: T is E − U there, speeds are 2T/Σ|p|, and a
 /// motion without damping and forces warns when its energy has changed in either direction. Constraints do no
 /// work, and the work of a mechanism's memories is never negative.
 pub struct EnergyGuard {
@@ -78,7 +78,7 @@ pub struct EnergyGuard {
     rough: Option<(RoughForces, Vec<f64>)>,
     /// Forces in code, and a buffer for the largest of a step.
     own: Option<(SharedTerms, Vec<f64>)>,
-    /// Fractions of a step at which the scheme evaluates forces.
+    /// Fractions of a step at which the scheme evaluates forces; of a mechanism, start, middle and end.
     nodes: Vec<f64>,
     warning: Option<String>,
     /// Fraction of the energy that may be lost if nothing dissipates any; `None` if something may.
@@ -196,7 +196,10 @@ impl EnergyGuard {
             force,
             rough: RoughForces::of(scenario).map(|rough| (rough, vec![0.0; 2 * scenario.coordinates()])),
             own,
-            nodes: stability::force_nodes(scenario),
+            nodes: match potential {
+                Some(_) => vec![0.0, 0.5, 1.0],
+                None => stability::force_nodes(scenario),
+            },
             may_lose: may_lose(scenario, potential.is_some()).filter(|_| !is_driven),
             potential,
             lost: None,
@@ -357,7 +360,14 @@ impl EnergyGuard {
     /// Adds the work of a step to a state; returns the kinetic energy.
     fn follow(&mut self, input: &[f64], state: &GridState) -> f64 {
         let kinetic = match (&mut self.potential, &self.inverse_mass) {
-            (Some(potential), _) => state.energy - height(potential, &state.position),
+            (Some(potential), _) => {
+                let kinetic = state.energy - height(potential, &state.position);
+                // p·v = 2T, as if all coordinates had one speed.
+                let size: f64 = state.momentum.iter().map(|p| p.abs()).sum();
+                let speed = if size > 0.0 { 2.0 * kinetic.abs() / size } else { 0.0 };
+                self.new_velocity.fill(speed);
+                kinetic
+            }
             // Velocities are not needed themselves.
             (None, SymmetricMatrix::Diagonal(inverse)) if !self.is_driven => {
                 0.5 * state.momentum.iter().zip(inverse).map(|(p, inverse)| p * (inverse * p)).sum::<f64>()
