@@ -33,7 +33,11 @@ def decay(kernel, **keys):
 def test_every_engine_gives_the_motion_of_the_plain_sum(kernel):
     direct = decay(kernel, engine="direct")
     assert abs(direct.q[-1, 0]) < 1.0
-    for engine in ("block-fft", "real-time", "exponential-sum", "exponential-sum-core"):
+    engines = ["block-fft", "real-time", "exponential-sum", "exponential-sum-core"]
+    if "distributed" in repr(kernel):
+        # Its best table is within 7.9e-15, where 4e-15 is the default: refused.
+        engines = engines[:2]
+    for engine in engines:
         np.testing.assert_allclose(decay(kernel, engine=engine).q, direct.q, rtol=0, atol=1e-13)
 
 

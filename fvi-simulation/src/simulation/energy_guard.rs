@@ -22,6 +22,9 @@ const LOST_IN_TOLERANCES: f64 = 1e4;
 /// Largest rise of the energy, as a multiple of the initial energy and the work.
 const FACTOR: f64 = 1000.0;
 
+/// Energy of a mechanism at rest that is taken for rounding, as of a start that was moved onto its constraints.
+const ROUNDING: f64 = 1e-40;
+
 /// Compares the energy of a run with the initial energy and the work of forces since.
 ///
 /// The check of the step before the run is that of the motion linearised at the start. If the potential is
@@ -186,7 +189,7 @@ impl EnergyGuard {
             first_energy: start.energy,
             first_potential,
             lowest_potential: first_potential,
-            stored: kinetic + springs,
+            stored: kinetic + springs + if potential.is_some() { ROUNDING } else { 0.0 },
             is_driven,
             work: 0.0,
             time: start.time,
