@@ -22,7 +22,7 @@ const LOST_IN_TOLERANCES: f64 = 1e4;
 /// Largest rise of the energy, as a multiple of the initial energy and the work.
 const FACTOR: f64 = 1000.0;
 
-/// Energy of a mechanism at rest that is taken for rounding, as of a start that was moved onto its constraints.
+/// Energy of a mechanism at rest that is taken for rounding, as of a start moved onto its constraints.
 const ROUNDING: f64 = 1e-40;
 
 /// Compares the energy of a run with the initial energy and the work of forces since.
