@@ -25,6 +25,9 @@ const FACTOR: f64 = 1000.0;
 /// Energy of a mechanism at rest that is taken for rounding, as of a start moved onto its constraints.
 const ROUNDING: f64 = 1e-40;
 
+/// ρ x, K(s) and j of the force ρ x L⁻¹[K(s)/s^{1+j}](t).
+type Push = (Vec<f64>, TransferFunction, f64);
+
 /// Compares the energy of a run with the initial energy and the work of forces since.
 ///
 /// The check of the step before the run is that of the motion linearised at the start. If the potential is
@@ -60,9 +63,8 @@ pub struct EnergyGuard {
     is_lumped: bool,
     /// U of a mechanism.
     potential: Option<Box<Model<f64>>>,
-    /// Forces that the initial state exerts through the memory: ρ x, K(s) and j, with the force ρ x
-    /// L⁻¹[K(s)/s^{1+j}](t).
-    pushes: Vec<(Vec<f64>, TransferFunction, f64)>,
+    /// Forces that the initial state exerts through the memory.
+    pushes: Vec<Push>,
     first_energy: f64,
     first_potential: f64,
     lowest_potential: f64,
@@ -141,34 +143,10 @@ impl EnergyGuard {
             Some(potential) => start.energy - height(potential, &start.position),
             None => 0.5 * dot(&start.momentum, &velocity),
         };
-        let (mut pushes, mut springs) = (Vec::new(), 0.0);
-        for term in scenario.system.damping.iter().filter(|_| potential.is_none()) {
-            let pulled = term.coefficient.times(&start.position);
-            match term.derivative {
-                Derivative::Caputo if term.transfer.exponent() == Some(0.0) => {
-                    springs += 0.5 * dot(&pulled, &start.position);
-                }
-                Derivative::Caputo if term.transfer.growth() > 1.0 => {
-                    pushes.push((term.coefficient.times(&velocity), term.transfer.clone(), 1.0));
-                }
-                // Coordinates without mass may have jumped from where memories are at rest.
-                Derivative::Caputo => {
-                    let jump: Vec<f64> = start
-                        .position
-                        .iter()
-                        .zip(scenario.initial.base())
-                        .map(|(to, from)| to - from)
-                        .collect();
-                    if let (true, Some(modulus)) = (jump.iter().any(|&x| x != 0.0), term.transfer.unrelaxed())
-                    {
-                        springs += 0.5 * modulus.abs() * dot(&term.coefficient.times(&jump), &jump);
-                    }
-                }
-                Derivative::RiemannLiouville => pushes.push((pulled, term.transfer.clone(), 0.0)),
-            }
-        }
-        // Terms without a force are dropped.
-        pushes.retain(|(push, ..)| push.iter().any(|&push| push != 0.0));
+        let (pushes, springs) = match potential {
+            Some(_) => (Vec::new(), 0.0),
+            None => exerted_by_start(scenario, start, &velocity),
+        };
         let force = Forces::of(scenario);
         let own = scenario.system.own_terms.clone().map(|terms| (terms, vec![0.0; scenario.coordinates()]));
         let is_driven = force.is_some()
@@ -539,6 +517,34 @@ fn may_lose(scenario: &Scenario, is_mechanism: bool) -> Option<f64> {
         Some(rule) => Some((LOST_IN_TOLERANCES * rule.tolerance).min(LOST)),
         None => (is_mechanism || scenario.scheme_descriptor().is_dissipative).then_some(LOST),
     }
+}
+
+/// What the initial state exerts through the memories: forces ρ x, K(s) and j, and the energy of springs.
+fn exerted_by_start(scenario: &Scenario, start: &GridState, velocity: &[f64]) -> (Vec<Push>, f64) {
+    let (mut pushes, mut springs) = (Vec::new(), 0.0);
+    for term in &scenario.system.damping {
+        let pulled = term.coefficient.times(&start.position);
+        match term.derivative {
+            Derivative::Caputo if term.transfer.exponent() == Some(0.0) => {
+                springs += 0.5 * dot(&pulled, &start.position);
+            }
+            Derivative::Caputo if term.transfer.growth() > 1.0 => {
+                pushes.push((term.coefficient.times(velocity), term.transfer.clone(), 1.0));
+            }
+            // Coordinates without mass may have jumped from where memories are at rest.
+            Derivative::Caputo => {
+                let jump: Vec<f64> =
+                    start.position.iter().zip(scenario.initial.base()).map(|(to, from)| to - from).collect();
+                if let (true, Some(modulus)) = (jump.iter().any(|&x| x != 0.0), term.transfer.unrelaxed()) {
+                    springs += 0.5 * modulus.abs() * dot(&term.coefficient.times(&jump), &jump);
+                }
+            }
+            Derivative::RiemannLiouville => pushes.push((pulled, term.transfer.clone(), 0.0)),
+        }
+    }
+    // Terms without a force are dropped.
+    pushes.retain(|(push, ..)| push.iter().any(|&push| push != 0.0));
+    (pushes, springs)
 }
 
 /// U of a mechanism, without its dampers; `None` for other systems.
