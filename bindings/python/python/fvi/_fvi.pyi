@@ -27,6 +27,7 @@ __all__ = [
     "compare_engines",
     "converge",
     "derivative",
+    "exponentials",
     "extremal",
     "fit",
     "kernel_facts",
