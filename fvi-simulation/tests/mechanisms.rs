@@ -265,3 +265,83 @@ fn work_that_is_done_on_a_mechanism_is_explained() {
         assert_eq!(end_of(bead, start, time.clone()), (None, None), "order {order}, at rest");
     }
 }
+
+/// Steps of a long run: `MECHANISM_STEPS`, or as many as take little time.
+fn long_run() -> usize {
+    std::env::var("MECHANISM_STEPS").map_or(4000, |steps| steps.parse().expect("a number of steps"))
+}
+
+/// A double pendulum by the places of its masses, hardly damped: |c| and |Cv| at every grid point, and E +
+/// stored + dissipated, which neither rises nor falls.
+#[test]
+fn constraints_and_energies_hold_over_a_long_run_of_a_mechanism() {
+    let angles = ["atan2(q0, -q1)", "atan2(q2 - q0, q1 - q3)"];
+    let damper = |order: f64, along: &str| json!({ "order": order, "coefficient": 1e-5, "along": along });
+    let steps = long_run();
+    let scenario = Scenario::from_value(&json!({
+        "system": {
+            "mass": [1.0, 1.0, 0.8, 0.8],
+            "potential": "9.81*q1 + 0.8*9.81*q3",
+            "constraints": ["q0^2 + q1^2 - 1", "(q2 - q0)^2 + (q3 - q1)^2 - 0.49"],
+            "damping": [damper(0.5, angles[0]), damper(0.7, angles[1])],
+        },
+        "initial": { "position": [0.6, -0.8, 1.16, -0.38], "velocity": [0.4, 0.3, -0.2, 1.1] , "project": true },
+        "scheme": { "kind": "galerkin", "degree": 2 },
+        "time": { "step": 0.01, "steps": steps },
+        "output": { "memory_energy": true },
+    }))
+    .unwrap();
+    let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+    let first = motion.state().energy;
+    let mut off = [0.0; 4];
+    while !motion.is_done() {
+        motion.advance().unwrap();
+        let (q, p) = (&motion.state().position, &motion.state().momentum);
+        let v = [p[0], p[1], p[2] / 0.8, p[3] / 0.8];
+        let [x, y] = [q[2] - q[0], q[3] - q[1]];
+        let c = [q[0] * q[0] + q[1] * q[1] - 1.0, x * x + y * y - 0.49];
+        let rates = [2.0 * (q[0] * v[0] + q[1] * v[1]), 2.0 * (x * (v[2] - v[0]) + y * (v[3] - v[1]))];
+        let [.., stored, dissipated] = motion.state().columns[..] else { panic!("columns of energies") };
+        let balance = (motion.state().energy + stored + dissipated - first).abs();
+        let half = if 2 * motion.steps() < steps { 2 } else { 3 };
+        for (place, size) in [(0, c[0]), (0, c[1]), (1, rates[0]), (1, rates[1]), (half, balance)] {
+            off[place] = max_or_nan(off[place], size.abs());
+        }
+    }
+    let [c, rate, early, late] = off;
+    println!("{steps} steps: |c| {c:.1e}, |Cv| {rate:.1e}, energies off by {early:.1e} and then {late:.1e}");
+    assert!(c < 1e-13 && rate < 1e-13, "{c:e} {rate:e}");
+    // The larger of either half is that of the fastest swing in it, whose steps are the same.
+    assert!(early < 1e-3 && late < 3.0 * early, "{early:e} {late:e}");
+}
+
+/// With a quadratic potential and no constraints energies make up the start to rounding, which adds up like
+/// a random walk.
+#[test]
+fn energies_of_a_quadratic_potential_hold_over_a_long_run() {
+    let steps = long_run();
+    let scenario = Scenario::from_value(&json!({
+        "system": {
+            "mass": [1.0, 2.0],
+            "potential": "3*q0^2 + q0*q1 + 2*q1^2",
+            "damping": [
+                { "order": 0.5, "coefficient": 1e-4, "along": "hypot(q0 + 2, q1)" },
+                { "order": 0.8, "coefficient": 1e-4, "along": "atan2(q1 + 3, q0)" },
+            ],
+        },
+        "initial": { "position": [0.6, -0.4], "velocity": [0.3, 1.0] },
+        "scheme": { "kind": "galerkin", "degree": 2 },
+        "time": { "step": 0.05, "steps": steps },
+        "output": { "memory_energy": true },
+    }))
+    .unwrap();
+    let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+    let (first, mut most) = (motion.state().energy, 0.0);
+    while !motion.is_done() {
+        motion.advance().unwrap();
+        let [stored, dissipated] = motion.state().columns[..] else { panic!("two columns") };
+        most = max_or_nan(most, ((motion.state().energy + stored + dissipated - first) / first).abs());
+    }
+    println!("{steps} steps: energies off by {most:.1e} of the first");
+    assert!(most < 1e-14 * (steps as f64).sqrt(), "{most:e}");
+}
