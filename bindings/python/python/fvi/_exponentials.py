@@ -10,7 +10,7 @@ import numpy as np
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
-from fvi._kernel import exponent_or_kernel
+from fvi._keyed import exponent_or_kernel
 from fvi._types import FloatArray
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from fvi import _arrays
 from fvi._errors import InputError
-from fvi._keyed import Keyed, keys_of
+from fvi._keyed import Keyed
 
 if TYPE_CHECKING:
     from fvi._exponentials import StateSpace
@@ -322,13 +322,3 @@ class Kernel(Keyed):
 
     def __hash__(self) -> int:
         return hash(repr(self))
-
-
-def exponent_or_kernel(exponent: float | None, kernel: Any) -> tuple[float | None, dict[str, Any] | None]:
-    """One of the two, checked."""
-    if (exponent is None) == (kernel is None):
-        message = "exponent, kernel: one of them is needed" if exponent is None else "exponent cannot stand beside kernel"
-        raise InputError(message, "exponent", repr(exponent))
-    if kernel is None:
-        return _arrays.real("exponent", exponent), None
-    return None, keys_of("kernel", kernel)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from fvi import _arrays
 from fvi._errors import InputError
 
 
@@ -27,3 +28,13 @@ def keys_of(name: str, given: Any) -> dict[str, Any]:
     if isinstance(given, Mapping):
         return dict(given)
     raise InputError(f"{name} = {given!r}: a fvi.Kernel is needed", name, repr(given))
+
+
+def exponent_or_kernel(exponent: float | None, kernel: Any) -> tuple[float | None, dict[str, Any] | None]:
+    """One of the two, checked."""
+    if (exponent is None) == (kernel is None):
+        message = "exponent, kernel: one of them is needed" if exponent is None else "exponent cannot stand beside kernel"
+        raise InputError(message, "exponent", repr(exponent))
+    if kernel is None:
+        return _arrays.real("exponent", exponent), None
+    return None, keys_of("kernel", kernel)

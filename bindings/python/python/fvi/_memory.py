@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from fvi import _arrays, _fvi
 from fvi._types import Derivative, Engine, FloatArray, Precision
 from fvi._errors import InputError
-from fvi._kernel import exponent_or_kernel
+from fvi._keyed import exponent_or_kernel
 
 
 def _made_again(kind: Any, arguments: dict[str, Any], state: bytes) -> Any:

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from fvi import _arrays, _fvi
 from fvi._types import Derivative, Engine, FloatArray
 from fvi._errors import InputError
-from fvi._kernel import Kernel, exponent_or_kernel
-from fvi._keyed import keys_of
+from fvi._kernel import Kernel
+from fvi._keyed import exponent_or_kernel, keys_of
 
 
 def derivative(
