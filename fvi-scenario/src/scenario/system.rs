@@ -239,31 +239,14 @@ impl System {
             }
             None => ForceQuadrature::default(),
         };
-        let elements = match table.optional("element") {
-            Some(value) => value
-                .list("a list of tables, each headed [[system.element]]")?
-                .iter()
-                .map(|element| Element::read(&element.table()?, &parameters, count))
-                .collect::<Result<_, _>>()?,
-            None => Vec::new(),
-        };
-        let loads = match table.optional("load") {
-            Some(value) => value
-                .list("a list of tables, each headed [[system.load]]")?
-                .iter()
-                .map(|load| Load::read(&load.table()?, &symbols_of(&parameters), count))
-                .collect::<Result<_, _>>()?,
-            None => Vec::new(),
-        };
-        let damping = match table.optional("damping") {
-            Some(value) => value
-                .list("a list of tables, each headed [[system.damping]]")?
-                .iter()
-                .map(|term| Damping::read(&term.table()?, count, (&parameters, step), &mut known))
-                .collect::<Result<_, _>>()
-                .map(in_order)?,
-            None => Vec::new(),
-        };
+        let element = ("element", "a list of tables, each headed [[system.element]]");
+        let elements = tables(table, element, |element| Element::read(element, &parameters, count))?;
+        let load = ("load", "a list of tables, each headed [[system.load]]");
+        let loads = tables(table, load, |load| Load::read(load, &symbols_of(&parameters), count))?;
+        let damping = ("damping", "a list of tables, each headed [[system.damping]]");
+        let terms =
+            tables(table, damping, |term| Damping::read(term, count, (&parameters, step), &mut known))?;
+        let damping = in_order(terms);
         let mass = with_added_mass(mass, &damping, table, &known)?;
         Ok(Self {
             kinetic,
@@ -547,6 +530,16 @@ fn with_added_mass(
             allowed: "`system.mass` in its place, or `added_to_mass = false` there".to_owned(),
         })),
     })
+}
+
+/// The tables of a list, each read by `read`.
+fn tables<T>(
+    system: &Table<'_>,
+    (key, expected): (&str, &'static str),
+    mut read: impl FnMut(&Table<'_>) -> Result<T, InputError>,
+) -> Result<Vec<T>, InputError> {
+    let Some(value) = system.optional(key) else { return Ok(Vec::new()) };
+    value.list(expected)?.iter().map(|table| read(&table.table()?)).collect()
 }
 
 /// The terms in the order of the scenario, followed by further parts of matrices of kernels.
