@@ -13,7 +13,7 @@ use crate::space::{
     Block, Space, called, last_vector, part, part_mut, parts_mut, vector_at, vectors, vectors_mut,
 };
 use crate::system::{Instant, Mechanics, NodalRule};
-use crate::workspace::Workspace;
+use crate::workspace::{CachedFactor, Workspace};
 
 /// Discrete Lagrangian on polynomials of degree S with a quadrature of Q points, as a view of its
 /// coefficients.
@@ -321,51 +321,18 @@ impl<T: Real> DiscreteLagrangian<'_, T> {
             point: &mut *work.point,
             stiffness: &mut *work.stiffness,
         };
-        let mut missed = false;
-        let iterations = if self.drifts() {
-            0
+        let drifts = self.drifts();
+        let (iterations, missed) = if drifts {
+            (0, false)
         } else if equations.mechanics.is_linear() {
-            let stays = damping.is_none_or(|damping| damping.leading_is_constant());
-            if work.kept.length == step.size {
-                equations.residual::<E>(work.increments, work.residual, None);
-            } else {
-                let matrix = Some((&mut *work.matrix, None));
-                equations.residual(work.increments, work.residual, matrix);
-                // With several nodes a symmetric perturbation of the matrix is not one of the mass alone: no
-                // inertia is given.
-                let inertia = (T::zero(), equations.mechanics.mass());
-                work.matrix.keep(&mut work.kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
-                work.kept.length = if stays { step.size } else { T::zero() };
-            }
-            equations.correct(work.increments, work.residual, work.matrix, &work.kept.solver);
-            equations.forces::<E>(work.increments, None);
-            // The rounding error of the solver is the same at every step, so that it would accumulate to
-            // growth or decay. A second correction, with the forces that are needed anyway, removes it.
-            equations.balance(work.increments, work.residual);
-            let (matrix, solver) = (&mut *work.matrix, &work.kept.solver);
-            if matrix.is_unsettled(solver, work.increments, position, work.residual) {
-                equations.correct(work.increments, work.residual, matrix, solver);
-            }
-            // A value of the first correction that is not finite leaves a residual that is not finite.
-            if !all_finite(work.residual) {
-                return Err(StepError::NotFinite);
-            }
-            // If the damping acts at the nodes, the nodes are its sample.
-            if damping.is_some() {
-                self.place_stages(work.increments, equations.stages, coordinates);
-            }
-            1
+            let unknowns = (&mut *work.increments, &mut *work.residual);
+            equations.solve_linear(unknowns, &mut *work.matrix, &mut *work.kept)?;
+            (1, false)
         } else {
-            let moves = equations.mechanics.depends_on_velocity();
-            let balance = |increments: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
-                equations.residual(increments, residual, matrix);
-            };
-            let at = (size(position), moves);
-            let converged = newton(work.increments, work.residual, at, work.matrix, balance)?;
-            missed = converged.leaves_residual;
-            converged.iterations
+            let unknowns = (&mut *work.increments, &mut *work.residual);
+            equations.solve_nonlinear(unknowns, &mut *work.matrix)?
         };
-        if !equations.mechanics.is_linear() || self.drifts() {
+        if !equations.mechanics.is_linear() || drifts {
             equations.forces::<E>(work.increments, None);
         }
         if missed {
@@ -413,6 +380,61 @@ where
     G: Mechanics<T, Y>,
     D: Damping<T, Y>,
 {
+    /// Solves the equations of a linear system by factors kept from step to step, and leaves the forces at the
+    /// solution.
+    #[inline(always)]
+    fn solve_linear<E: Equations<T, X::Block>>(
+        &mut self,
+        (increments, residual): (&mut [T], &mut [T]),
+        matrix: &mut E,
+        kept: &mut CachedFactor<E::Factor, T>,
+    ) -> Result<(), StepError> {
+        let length = self.step.size;
+        if kept.length == length {
+            self.residual::<E>(increments, residual, None);
+        } else {
+            self.residual(increments, residual, Some((&mut *matrix, None)));
+            // With several nodes a symmetric perturbation of the matrix is not one of the mass alone: no inertia
+            // is given.
+            let inertia = (T::zero(), self.mechanics.mass());
+            matrix.keep(&mut kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
+            let stays = self.damping.is_none_or(|damping| damping.leading_is_constant());
+            kept.length = if stays { length } else { T::zero() };
+        }
+        self.correct(increments, residual, matrix, &kept.solver);
+        self.forces::<E>(increments, None);
+        // The rounding error of the solver is the same at every step, so that it would accumulate to growth or
+        // decay. A second correction, with the forces that are needed anyway, removes it.
+        self.balance(increments, residual);
+        if matrix.is_unsettled(&kept.solver, increments, self.position, residual) {
+            self.correct(increments, residual, matrix, &kept.solver);
+        }
+        // A value of the first correction that is not finite leaves a residual that is not finite.
+        if !all_finite(residual) {
+            return Err(StepError::NotFinite);
+        }
+        // If the damping acts at the nodes, the nodes are its sample.
+        if self.damping.is_some() {
+            self.lagrangian.place_stages(increments, self.stages, self.position.len());
+        }
+        Ok(())
+    }
+
+    /// Solves the equations by Newton's method: how many iterations it took, and whether it leaves a residual.
+    #[inline(always)]
+    fn solve_nonlinear<E: Equations<T, X::Block>>(
+        &mut self,
+        (increments, residual): (&mut [T], &mut [T]),
+        matrix: &mut E,
+    ) -> Result<(u32, bool), StepError> {
+        let at = (size(self.position), self.mechanics.depends_on_velocity());
+        let balance = |increments: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
+            self.residual(increments, residual, matrix);
+        };
+        let converged = newton(increments, residual, at, matrix, balance)?;
+        Ok((converged.iterations, converged.leaves_residual))
+    }
+
     /// Places the stages and writes G_i to `forces`; adds −h Σ_i b_i ℓ_ν(c_i) ∂G_i/∂e^μ to the matrix if
     /// there is one, stiffened if it is to be so.
     #[inline(always)]

@@ -10,7 +10,7 @@ use crate::real::Real;
 use crate::scheme::{State, Step, StepError};
 use crate::space::{Block, Space, part, part_mut, vectors};
 use crate::system::{Instant, Mechanics};
-use crate::workspace::Workspace;
+use crate::workspace::{CachedFactor, Workspace};
 
 /// A discrete Lagrangian of degree 1 with one node.
 #[derive(Clone, Copy, Debug)]
@@ -99,58 +99,10 @@ impl<T: Real> OneNode<T> {
             equation.evaluate(increments, false);
             0
         } else if linear {
-            let stays = damping.is_none_or(|damping| damping.leading_is_constant());
-            if work.kept.length == step.size {
-                equation.evaluate_first(increments, from_rest, false);
-            } else {
-                equation.evaluate_first(increments, from_rest, true);
-                equation.write_matrix(increments, (&mut *work.matrix, None));
-                let inertia = (self.kinetic / step.size, equation.mechanics.mass());
-                work.matrix.keep(&mut work.kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
-                work.kept.length = if stays { step.size } else { T::zero() };
-            }
-            equation.balance(increments, residual);
-            work.matrix.solve_kept(&work.kept.solver, residual);
-            take_off(increments, residual);
-            // The rounding error of the solver is the same at every step, so that it would accumulate to
-            // growth or decay. A second correction, with the force that is needed anyway, removes it.
-            equation.evaluate(increments, false);
-            if !work.matrix.is_solved_at_once(&work.kept.solver) {
-                equation.balance(increments, residual);
-                if work.matrix.is_unsettled(&work.kept.solver, increments, position, residual) {
-                    work.matrix.solve_kept(&work.kept.solver, residual);
-                    take_off(increments, residual);
-                    // If the damping acts at the node, the node is its sample.
-                    if damping.is_some() {
-                        equation.place_stage(increments);
-                    }
-                }
-            }
+            equation.solve_linear((increments, residual), from_rest, &mut *work.matrix, &mut *work.kept)?;
             1
         } else {
-            let moves = equation.mechanics.depends_on_velocity();
-            let balance = |increments: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
-                equation.evaluate(increments, matrix.is_some());
-                equation.balance(increments, residual);
-                if let Some(matrix) = matrix {
-                    equation.write_matrix(increments, matrix);
-                }
-            };
-            let converged =
-                newton(increments, residual, (size(position), moves), &mut *work.matrix, balance)?;
-            // The final force is the last one plus its linear change, if the neglected remainder is of
-            // rounding size.
-            let rounding = T::of(0.25) * T::EPSILON * step.size * self.weight * size(equation.force);
-            // With a velocity-dependent force the matrix at hand is the resistance, not the stiffness.
-            if !moves && converged.residual.is_some_and(|left| left <= rounding) {
-                equation.carry_on(increments, residual);
-            } else {
-                equation.evaluate(increments, false);
-                if converged.leaves_residual {
-                    equation.settle(increments, residual);
-                }
-            }
-            converged.iterations
+            equation.solve_nonlinear::<E>((increments, residual), &mut *work.matrix)?
         };
         let impulse = step.size * self.weight;
         combine(residual, equation.force, |_, force| force * impulse);
@@ -249,6 +201,79 @@ where
     G: Mechanics<T, Y>,
     D: Damping<T, Y>,
 {
+    /// Solves the equation of a linear system, `from_rest` with increments that are zero, by factors kept
+    /// from step to step, and leaves G at the solution.
+    #[inline(always)]
+    fn solve_linear<E: Equations<T, X::Block>>(
+        &mut self,
+        (increments, residual): (&mut [T], &mut [T]),
+        from_rest: bool,
+        matrix: &mut E,
+        kept: &mut CachedFactor<E::Factor, T>,
+    ) -> Result<(), StepError> {
+        let length = self.step.size;
+        if kept.length == length {
+            self.evaluate_first(increments, from_rest, false);
+        } else {
+            self.evaluate_first(increments, from_rest, true);
+            self.write_matrix(increments, (&mut *matrix, None));
+            let inertia = (self.numbers.kinetic / length, self.mechanics.mass());
+            matrix.keep(&mut kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
+            let stays = self.damping.is_none_or(|damping| damping.leading_is_constant());
+            kept.length = if stays { length } else { T::zero() };
+        }
+        self.balance(increments, residual);
+        matrix.solve_kept(&kept.solver, residual);
+        take_off(increments, residual);
+        // The rounding error of the solver is the same at every step, so that it would accumulate to growth or
+        // decay. A second correction, with the force that is needed anyway, removes it.
+        self.evaluate(increments, false);
+        if !matrix.is_solved_at_once(&kept.solver) {
+            self.balance(increments, residual);
+            if matrix.is_unsettled(&kept.solver, increments, self.position, residual) {
+                matrix.solve_kept(&kept.solver, residual);
+                take_off(increments, residual);
+                // If the damping acts at the node, the node is its sample.
+                if self.damping.is_some() {
+                    self.place_stage(increments);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Solves the equation by Newton's method and leaves G at the solution; how many iterations it took.
+    #[inline(always)]
+    fn solve_nonlinear<E: Equations<T, X::Block>>(
+        &mut self,
+        (increments, residual): (&mut [T], &mut [T]),
+        matrix: &mut E,
+    ) -> Result<u32, StepError> {
+        let moves = self.mechanics.depends_on_velocity();
+        let at = (size(self.position), moves);
+        let balance = |increments: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
+            self.evaluate(increments, matrix.is_some());
+            self.balance(increments, residual);
+            if let Some(matrix) = matrix {
+                self.write_matrix(increments, matrix);
+            }
+        };
+        let converged = newton(increments, residual, at, matrix, balance)?;
+        // The final force is the last one plus its linear change, if the neglected remainder is of rounding
+        // size.
+        let rounding = T::of(0.25) * T::EPSILON * self.step.size * self.numbers.weight * size(self.force);
+        // With a velocity-dependent force the matrix at hand is the resistance, not the stiffness.
+        if !moves && converged.residual.is_some_and(|left| left <= rounding) {
+            self.carry_on(increments, residual);
+        } else {
+            self.evaluate(increments, false);
+            if converged.leaves_residual {
+                self.settle(increments, residual);
+            }
+        }
+        Ok(converged.iterations)
+    }
+
     /// Places the node and computes G, with its derivative if `linearise`.
     #[inline(always)]
     fn evaluate(&mut self, increments: &[T], linearise: bool) {
