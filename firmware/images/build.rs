@@ -1,5 +1,14 @@
-//! Copies the memory map to the linker's search path.
-fn main() {
-    println!("cargo::rerun-if-changed=memory.x");
-    println!("cargo::rustc-link-search={}", env!("CARGO_MANIFEST_DIR"));
+//! Puts the memory map of the processor's board where the linker looks for it.
+use std::error::Error;
+use std::path::Path;
+use std::{env, fs};
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let processor = env::var("CARGO_CFG_TARGET_ARCH")?;
+    let map = Path::new("memory").join(format!("{processor}.x"));
+    println!("cargo::rerun-if-changed={}", map.display());
+    let out = env::var("OUT_DIR")?;
+    fs::copy(&map, Path::new(&out).join("memory.x"))?;
+    println!("cargo::rustc-link-search={out}");
+    Ok(())
 }

@@ -15,8 +15,9 @@ pub struct Counter {
 }
 
 impl Counter {
-    /// A counter that has measured its own overhead.
-    pub fn new(mut peripherals: Peripherals) -> Self {
+    /// A counter that has measured its own overhead; `None` if the unit is in use.
+    pub fn new() -> Option<Self> {
+        let mut peripherals = Peripherals::take()?;
         peripherals.DCB.enable_trace();
         // On some processors the unit is locked until a key is written.
         DWT::unlock();
@@ -24,7 +25,7 @@ impl Counter {
         peripherals.DWT.enable_cycle_counter();
         let mut counter = Self { overhead: 0 };
         counter.overhead = counter.count(|| ());
-        counter
+        Some(counter)
     }
 
     /// Number of cycles of `work`; less than 2³².

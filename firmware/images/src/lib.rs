@@ -1,26 +1,56 @@
-//! Output and program end, common to the images.
+//! Output, program end and measurement, common to the images. What differs between processors is in `arm` and
+//! `riscv`.
 #![no_std]
 
+#[cfg(target_arch = "arm")]
+#[path = "arm.rs"]
+mod processor;
+#[cfg(target_arch = "riscv32")]
+#[path = "riscv.rs"]
+mod processor;
+
 #[cfg(feature = "cycles")]
-pub mod cycles;
-pub mod instructions;
+mod cycles;
 pub mod spread;
 pub mod stack;
+
+#[cfg(feature = "cycles")]
+pub use cycles::Counter;
+#[cfg(not(feature = "cycles"))]
+pub use processor::Counter;
 
 use core::fmt;
 use core::panic::PanicInfo;
 
-use cortex_m as _;
-use cortex_m_semihosting::{debug, hio};
+use semihosting::io::{Stdout, Write as _, stdout};
+use semihosting::process::exit;
+
+/// The debugger's standard output.
+pub struct Output(Stdout);
+
+impl fmt::Write for Output {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        self.0.write_all(text.as_bytes()).map_err(|_| fmt::Error)
+    }
+}
+
+/// Makes a function that returns as [`main`] asks the program of an image.
+#[macro_export]
+macro_rules! image {
+    ($program:expr) => {
+        #[cfg_attr(target_arch = "arm", cortex_m_rt::entry)]
+        #[cfg_attr(target_arch = "riscv32", riscv_rt::entry)]
+        fn start() -> ! {
+            $crate::main($program)
+        }
+    };
+}
 
 /// Runs `program` on the debugger's standard output and ends the emulation: with success if it does.
-pub fn main(program: impl FnOnce(&mut hio::HostStream) -> Result<(), Refused>) -> ! {
-    let status = match hio::hstdout().map_err(|()| Refused).and_then(|mut out| program(&mut out)) {
-        Ok(()) => debug::EXIT_SUCCESS,
-        Err(Refused) => debug::EXIT_FAILURE,
-    };
-    loop {
-        debug::exit(status);
+pub fn main(program: impl FnOnce(&mut Output) -> Result<(), Refused>) -> ! {
+    match stdout().map_err(|_| Refused).and_then(|out| program(&mut Output(out))) {
+        Ok(()) => exit(0),
+        Err(Refused) => exit(1),
     }
 }
 
@@ -29,7 +59,7 @@ pub struct Refused;
 
 impl Refused {
     /// Prints the reason.
-    pub fn because(out: &mut hio::HostStream, reason: impl fmt::Display) -> Self {
+    pub fn because(out: &mut Output, reason: impl fmt::Display) -> Self {
         // If this fails as well, only the exit status reports the error.
         let _ = fmt::Write::write_fmt(out, format_args!("refused: {reason}\n"));
         Self

@@ -1,7 +1,7 @@
 //! Stack use by painting: memory below the stack pointer is filled with a pattern, and afterwards searched
 //! for the part that is unchanged.
 
-use cortex_m::register::msp;
+use crate::processor::stack_pointer;
 
 const PATTERN: u32 = 0x5afe_57ac;
 
@@ -14,7 +14,7 @@ const SPARED: usize = 128;
 /// Bytes of stack used by `work`, up to 4 KiB; at least 128.
 #[inline(never)]
 pub fn used_by(work: impl FnOnce()) -> usize {
-    let top = (msp::read() as usize - SPARED) & !3;
+    let top = (stack_pointer() - SPARED) & !3;
     let bottom = top - PAINTED;
     for address in (bottom..top).step_by(4) {
         // SAFETY: unused memory below the stack; images have 4 MiB of it.

@@ -10,21 +10,15 @@ use controllers::fractional::{
     FRACTIONAL_DERIVATIVE, FRACTIONAL_INTEGRAL, FractionalLaw, fractional_with, new_fractional,
 };
 use controllers::integer::{IntegerLaw, integer_with};
-use cortex_m_rt::entry;
-use cortex_m_semihosting::hio::HostStream;
 use fvi_core::{
     BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialPid, ExponentialSum, Fixed,
     FixedDirect, FractionalIntegral, FractionalOperator, FractionalPid, Galerkin, Integrator, Kernel, Mass,
-    Memory, NoForce, NodeGalerkin, Overflow, PidLaw, Quadratic, RungeKutta, Scheme, Start, System, Tiled,
+    Memory, NoForce, NodeGalerkin, Overflow, ParameterError, PidLaw, Quadratic, RungeKutta, Scheme, Start, System, Tiled,
     VariableStepMemory, monic_bdf_table_f32,
 };
-#[cfg(feature = "cycles")]
-use images::cycles::Counter;
-#[cfg(not(feature = "cycles"))]
-use images::instructions::Counter;
 use images::spread::Spread;
 use images::stack::used_by;
-use images::{Refused, main};
+use images::{Counter, Output, Refused, image};
 use nalgebra::SVector;
 use scenarios::oustaloup::Oustaloup;
 use scenarios::tables::axis::{AXIS_DERIVATIVE, AXIS_INTEGRAL, AxisLaw, axis_law, axis_with};
@@ -40,7 +34,7 @@ const PRODUCTS: usize = DAMPING.head.len() + DAMPING.exponentials.len();
 const TABLE_BYTES: usize = 4 * PRODUCTS;
 
 struct Bench<'a> {
-    out: &'a mut HostStream,
+    out: &'a mut Output,
     counter: Counter,
 }
 
@@ -300,12 +294,27 @@ impl Bench<'_> {
         self.row(name, steps, products, size_of_val(&pid), 4 * products, stack);
     }
 
+    /// Measures what a start of a generated controller takes, checks of its law included.
+    fn set_up<C>(&mut self, name: &str, start: impl Fn() -> Result<C, ParameterError>) {
+        let mut starts = Spread::default();
+        starts.add(self.counter.count(|| {
+            let _ = black_box(black_box(&start)());
+        }));
+        let stack = used_by(|| {
+            let _ = black_box(black_box(&start)());
+        });
+        self.row(format_args!("set-up of a {name}"), starts, 0, size_of::<C>(), 0, stack);
+    }
+
     /// Measures the controllers of the package `controllers`.
     fn controllers(&mut self) -> Result<(), Refused> {
         let products = [FRACTIONAL_INTEGRAL, FRACTIONAL_DERIVATIVE]
             .iter()
             .map(|table| table.head.len() + table.exponentials.len())
             .sum();
+        self.set_up("generated controller: orders 1 with a fixed law", || integer_with(IntegerLaw));
+        self.set_up("generated controller: endless with a fixed law", || fractional_with(FractionalLaw));
+        self.set_up("generated controller: endless with a law that changes", new_fractional);
         let integer = integer_with(IntegerLaw).map_err(|_| Refused)?;
         self.generated("generated controller: orders 1 with a fixed law", integer, 2);
         let fixed = fractional_with(FractionalLaw).map_err(|_| Refused)?;
@@ -347,34 +356,30 @@ impl Bench<'_> {
     }
 }
 
-#[entry]
-fn start() -> ! {
-    main(|out| {
-        let peripherals = cortex_m::Peripherals::take().ok_or(Refused)?;
-        let unit = if cfg!(feature = "cycles") { "cycles" } else { "instructions" };
-        let _ = writeln!(out, "name,{unit},worst,products,ram,table,stack");
-        let mut bench = Bench { out, counter: Counter::new(peripherals) };
-        bench.direct::<1, 32>()?;
-        bench.direct::<1, 64>()?;
-        bench.direct::<1, 128>()?;
-        bench.direct::<1, 160>()?;
-        bench.direct::<1, 256>()?;
-        bench.direct::<1, 1024>()?;
-        bench.direct::<2, 256>()?;
-        bench.tiled::<1, 17>()?;
-        bench.tiled::<1, 33>()?;
-        bench.tiled::<1, 129>()?;
-        bench.tiled::<2, 33>()?;
-        bench.operator()?;
-        bench.integral()?;
-        bench.controller()?;
-        bench.controllers()?;
-        bench.endless()?;
-        bench.any_step()?;
-        bench.oustaloup::<15>();
-        bench.oustaloup::<31>();
-        bench.oustaloup::<75>();
-        bench.coordinates::<1, { DAMPING.state_len(1) }>()?;
-        bench.coordinates::<2, { DAMPING.state_len(2) }>()
-    })
-}
+image!(|out| {
+    let unit = if cfg!(feature = "cycles") { "cycles" } else { "instructions" };
+    let _ = writeln!(out, "name,{unit},worst,products,ram,table,stack");
+    let mut bench = Bench { out, counter: Counter::new().ok_or(Refused)? };
+    bench.direct::<1, 32>()?;
+    bench.direct::<1, 64>()?;
+    bench.direct::<1, 128>()?;
+    bench.direct::<1, 160>()?;
+    bench.direct::<1, 256>()?;
+    bench.direct::<1, 1024>()?;
+    bench.direct::<2, 256>()?;
+    bench.tiled::<1, 17>()?;
+    bench.tiled::<1, 33>()?;
+    bench.tiled::<1, 129>()?;
+    bench.tiled::<2, 33>()?;
+    bench.operator()?;
+    bench.integral()?;
+    bench.controller()?;
+    bench.controllers()?;
+    bench.endless()?;
+    bench.any_step()?;
+    bench.oustaloup::<15>();
+    bench.oustaloup::<31>();
+    bench.oustaloup::<75>();
+    bench.coordinates::<1, { DAMPING.state_len(1) }>()?;
+    bench.coordinates::<2, { DAMPING.state_len(2) }>()
+});

@@ -2,11 +2,7 @@
 #![no_std]
 #![no_main]
 
-use cortex_m_rt::entry;
-use images::{Refused, main};
+use images::{Refused, image};
 use scenarios::mechanism;
 
-#[entry]
-fn start() -> ! {
-    main(|out| mechanism::run_both(out).map_err(|refusal| Refused::because(out, refusal)))
-}
+image!(|out| mechanism::run_both(out).map_err(|refusal| Refused::because(out, refusal)));

@@ -2,11 +2,7 @@
 #![no_std]
 #![no_main]
 
-use cortex_m_rt::entry;
-use images::{Refused, main};
+use images::{Refused, image};
 use scenarios::pulse;
 
-#[entry]
-fn start() -> ! {
-    main(|out| pulse::run_both(out).map_err(|refusal| Refused::because(out, refusal)))
-}
+image!(|out| pulse::run_both(out).map_err(|refusal| Refused::because(out, refusal)));

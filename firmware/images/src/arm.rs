@@ -1,4 +1,4 @@
-//! Instructions counted by SysTick, which QEMU's `-icount` drives: 1.6 ticks of 25 MHz per instruction of 64
+//! Cortex-M: instructions counted by SysTick, which QEMU's `-icount` drives: 1.6 ticks of 25 MHz per instruction of 64
 //! ns.
 
 use cortex_m::Peripherals;
@@ -14,16 +14,16 @@ pub struct Counter {
 }
 
 impl Counter {
-    /// A counter that has measured its own overhead.
-    pub fn new(peripherals: Peripherals) -> Self {
-        let mut timer = peripherals.SYST;
+    /// A counter that has measured its own overhead; `None` if the timer is in use.
+    pub fn new() -> Option<Self> {
+        let mut timer = Peripherals::take()?.SYST;
         timer.set_clock_source(SystClkSource::Core);
         timer.set_reload(RELOAD);
         timer.clear_current();
         timer.enable_counter();
         let mut counter = Self { timer, overhead: 0 };
         counter.overhead = counter.count(|| ());
-        counter
+        Some(counter)
     }
 
     /// Number of instructions of `work`; up to ten million.
@@ -35,4 +35,9 @@ impl Counter {
         let ticks = before.wrapping_sub(SYST::get_current()) & RELOAD;
         (ticks * 5 / 8).saturating_sub(self.overhead)
     }
+}
+
+/// The stack pointer.
+pub(crate) fn stack_pointer() -> usize {
+    cortex_m::register::msp::read() as usize
 }
