@@ -71,7 +71,7 @@ pub use own_terms::SharedTerms;
 pub use parameters::read_parameters;
 pub use past::Past;
 #[doc(hidden)]
-pub use plant_formula::PlantFormula;
+pub use plant_formula::{PlantFormula, Quotient};
 pub use reference::{Reference, ReferenceRow, ReferenceSource};
 #[doc(hidden)]
 pub use relaxation_matrix::RelaxationMatrix;

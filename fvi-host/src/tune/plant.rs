@@ -4,7 +4,7 @@ use super::margins::Loop;
 use fvi_scenario::language::document::{Table, Value};
 use fvi_scenario::language::expression::Moment;
 use fvi_scenario::language::{Document, InputError, Problem};
-use fvi_scenario::scenario::{Controller, PlantFormula, Scenario, read_parameters};
+use fvi_scenario::scenario::{Controller, PlantFormula, Quotient, Scenario, read_parameters};
 use fvi_simulation::simulation::closed_loop::OpenLoop;
 use fvi_simulation::simulation::response::Linearised;
 use nalgebra::Complex;
@@ -218,16 +218,31 @@ impl Plant {
         }
     }
 
-    /// Numerator and denominator of P without its dead time, from s⁰ on, the last coefficient of the
-    /// denominator 1; `None` where it is not given as a quotient of polynomials.
-    pub(super) fn polynomials(&self) -> Option<[Vec<f64>; 2]> {
+    /// The plant with all its dead time, the last coefficient of the denominator 1; `None` where it is no quotient of
+    /// polynomials with more poles than zeros.
+    pub(super) fn quotient(&self) -> Option<Quotient> {
+        let of = |numerator: Vec<f64>, denominator: Vec<f64>, within: f64| {
+            let last = *denominator.last()?;
+            let monic = |part: Vec<f64>| part.into_iter().map(|number| number / last).collect();
+            let dead_time = self.dead_time + within;
+            let is_proper = numerator.len() < denominator.len() && dead_time >= 0.0;
+            is_proper.then(|| Quotient {
+                numerator: monic(numerator),
+                denominator: monic(denominator),
+                dead_time,
+            })
+        };
         match &self.kind {
-            Kind::FirstOrder { gain, time } => Some([vec![gain / time], vec![time.recip(), 1.0]]),
-            Kind::SecondOrder { gain, coefficients: [a, b] } => {
-                Some([vec![gain / a], vec![a.recip(), b / a, 1.0]])
+            Kind::FirstOrder { gain, time } => of(vec![*gain], vec![1.0, *time], 0.0),
+            Kind::SecondOrder { gain, coefficients: [a, b] } => of(vec![*gain], vec![1.0, *b, *a], 0.0),
+            Kind::PolesZeros { numerator, denominator, .. } => {
+                of(numerator.clone(), denominator.clone(), 0.0)
             }
-            Kind::PolesZeros { numerator, denominator, .. } => Some([numerator.clone(), denominator.clone()]),
-            Kind::Formula { .. } | Kind::Scenario(_) => None,
+            Kind::Formula { formula, .. } => {
+                let Quotient { numerator, denominator, dead_time } = formula.quotient()?;
+                of(numerator, denominator, dead_time)
+            }
+            Kind::Scenario(_) => None,
         }
     }
 

@@ -75,6 +75,12 @@ impl PlantFormula {
         self.dead_time
     }
 
+    /// The formula as N(s)/D(s) e^{−Ls}: coefficients of the polynomials N and D from s⁰ on, and L; `None` if it is
+    /// not of this kind, or of a degree beyond 64.
+    pub fn quotient(&self) -> Option<Quotient> {
+        Quotient::of(self.expression.root())
+    }
+
     /// Its text.
     pub fn text(&self) -> &str {
         self.expression.text()
@@ -85,6 +91,129 @@ impl Serialize for PlantFormula {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         self.expression.serialize(serializer)
     }
+}
+
+/// N(s)/D(s) e^{−Ls} with polynomials N and D.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Quotient {
+    /// Coefficients of N, from s⁰ on.
+    pub numerator: Vec<f64>,
+    /// Coefficients of D, from s⁰ on.
+    pub denominator: Vec<f64>,
+    /// L.
+    pub dead_time: f64,
+}
+
+/// The highest degree of a polynomial.
+const MOST_DEGREES: usize = 64;
+
+impl Quotient {
+    fn number(value: f64) -> Self {
+        Self { numerator: vec![value], denominator: vec![1.0], dead_time: 0.0 }
+    }
+
+    fn of(node: &Node) -> Option<Self> {
+        if !node.varies() {
+            return Some(Self::number(evaluate(node, &Complex::new(1.0, 0.0)).re));
+        }
+        match node.kind() {
+            Kind::Variable(_) => Some(Self { numerator: vec![0.0, 1.0], ..Self::number(1.0) }),
+            Kind::Negation(inner) => Some(Self::of(inner)?.times(-1.0)),
+            Kind::Chain(first, operands) => {
+                operands.iter().try_fold(Self::of(first)?, |left, (operator, operand)| {
+                    let right = Self::of(operand)?;
+                    match operator {
+                        Operator::Add => left.plus(right),
+                        Operator::Subtract => left.plus(right.times(-1.0)),
+                        Operator::Multiply => left.product(&right),
+                        Operator::Divide => left.product(&right.inverse()),
+                    }
+                })
+            }
+            Kind::Power(sides) => {
+                let [base, exponent] = sides.as_ref();
+                let whole = exponent.as_number().filter(|n| n.fract() == 0.0 && n.abs() <= 64.0)?;
+                let base = if whole < 0.0 { Self::of(base)?.inverse() } else { Self::of(base)? };
+                (0..whole.abs() as u32).try_fold(Self::number(1.0), |power, _| power.product(&base))
+            }
+            Kind::Call(Function::Exp, argument) => {
+                let exponent = Self::of(argument)?;
+                let [last] = exponent.denominator[..] else { return None };
+                let (constant, slope) = match exponent.numerator[..] {
+                    [constant] => (constant, 0.0),
+                    [constant, slope] => (constant, slope),
+                    _ => return None,
+                };
+                let whole = exponent.dead_time == 0.0;
+                whole.then(|| Self {
+                    dead_time: -slope / last,
+                    ..Self::number(libm::exp(constant / last))
+                })
+            }
+            _ => None,
+        }
+    }
+
+    fn times(mut self, factor: f64) -> Self {
+        self.numerator.iter_mut().for_each(|number| *number *= factor);
+        self
+    }
+
+    fn inverse(self) -> Self {
+        Self { numerator: self.denominator, denominator: self.numerator, dead_time: -self.dead_time }
+    }
+
+    fn product(&self, other: &Self) -> Option<Self> {
+        Self {
+            numerator: multiplied(&self.numerator, &other.numerator),
+            denominator: multiplied(&self.denominator, &other.denominator),
+            dead_time: self.dead_time + other.dead_time,
+        }
+        .trimmed()
+    }
+
+    /// The sum, if both have the same dead time.
+    fn plus(self, other: Self) -> Option<Self> {
+        if self.dead_time != other.dead_time {
+            return None;
+        }
+        if self.denominator == other.denominator {
+            return Self { numerator: added(self.numerator, &other.numerator), ..self }.trimmed();
+        }
+        let numerator = added(
+            multiplied(&self.numerator, &other.denominator),
+            &multiplied(&other.numerator, &self.denominator),
+        );
+        let denominator = multiplied(&self.denominator, &other.denominator);
+        Self { numerator, denominator, dead_time: self.dead_time }.trimmed()
+    }
+
+    /// Without leading zeros; `None` if nothing is left of a part, or too much.
+    fn trimmed(mut self) -> Option<Self> {
+        for part in [&mut self.numerator, &mut self.denominator] {
+            while part.len() > 1 && part.last() == Some(&0.0) {
+                part.pop();
+            }
+            if part.len() > MOST_DEGREES + 1 || part.iter().any(|number| !number.is_finite()) {
+                return None;
+            }
+        }
+        (self.denominator.last() != Some(&0.0)).then_some(self)
+    }
+}
+
+fn multiplied(left: &[f64], right: &[f64]) -> Vec<f64> {
+    let mut product = vec![0.0; left.len() + right.len() - 1];
+    for (i, a) in left.iter().enumerate() {
+        right.iter().enumerate().for_each(|(j, b)| product[i + j] += a * b);
+    }
+    product
+}
+
+fn added(mut left: Vec<f64>, right: &[f64]) -> Vec<f64> {
+    left.resize(left.len().max(right.len()), 0.0);
+    left.iter_mut().zip(right).for_each(|(a, b)| *a += b);
+    left
 }
 
 fn fraction(node: &Node, s: Complex<f64>) -> [Complex<f64>; 2] {
@@ -286,6 +415,28 @@ mod tests {
         // An unstable pole is a zero of D, and N is finite there.
         let [n, d] = read("2/(s - 1) + 1").unwrap().fraction(Complex::new(1.0, 0.0));
         assert_eq!((d.norm(), n.re), (0.0, 2.0));
+    }
+
+    #[test]
+    fn quotients_of_polynomials_are_found() {
+        for (text, numerator, denominator, dead_time) in [
+            ("2/(s^2 + 3*s + 5)", &[2.0][..], &[5.0, 3.0, 1.0][..], 0.0),
+            ("3.13*exp(-50*s)/(433.33*s + 1)", &[3.13], &[1.0, 433.33], 50.0),
+            ("(1 - s)*exp(-2*s)*exp(-s)/(s*(s + 1)^2)", &[1.0, -1.0], &[0.0, 1.0, 2.0, 1.0], 3.0),
+            ("1/(s + 1) - 2/(s + 3)", &[1.0, -1.0], &[3.0, 4.0, 1.0], 0.0),
+            ("1/(1 + 1/s)", &[0.0, 1.0], &[1.0, 1.0], 0.0),
+            ("(s + 2)^-2", &[1.0], &[4.0, 4.0, 1.0], 0.0),
+        ] {
+            let known = Quotient {
+                numerator: numerator.to_vec(),
+                denominator: denominator.to_vec(),
+                dead_time,
+            };
+            assert_eq!(read(text).unwrap().quotient(), Some(known), "{text}");
+        }
+        for text in ["1/(s^0.5 + 1)", "1/(s + 1) + exp(-s)/(s + 2)", "tanh(s)/s", "1/(s + exp(-s))"] {
+            assert_eq!(read(text).unwrap().quotient(), None, "{text}");
+        }
     }
 
     #[test]
