@@ -288,15 +288,23 @@ impl Held {
         }
     }
 
-    /// Refuses coordinates that neither stiffness nor damping holds.
+    /// Refuses coordinates that neither stiffness nor damping holds. A damper without an unrelaxed modulus holds
+    /// over short steps whatever the stiffness is, which right sides that are no gradient have of any size.
     fn check_hold(&self, scenario: &Scenario) -> Result<(), InputError> {
         let h = scenario.time.step;
         let s = if h > 0.0 && h.is_finite() { h.recip() } else { 1.0 };
         let mut entries = self.own_block(&self.stiffness, 1.0);
+        let largest: f64 = entries.iter().map(|(_, _, entry)| entry.abs()).sum();
         for term in &scenario.system.damping {
+            let block = self.own_block(&matrix(&term.coefficient), 1.0);
             let value = term.transfer.value(Complex::new(s, 0.0)).re;
-            let factor = if value > 0.0 && value.is_finite() { value } else { 1.0 };
-            entries.extend(self.own_block(&matrix(&term.coefficient), factor));
+            let mut factor = if value > 0.0 && value.is_finite() { value } else { 1.0 };
+            if term.transfer.unrelaxed().is_none() {
+                let own = block.iter().filter(|(row, column, entry)| row == column && *entry > 0.0);
+                let least = own.map(|(_, _, entry)| *entry).fold(f64::INFINITY, f64::min);
+                factor = factor.max(2.0 * largest / least);
+            }
+            entries.extend(block.into_iter().map(|(row, column, entry)| (row, column, factor * entry)));
         }
         entries.extend(self.resistance.iter().flat_map(|resistance| self.own_block(resistance, s)));
         match first_loose(self.rows.len(), &entries) {
