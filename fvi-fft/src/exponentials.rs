@@ -8,6 +8,7 @@ pub mod complex_exponential_table;
 pub mod controller_source;
 #[doc(hidden)]
 pub mod exponential_table;
+mod jacobi_matrix;
 mod rate_rules;
 #[doc(hidden)]
 pub mod rate_table;

@@ -28,14 +28,13 @@
 //! \[GolubWelsch69\], \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
 
 use crate::Aligned;
-use crate::dense::symmetric_eigen;
+use crate::exponentials::jacobi_matrix::JacobiMatrix;
 use crate::quadrature::exponential::Exponential;
 use crate::quadrature::multistep_weights::multistep_weights;
 use crate::quadrature::principal_cut::PrincipalCut;
 use crate::sums::{CompensatedSum, max_or_nan};
 use crate::transfer::TransferFunction;
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, Real, min_or_nan};
-use nalgebra::DMatrix;
 use std::f64::consts::PI;
 use std::ops::Range;
 
@@ -786,7 +785,7 @@ fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, toleranc
 /// agree if at the lags of `weights` their sums differ by at most `bound` of lag and weight.
 fn shortest_rules(
     groups: &[&[Exponential]],
-    gauss_rules: impl Fn(usize) -> Vec<Nodes>,
+    gauss_rules: impl FnMut(usize) -> Vec<Nodes>,
     weights: &[(usize, Vec<f64>)],
     bound: impl Fn(usize, f64) -> f64,
 ) -> (usize, Vec<Nodes>) {
@@ -816,12 +815,12 @@ fn shortest_rules(
 
 /// Gauss rules, by size, of the measures in the rate minus the slowest one: e^{−sn} is nearly a polynomial in
 /// s where s n is moderate.
-fn slow_gauss_rules(groups: &[&[Exponential]], slowest: f64) -> impl Fn(usize) -> Vec<Nodes> {
+fn slow_gauss_rules(groups: &[&[Exponential]], slowest: f64) -> impl FnMut(usize) -> Vec<Nodes> {
     let beyond = move |node: &Exponential| node.rate - slowest;
     let unit = groups.first().and_then(|group| group.last()).map_or(1.0, beyond);
     let measure =
         |group: &&[Exponential]| group.iter().map(|node| (beyond(node) / unit, node.coefficient)).collect();
-    let measures = Measures::of(groups.iter().map(measure).collect());
+    let mut measures = Measures::of(groups.iter().map(measure).collect());
     move |size| {
         let node = |&(x, c): &(f64, f64)| Exponential { rate: slowest + x.max(0.0) * unit, coefficient: c };
         measures.gauss_rules(size).iter().map(|rule| rule.iter().map(node).collect()).collect()
@@ -830,14 +829,14 @@ fn slow_gauss_rules(groups: &[&[Exponential]], slowest: f64) -> impl Fn(usize) -
 
 /// Gauss rules, by size, of the measures in t = e^{−s}, weighted with their values after the head:
 /// e^{−s(n−n₀)} is a power of t.
-fn fast_gauss_rules(groups: &[&[Exponential]], head: usize) -> impl Fn(usize) -> Vec<Nodes> {
+fn fast_gauss_rules(groups: &[&[Exponential]], head: usize) -> impl FnMut(usize) -> Vec<Nodes> {
     let behind = head as f64;
     let first = groups.first().and_then(|group| group.first());
     let unit = first.map_or(1.0, |node| libm::exp(-node.rate));
     let place = |node: &Exponential| {
         (libm::exp(-node.rate) / unit, node.coefficient * libm::exp(-node.rate * behind))
     };
-    let measures = Measures::of(groups.iter().map(|group| group.iter().map(place).collect()).collect());
+    let mut measures = Measures::of(groups.iter().map(|group| group.iter().map(place).collect()).collect());
     move |size| {
         let node = |&(t, c): &(f64, f64)| {
             let rate = -libm::log(t.max(f64::EPSILON) * unit);
@@ -875,7 +874,8 @@ impl Measures {
             (place, (shares.sum::<f64>() / count).exp())
         };
         let mean: Vec<(f64, f64)> = first.iter().enumerate().map(mean).collect();
-        let (jacobi, basis) = JacobiMatrix::with_basis(&mean);
+        let mut jacobi = JacobiMatrix::of(&mean);
+        let basis = jacobi.basis();
         // The basis consists of p_j √m with the masses m of the mean.
         let integral = |measure: &[(f64, f64)], row: &[f64]| -> f64 {
             let parts = measure.iter().zip(&mean).zip(row);
@@ -889,85 +889,20 @@ impl Measures {
 
     /// For each measure the rule on the nodes of the Gauss rule of `size` nodes that integrates polynomials
     /// below the degree `size` exactly: for a single one the Gauss rule itself.
-    fn gauss_rules(&self, size: usize) -> Vec<Vec<(f64, f64)>> {
+    fn gauss_rules(&mut self, size: usize) -> Vec<Vec<(f64, f64)>> {
         if self.integrals.is_empty() {
             return vec![self.jacobi.gauss_rule(size)];
         }
         let nodes = self.jacobi.nodes(size);
+        let mass = self.jacobi.mass();
         let of_measure = |integrals: &Vec<f64>| -> Vec<(f64, f64)> {
             let coefficient = |vector: &[f64]| -> f64 {
                 let sum = vector.iter().zip(integrals).map(|(entry, integral)| entry * integral);
-                vector.first().map_or(0.0, |first| first * self.jacobi.mass.sqrt()) * sum.sum::<f64>()
+                vector.first().map_or(0.0, |first| first * mass.sqrt()) * sum.sum::<f64>()
             };
             nodes.iter().map(|(place, vector)| (*place, coefficient(vector))).collect()
         };
         self.integrals.iter().map(of_measure).collect()
-    }
-}
-
-/// The Jacobi matrix of a discrete positive measure; its leading parts are those of the Gauss rules
-/// \[GolubWelsch69\].
-pub(crate) struct JacobiMatrix {
-    mass: f64,
-    diagonal: Vec<f64>,
-    beside: Vec<f64>,
-}
-
-impl JacobiMatrix {
-    /// For a measure of (place, mass), large enough for rules of [`LONGEST_RULE`] nodes: Lanczos' algorithm
-    /// on the diagonal matrix of places, started from the square roots of the masses and reorthogonalised.
-    pub(crate) fn of(measure: &[(f64, f64)]) -> Self {
-        Self::with_basis(measure).0
-    }
-
-    /// The same with Lanczos' vectors: the orthonormal polynomials at the places times the roots of the
-    /// masses.
-    fn with_basis(measure: &[(f64, f64)]) -> (Self, Vec<Vec<f64>>) {
-        let mass = measure.iter().map(|(_, mass)| *mass).collect::<CompensatedSum>().total();
-        let mut jacobi = Self { mass, diagonal: Vec::new(), beside: Vec::new() };
-        let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
-        let mut current: Vec<f64> = measure.iter().map(|(_, part)| (part / mass).sqrt()).collect();
-        let mut basis: Vec<Vec<f64>> = Vec::new();
-        for _ in 0..LONGEST_RULE.min(measure.len()) {
-            let mut next: Vec<f64> = measure.iter().zip(&current).map(|((place, _), q)| place * q).collect();
-            jacobi.diagonal.push(dot(&next, &current));
-            basis.push(current);
-            for _ in 0..2 {
-                for vector in &basis {
-                    let overlap = dot(&next, vector);
-                    next.iter_mut().zip(vector).for_each(|(next, q)| *next -= overlap * q);
-                }
-            }
-            let norm = dot(&next, &next).sqrt();
-            jacobi.beside.push(norm);
-            next.iter_mut().for_each(|next| *next /= norm);
-            current = next;
-        }
-        (jacobi, basis)
-    }
-
-    /// The Gauss rule of `size` nodes, (place, mass) in ascending order.
-    pub(crate) fn gauss_rule(&self, size: usize) -> Vec<(f64, f64)> {
-        let mass = |vector: &[f64]| vector.first().map_or(0.0, |first| self.mass * first.powi(2));
-        self.nodes(size).iter().map(|(place, vector)| (*place, mass(vector))).collect()
-    }
-
-    /// The nodes of the Gauss rule of `size` nodes in ascending order, each with its eigenvector.
-    fn nodes(&self, size: usize) -> Vec<(f64, Vec<f64>)> {
-        let size = size.min(self.diagonal.len());
-        let mut leading = DMatrix::zeros(size, size);
-        for k in 0..size {
-            leading[(k, k)] = self.diagonal[k];
-            if k + 1 < size {
-                leading[(k, k + 1)] = self.beside[k];
-                leading[(k + 1, k)] = self.beside[k];
-            }
-        }
-        let eigen = symmetric_eigen(leading);
-        let node = |k: usize| (eigen.eigenvalues[k], eigen.eigenvectors.column(k).iter().copied().collect());
-        let mut nodes: Vec<(f64, Vec<f64>)> = (0..size).map(node).collect();
-        nodes.sort_by(|a, b| a.0.total_cmp(&b.0));
-        nodes
     }
 }
 

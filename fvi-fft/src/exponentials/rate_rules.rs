@@ -4,7 +4,8 @@
 //! shortest step as a power of 1/λ times a polynomial in 1/λ: they are replaced by Gauss rules of the measure
 //! of the nodes.
 
-use crate::exponentials::exponential_table::{JacobiMatrix, LONGEST_RULE};
+use crate::exponentials::exponential_table::LONGEST_RULE;
+use crate::exponentials::jacobi_matrix::JacobiMatrix;
 use crate::quadrature::inverse::inverse;
 use fvi_core::{Resolvent, RungeKutta};
 use nalgebra::{SMatrix, SVector};
@@ -90,10 +91,10 @@ impl Compression {
 
 impl Relaxation {
     /// Gauss rules of the measure in λ, by size.
-    fn slow_rules(group: &[Self]) -> impl Fn(usize) -> Vec<Self> {
+    fn slow_rules(group: &[Self]) -> impl FnMut(usize) -> Vec<Self> {
         let unit = group.last().map_or(1.0, |node| node.rate).max(f64::MIN_POSITIVE);
         let measure: Vec<_> = group.iter().map(|node| (node.rate / unit, node.coefficient)).collect();
-        let jacobi = JacobiMatrix::of(&measure);
+        let mut jacobi = JacobiMatrix::of(&measure);
         move |size| {
             let rule = jacobi.gauss_rule(size).into_iter();
             rule.map(|(x, coefficient)| Self { rate: x.max(0.0) * unit, coefficient }).collect()
@@ -101,13 +102,13 @@ impl Relaxation {
     }
 
     /// Gauss rules of the measure in u = 1/λ with the weight u², by size.
-    fn fast_rules(group: &[Self]) -> impl Fn(usize) -> Vec<Self> {
+    fn fast_rules(group: &[Self]) -> impl FnMut(usize) -> Vec<Self> {
         let unit = group.first().map_or(1.0, |node| node.rate);
         let measure: Vec<_> = group
             .iter()
             .map(|node| (unit / node.rate, node.coefficient * (unit / node.rate).powi(2)))
             .collect();
-        let jacobi = JacobiMatrix::of(&measure);
+        let mut jacobi = JacobiMatrix::of(&measure);
         move |size| {
             let node = |(u, mass): (f64, f64)| Self { rate: unit / u, coefficient: mass / (u * u) };
             let rule = jacobi.gauss_rule(size).into_iter().filter(|(u, _)| *u > 0.0);
@@ -158,7 +159,7 @@ impl Agreement {
         &self,
         (nodes, range): (&[Relaxation], Range<usize>),
         fewest: usize,
-        rules: impl Fn(usize) -> Vec<Relaxation>,
+        rules: impl FnMut(usize) -> Vec<Relaxation>,
     ) -> Vec<Relaxation> {
         let sum = |nodes: &[Relaxation], values: &[Vec<f64>], index: usize| -> f64 {
             nodes.iter().zip(values).map(|(node, values)| node.coefficient * values[index]).sum()

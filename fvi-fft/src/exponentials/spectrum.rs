@@ -1,6 +1,6 @@
 //! A transfer function as a sum of relaxations in continuous time, with a check of that sum.
 
-use crate::exponentials::exponential_table::JacobiMatrix;
+use crate::exponentials::jacobi_matrix::JacobiMatrix;
 use crate::exponentials::rate_rules::Relaxation;
 use crate::transfer::derivative::TransferDerivative;
 use crate::transfer::{Cut, TransferFunction};

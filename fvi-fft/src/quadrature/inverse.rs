@@ -97,18 +97,29 @@ mod tests {
         let singular = SMatrix::<f64, 2, 2>::new(1.0, 2.0, 2.0, 4.0);
         assert!(inverse(&singular).iter().all(|entry| entry.is_nan()));
     }
-    #[test]
-    fn powers_make_up_the_inverse_and_agree_with_the_contour() {
-        let method = RungeKutta::<7>::radau_iia().unwrap();
-        let matrix = SMatrix::<f64, 7, 7>::from_fn(|i, j| method.matrix()[i][j]);
+
+    fn check<const R: usize>(method: RungeKutta<R>) {
+        let matrix = SMatrix::<f64, R, R>::from_fn(|i, j| method.matrix()[i][j]);
         let inverted = inverse(&matrix);
         assert!((inverted * matrix - SMatrix::identity()).amax() < 1e-13);
         for mu in [0.0, 1e-3, 0.2, 0.5, 0.93, 1.0 - 1e-9, 1.0] {
             let found = power(&matrix, mu);
             let product = found * power(&matrix, 1.0 - mu);
-            assert!((product - inverted).amax() < 1e-13 * inverted.amax(), "{mu}");
+            assert!((product - inverted).amax() < 1e-13 * inverted.amax(), "{R}: {mu}");
             let known = RungeKuttaWeights::new(&method, mu, 1.0, 1).unwrap();
-            assert!((found - known.leading()).amax() < 1e-13 * found.amax(), "{mu}");
+            assert!((found - known.leading()).amax() < 1e-13 * found.amax(), "{R}: {mu}");
         }
+    }
+
+    #[test]
+    fn powers_make_up_the_inverse_and_agree_with_the_contour() {
+        check(RungeKutta::<1>::radau_iia().unwrap());
+        check(RungeKutta::<2>::radau_iia().unwrap());
+        check(RungeKutta::<3>::radau_iia().unwrap());
+        check(RungeKutta::<5>::radau_iia().unwrap());
+        check(RungeKutta::<7>::radau_iia().unwrap());
+        check(RungeKutta::<2>::lobatto_iiic().unwrap());
+        check(RungeKutta::<3>::lobatto_iiic().unwrap());
+        check(RungeKutta::<4>::lobatto_iiic().unwrap());
     }
 }
