@@ -86,8 +86,9 @@ pub(crate) fn run<'py>(
                     event.own = function.map(|function| watched(function, slot.clone()));
                 }
                 if let Some(callables) = terms {
-                    // Of an equation they act on its unknowns.
-                    let size = scenario.system.names().count();
+                    // Of an equation they act on its unknowns, and on derivatives with names.
+                    let unknowns = || scenario.system.names().count();
+                    let size = scenario.equation.as_ref().map_or_else(unknowns, |equation| equation.arguments());
                     let mut terms = PythonTerms::new(callables, size, slot.clone());
                     if resume.is_none() {
                         let (start, position) = (scenario.time.start, &scenario.initial.position[..size]);

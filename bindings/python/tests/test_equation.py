@@ -136,3 +136,47 @@ def test_scenarios_with_an_equation_run_too(tmp_path):
     assert r.q.shape[1] == 1
     np.testing.assert_array_equal(r.q, kept.q)
     np.testing.assert_array_equal(r.q, fvi.load(tmp_path / "out").q)
+
+
+def test_right_sides_take_derivatives_of_lower_orders():
+    # x = 1 + t^1.5: D^0.5 x = Γ(2.5) t, x' = 1.5 √t, D^1.2 x = Γ(2.5)/Γ(1.3) t^0.3.
+    g, k = math.gamma(2.5), math.gamma(2.5) / math.gamma(1.3)
+
+    def right(t, x, d, g):
+        half, slope = d
+        return k * t**0.3 + x * (half - g * t) - (slope**2 - 2.25 * t)
+
+    def slopes(t, x, d, g):
+        return [[d[0] - g * t, x[0], -2 * d[1]]]
+
+    text = "k*t^0.3 + x0*(half - g*t) - (slope^2 - 2.25*t)"
+    names = {"half": (0, 0.5), "slope": {"of": "x0", "order": 1}}
+    known = {"parameters": {"g": g, "k": k}}
+    runs = [fvi.solve_fde(text, 1.2, 2.0, [1.0, 0.0], 1e-9, derivatives=names, **known)]
+    for jac in (None, slopes):
+        for derivatives in (names, [(0, 0.5), ("x0", 1.0)]):
+            runs.append(fvi.solve_fde(right, 1.2, 2.0, [1.0, 0.0], 1e-9, args=(g,), jac=jac, derivatives=derivatives))
+    for r in runs:
+        assert r.success and r.x.shape[1] == 1 and abs(r.x[:, 0] - 1 - r.t**1.5).max() < 1e-8
+
+
+@pytest.mark.parametrize(
+    "derivatives, key",
+    [
+        ({"w": (0, 1.5)}, "derivatives.w.order"),
+        ({"w": (1, 0.5)}, "derivatives.w.of"),
+        ({"w": (-1, 0.5)}, "derivatives['w']"),
+        ({"x0": (0, 0.5)}, "derivatives.x0"),
+        ({"w": 0.5}, "derivatives['w']"),
+        ([(0, 0.5)], "derivatives"),
+    ],
+)
+def test_derivatives_that_cannot_be_are_refused(derivatives, key):
+    with pytest.raises(fvi.InputError) as caught:
+        fvi.solve_fde("-x0", 1.5, 1.0, [1.0, 0.0], derivatives=derivatives)
+    assert caught.value.key == key
+
+
+def test_functions_of_derivatives_return_a_number_for_each_unknown():
+    with pytest.raises(fvi.InputError, match="2 numbers instead of 1"):
+        fvi.solve_fde(lambda t, x, d: [1.0, 2.0], 1.5, 1.0, [1.0, 0.0], derivatives=[(0, 0.5)])

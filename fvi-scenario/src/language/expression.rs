@@ -97,6 +97,14 @@ impl Symbols {
 
     /// As [`with_parameter`](Self::with_parameter); after an error the symbols are as before.
     pub(crate) fn add_parameter(&mut self, name: &str, value: f64) -> Result<(), ParameterNameError> {
+        self.allows(name)?;
+        self.parameters.entry(name.to_owned()).or_insert(value);
+        Ok(())
+    }
+
+    /// # Errors
+    /// The reason why the name cannot be given to anything: it is not a name, or it already has a meaning.
+    pub(crate) fn allows(&self, name: &str) -> Result<(), ParameterNameError> {
         let mut letters = name.chars();
         let well_formed =
             letters.next().is_some_and(syntax::starts_name) && letters.all(syntax::continues_name);
@@ -118,7 +126,6 @@ impl Symbols {
         if numbered || self.indices.contains_key(name) {
             return Err(ParameterNameError::Variable);
         }
-        self.parameters.entry(name.to_owned()).or_insert(value);
         Ok(())
     }
 

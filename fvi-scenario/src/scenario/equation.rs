@@ -7,7 +7,7 @@ use super::parameters::{read_parameters, symbols_of};
 use super::system::{Damping, Derivative, ForceQuadrature, System};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
-use crate::language::expression::{Expression, Moment, Node, Operator, Symbols};
+use crate::language::expression::{Expression, Moment, Node, Operator, ParameterNameError, Symbols};
 use fvi_core::ParameterError;
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
@@ -34,6 +34,9 @@ const LARGEST_ORDER: f64 = 100.0;
 /// D^{α−s} w = R where k + 1 ≥ α, from w = 0. Terms of a positive share a_j/a with orders between m − 1 and α
 /// are further dampers on y_{m−1}. Source: \[Die10\], lemma 3.13, for Caputo's derivatives of derivatives.
 ///
+/// f may name derivatives D^s x of lower orders, which are such coordinates too, y_k or w. They come next to
+/// the unknowns, in the sequence of their names.
+///
 /// ```
 /// # use fvi_scenario::scenario::Scenario;
 /// let scenario = Scenario::from_value(&serde_json::json!({
@@ -56,6 +59,8 @@ pub struct Equation {
     pub derivative: Derivative,
     /// Named constants of the expressions.
     pub parameters: BTreeMap<String, f64>,
+    /// Derivatives that the right sides name.
+    pub derivatives: Vec<NamedDerivative>,
     /// The unknown that each coordinate belongs to, and the order β of what moves it.
     coordinates: Vec<(usize, f64)>,
     /// The coordinate whose force is the right side of each equation, with 1/a.
@@ -71,6 +76,17 @@ pub struct Term {
     pub coefficient: f64,
 }
 
+/// A derivative of an unknown under a name of its own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NamedDerivative {
+    /// The name in right sides.
+    pub name: String,
+    /// Index of the unknown.
+    pub of: usize,
+    /// Greater than 0 and less than the largest order of the unknown.
+    pub order: f64,
+}
+
 /// What the coordinates of an equation are made of.
 #[derive(Default)]
 struct Chains {
@@ -80,12 +96,14 @@ struct Chains {
     /// Order, coordinate and share of each damper.
     dampers: Vec<(f64, usize, f64)>,
     driven: Vec<Vec<(usize, f64)>>,
+    /// Unknown, order and coordinate of each derivative that has a name, and whether it has been made.
+    named: Vec<(usize, f64, usize, bool)>,
 }
 
 impl Equation {
     /// Reads the table; returns the system and the state it stands for too.
     pub(super) fn read(table: &Table<'_>) -> Result<(Self, System, InitialState), InputError> {
-        table.allow(&["order", "terms", "right", "initial", "derivative", "parameters"])?;
+        table.allow(&["order", "terms", "right", "initial", "derivative", "derivatives", "parameters"])?;
         let parameters = match table.optional("parameters") {
             Some(value) => read_parameters(&value)?,
             None => BTreeMap::new(),
@@ -100,15 +118,17 @@ impl Equation {
         if count == 0 {
             return Err(right_value.out_of_range("one right side at least"));
         }
+        let terms = Self::read_terms(table, count)?;
         let symbols = names(&parameters, count).map_err(|name| {
             right_value.error(Problem::Incompatible {
                 with: format!("a parameter with the name `{name}`"),
                 allowed: format!("another name of the parameter: here `{name}` is an unknown"),
             })
         })?;
+        let derivatives = NamedDerivative::read_all(table, (&symbols, &parameters), &terms)?;
+        let symbols = symbols.with_variables(derivatives.iter().map(|one| one.name.clone()));
         let right: Vec<Expression> =
             entries.iter().map(|entry| entry.expression(&symbols)).collect::<Result<_, _>>()?;
-        let terms = Self::read_terms(table, count)?;
         let initial = read_initial(&table.required("initial")?, &terms)?;
         let derivative = match table.optional("derivative") {
             Some(value) => value.choice(&[
@@ -117,7 +137,10 @@ impl Equation {
             ])?,
             None => Derivative::Caputo,
         };
-        let mut chains = Chains::of_unknowns(&initial);
+        if derivative == Derivative::RiemannLiouville {
+            NamedDerivative::check_initial(table, &derivatives, &initial)?;
+        }
+        let mut chains = Chains::of_unknowns(&initial, &derivatives);
         for (unknown, terms) in terms.iter().enumerate() {
             let mut force = right[unknown].root().clone();
             if derivative == Derivative::RiemannLiouville {
@@ -138,6 +161,7 @@ impl Equation {
             initial,
             derivative,
             parameters,
+            derivatives,
             coordinates: chains.coordinates.iter().map(|&(unknown, order, _)| (unknown, order)).collect(),
             driven: chains.driven,
         };
@@ -180,6 +204,11 @@ impl Equation {
         self.terms.len()
     }
 
+    /// Number of unknowns and derivatives that right sides act on.
+    pub fn arguments(&self) -> usize {
+        self.unknowns() + self.derivatives.len()
+    }
+
     /// The order β ≤ 1 of the derivative that each coordinate of the system is moved by.
     pub fn orders_of_coordinates(&self) -> impl Iterator<Item = f64> {
         self.coordinates.iter().map(|&(_, order)| order)
@@ -215,7 +244,8 @@ impl Equation {
     }
 }
 
-/// Right sides in code: a force on each unknown, passed to the coordinates that it drives.
+/// Right sides in code: a force on each unknown, passed to the coordinates that it drives, which depends on
+/// derivatives with names as well. What code pushes these with is left out.
 pub(super) struct RightSides {
     terms: SharedTerms,
     driven: Vec<Vec<(usize, f64)>>,
@@ -227,7 +257,7 @@ pub(super) struct RightSides {
 impl RightSides {
     /// Those of an equation, as forces on its coordinates.
     pub(super) fn of(equation: &Equation, terms: SharedTerms) -> SharedTerms {
-        let count = equation.unknowns();
+        let count = equation.arguments();
         let (restoring, slopes) = (vec![0.0; count], vec![0.0; count * count]);
         SharedTerms::new(Self { terms, driven: equation.driven.clone(), restoring, slopes })
     }
@@ -287,8 +317,91 @@ impl Serialize for Equation {
         map.serialize_entry("right", &self.right)?;
         map.serialize_entry("initial", &self.initial)?;
         map.serialize_entry("derivative", &self.derivative)?;
+        if !self.derivatives.is_empty() {
+            map.serialize_entry("derivatives", &Named(&self.derivatives))?;
+        }
         map.serialize_entry("parameters", &self.parameters)?;
         map.end()
+    }
+}
+
+/// Derivatives as a table, in their sequence.
+struct Named<'a>(&'a [NamedDerivative]);
+
+impl Serialize for Named<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Content {
+            of: String,
+            order: f64,
+        }
+        let content = |one: &NamedDerivative| Content { of: format!("x{}", one.of), order: one.order };
+        serializer.collect_map(self.0.iter().map(|one| (&one.name, content(one))))
+    }
+}
+
+impl NamedDerivative {
+    /// `derivatives = { name = { of = "x0", order = 0.5 } }`
+    fn read_all(
+        table: &Table<'_>,
+        (symbols, parameters): (&Symbols, &BTreeMap<String, f64>),
+        terms: &[Vec<Term>],
+    ) -> Result<Vec<Self>, InputError> {
+        let mut derivatives: Vec<Self> = Vec::new();
+        let Some(value) = table.optional("derivatives") else { return Ok(derivatives) };
+        for (name, entry) in value.table()?.entries() {
+            let taken = match symbols.allows(name) {
+                Ok(()) => parameters.contains_key(name).then(|| "it is a parameter".to_owned()),
+                Err(ParameterNameError::Variable) => Some("it may be taken for an unknown".to_owned()),
+                Err(error) => Some(error.to_string()),
+            };
+            if let Some(taken) = taken {
+                let reason = format!("this name cannot be a derivative: {taken}");
+                return Err(entry.key_error(Problem::Unusable { reason }));
+            }
+            let content = entry.table()?;
+            content.allow(&["of", "order"])?;
+            let unknown = content.required("of")?;
+            let of = unknown.text()?.strip_prefix('x').and_then(|index| index.parse().ok());
+            let Some((of, terms)) = of.and_then(|of: usize| Some((of, terms.get(of)?))) else {
+                let last = terms.len() - 1;
+                let all = if last == 0 { "\"x0\"".to_owned() } else { format!("\"x0\" … \"x{last}\"") };
+                return Err(unknown.out_of_range(format!("an unknown, {all}")));
+            };
+            let place = content.required("order")?;
+            let order = read_order(&place, true)?;
+            if order > terms[0].order - SAME {
+                return Err(place.out_of_range(format!(
+                    "an order greater than 0 and less than {}, the largest of x{of}",
+                    terms[0].order
+                )));
+            }
+            if let Some(other) =
+                derivatives.iter().find(|other| other.of == of && (other.order - order).abs() < SAME)
+            {
+                return Err(place.out_of_range(format!("each once: `{}` is this derivative", other.name)));
+            }
+            derivatives.push(Self { name: name.to_owned(), of, order });
+        }
+        Ok(derivatives)
+    }
+
+    /// Riemann and Liouville's derivatives are Caputo's where the values that they act on are 0.
+    fn check_initial(
+        table: &Table<'_>,
+        derivatives: &[Self],
+        initial: &[Vec<f64>],
+    ) -> Result<(), InputError> {
+        for Self { name, of, order } in derivatives {
+            let mut acted_on = initial[*of].iter().enumerate().filter(|&(k, _)| (k as f64) < *order);
+            if *order != order.trunc() && acted_on.any(|(_, &value)| value != 0.0) {
+                return Err(table.required("initial")?.out_of_range(format!(
+                    "0 for the values that `{name}`, the Riemann–Liouville derivative of order {order}, acts on; or `derivative` = \
+                     \"caputo\""
+                )));
+            }
+        }
+        Ok(())
     }
 }
 
@@ -408,31 +521,49 @@ fn with_initial_forces(mut force: Node, terms: &[Term], initial: &[f64]) -> Resu
 }
 
 impl Chains {
-    /// One coordinate for each unknown.
-    fn of_unknowns(initial: &[Vec<f64>]) -> Self {
+    /// One coordinate for each unknown, and for each derivative that has a name.
+    fn of_unknowns(initial: &[Vec<f64>], derivatives: &[NamedDerivative]) -> Self {
         let first = |(unknown, values): (usize, &Vec<f64>)| {
             (unknown, 1.0, values.first().copied().unwrap_or_default())
         };
+        let named = derivatives.iter().zip(initial.len()..);
+        let count = initial.len() + derivatives.len();
+        let unknowns = initial.iter().enumerate().map(first);
         Self {
-            coordinates: initial.iter().enumerate().map(first).collect(),
-            forces: vec![None; initial.len()],
+            coordinates: unknowns.chain(derivatives.iter().map(|one| (one.of, 1.0, 0.0))).collect(),
+            forces: vec![None; count],
+            named: named.map(|(one, place)| (one.of, one.order, place, false)).collect(),
             ..Self::default()
         }
     }
 
-    /// A further coordinate, moved by a derivative of this order.
-    fn coordinate(&mut self, unknown: usize, order: f64, start: f64) -> usize {
-        self.coordinates.push((unknown, order, start));
-        self.forces.push(None);
-        self.dampers.push((order, self.coordinates.len() - 1, 1.0));
-        self.coordinates.len() - 1
+    /// The coordinate D^`derivative` of an unknown, moved by a derivative of the order `moved`; that of its
+    /// name, if it has one.
+    fn coordinate(&mut self, unknown: usize, derivative: f64, moved: f64, start: f64) -> usize {
+        let is_this = |named: &&mut (usize, f64, usize, bool)| {
+            named.0 == unknown && (named.1 - derivative).abs() < SAME
+        };
+        let place = match self.named.iter_mut().find(is_this) {
+            Some((.., place, is_made)) => {
+                *is_made = true;
+                *place
+            }
+            None => {
+                self.coordinates.push((unknown, moved, start));
+                self.forces.push(None);
+                self.coordinates.len() - 1
+            }
+        };
+        self.coordinates[place] = (unknown, moved, start);
+        self.dampers.push((moved, place, 1.0));
+        place
     }
 
     /// The coordinates of one equation, whose right side is `force`.
     fn add(&mut self, unknown: usize, terms: &[Term], initial: &[f64], mut force: Node) {
         let (highest, lower) = (terms[0], &terms[1..]);
         let whole: Vec<usize> = (0..initial.len())
-            .map(|k| if k == 0 { unknown } else { self.coordinate(unknown, 1.0, initial[k]) })
+            .map(|k| if k == 0 { unknown } else { self.coordinate(unknown, k as f64, 1.0, initial[k]) })
             .collect();
         let last = whole[whole.len() - 1];
         let below = (initial.len() - 1) as f64;
@@ -445,32 +576,31 @@ impl Chains {
         }
         self.dampers.push((highest.order - below, last, 1.0));
         self.coordinates[last].1 = highest.order - below;
-        let beside = |term: &Term| term.order > below;
-        let damps =
-            lower.iter().filter(|term| beside(term)).all(|term| term.coefficient / highest.coefficient > 0.0);
+        let beside = |order: f64| order > below;
+        // A derivative beside the highest is a coordinate, moved by the right side without dampers.
+        let is_named = self.named.iter().any(|&(of, order, ..)| of == unknown && beside(order));
+        let is_positive = |term: &Term| term.coefficient / highest.coefficient > 0.0;
+        let damps = !is_named && lower.iter().filter(|term| beside(term.order)).all(is_positive);
         let mut driven = vec![(last, highest.coefficient.recip())];
         for term in lower {
             let share = term.coefficient / highest.coefficient;
-            if beside(term) && damps {
+            if beside(term.order) && damps {
                 self.dampers.push((term.order - below, last, share));
                 continue;
             }
-            let k = term.order.trunc();
-            let derivative = if term.order == k {
-                whole[k as usize]
-            } else if term.order > below {
-                let place = self.coordinate(unknown, highest.order - term.order, 0.0);
-                driven.push((place, highest.coefficient.recip()));
-                place
-            } else {
-                let next = whole[k as usize + 1];
-                let place = self.coordinate(unknown, k + 1.0 - term.order, 0.0);
-                self.forces[place] = Some(Node::variable(next));
-                place
-            };
+            let derivative = self.derivative(unknown, term.order, highest, (&whole, &mut driven));
             let part =
                 Node::join(Operator::Multiply, Node::number(term.coefficient), Node::variable(derivative));
             force = Node::join(Operator::Subtract, force, part);
+        }
+        let left: Vec<f64> = self
+            .named
+            .iter()
+            .filter(|&&(of, _, _, is_made)| of == unknown && !is_made)
+            .map(|&(_, order, ..)| order)
+            .collect();
+        for order in left {
+            self.derivative(unknown, order, highest, (&whole, &mut driven));
         }
         if highest.coefficient != 1.0 {
             force = Node::join(Operator::Divide, force, Node::number(highest.coefficient));
@@ -479,6 +609,29 @@ impl Chains {
             self.forces[place] = Some(force.clone());
         }
         self.driven.push(driven);
+    }
+
+    /// The coordinate that is a derivative of a lower order: one of those of whole orders, or one that the
+    /// next of them, or the right side, moves.
+    fn derivative(
+        &mut self,
+        unknown: usize,
+        order: f64,
+        highest: Term,
+        (whole, driven): (&[usize], &mut Vec<(usize, f64)>),
+    ) -> usize {
+        let k = order.trunc();
+        if order == k {
+            return whole[k as usize];
+        }
+        let Some(&next) = whole.get(k as usize + 1) else {
+            let place = self.coordinate(unknown, order, highest.order - order, 0.0);
+            driven.push((place, highest.coefficient.recip()));
+            return place;
+        };
+        let place = self.coordinate(unknown, order, k + 1.0 - order, 0.0);
+        self.forces[place] = Some(Node::variable(next));
+        place
     }
 
     fn system(
@@ -575,6 +728,59 @@ mod tests {
         assert_eq!(lower.initial.position, [1.0, 2.0, 0.0]);
         assert_eq!(dampers(&lower), [(0.25, vec![0.0, 0.0, 1.0]), (1.0, vec![1.0, 1.0, 0.0])]);
         assert_eq!(forces(&lower, &[4.0, 5.0, 6.0]), [5.0, 0.5 - 5.0 - 6.0, 5.0]);
+    }
+
+    #[test]
+    fn derivatives_with_names_are_coordinates_next_to_the_unknowns() {
+        // D^1.5 x = −x' − 2 D^0.5 x: y_1 = x', and w with D^0.5 w = x'.
+        let names = json!({ "w": { "of": "x0", "order": 0.5 }, "v": { "of": "x0", "order": 1 } });
+        let one = scenario(
+            json!({ "order": 1.5, "right": "-v - 2*w", "initial": [1.0, 3.0], "derivatives": names }),
+        );
+        let place = |name: &str| {
+            let equation = one.equation.as_ref().unwrap();
+            1 + equation.derivatives.iter().position(|one| one.name == name).unwrap()
+        };
+        let (v, w) = (place("v"), place("w"));
+        let mut at = [7.0, 0.0, 0.0];
+        (at[v], at[w]) = (8.0, 9.0);
+        let forces = forces(&one, &at);
+        assert_eq!((forces[0], forces[v], forces[w]), (8.0, -26.0, 8.0));
+        assert_eq!((one.initial.position[v], one.initial.position[w]), (3.0, 0.0));
+        let of_order = |order: f64| dampers(&one).into_iter().find(|term| term.0 == order).unwrap().1;
+        assert_eq!((of_order(0.5)[v], of_order(0.5)[w], of_order(1.0)[0]), (1.0, 1.0, 1.0));
+        assert_eq!(Scenario::from_value(&one).unwrap().equation, one.equation);
+        // Beside the highest order: D^0.9 x + D^0.6 x = w, w = D^0.4 x, as three coordinates moved alike.
+        let terms = json!([{ "order": 0.9, "coefficient": 1 }, { "order": 0.6, "coefficient": 1 }]);
+        let names = json!({ "w": { "of": "x0", "order": 0.4 } });
+        let two = scenario(json!({ "terms": terms, "right": "w", "initial": 1.0, "derivatives": names }));
+        assert_eq!(self::forces(&two, &[4.0, 5.0, 6.0]), [5.0 - 6.0; 3]);
+        assert_eq!(two.initial.position, [1.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn derivatives_that_cannot_be_named_are_refused_by_their_key() {
+        let key = |derivatives: Value, derivative: &str| {
+            let keys = json!({
+                "order": 1.5, "right": "-x0", "initial": [1, 0], "derivatives": derivatives, "derivative": derivative,
+                "parameters": { "k": 1.0 },
+            });
+            let error =
+                Scenario::from_value(&json!({ "equation": keys, "time": { "end": 1.0 } })).unwrap_err();
+            error.key().to_owned()
+        };
+        let of = |name: &str, of: &str, order: f64| json!({ name: { "of": of, "order": order } });
+        for name in ["k", "x0", "t", "pi", "sin", "2w", "q0"] {
+            assert_eq!(key(of(name, "x0", 0.5), "caputo"), format!("equation.derivatives.{name}"));
+        }
+        assert_eq!(key(of("w", "x1", 0.5), "caputo"), "equation.derivatives.w.of");
+        for order in [0.0, -0.5, 1.5, 1.7] {
+            assert_eq!(key(of("w", "x0", order), "caputo"), "equation.derivatives.w.order");
+        }
+        assert_eq!(key(json!({ "w": { "of": "x0" } }), "caputo"), "equation.derivatives.w");
+        let twice = json!({ "v": { "of": "x0", "order": 0.5 }, "w": { "of": "x0", "order": 0.5 } });
+        assert!(key(twice, "caputo").starts_with("equation.derivatives."));
+        assert_eq!(key(of("w", "x0", 0.5), "riemann-liouville"), "equation.initial");
     }
 
     #[test]

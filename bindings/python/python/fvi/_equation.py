@@ -78,6 +78,7 @@ def solve_fde(
     *,
     terms: Sequence[Any] | None = None,
     derivative: str = "caputo",
+    derivatives: Mapping[str, Any] | Sequence[Any] | None = None,
     jac: Function | None = None,
     events: Any = (),
     parameters: Mapping[str, float] | None = None,
@@ -91,7 +92,8 @@ def solve_fde(
     Parameters
     ----------
     right : callable or list of str
-        f(t, x, *args), which returns a number for each unknown; or an expression for each in t, x0, x1, … and the parameters.
+        f(t, x, *args), which returns a number for each unknown, with `derivatives` f(t, x, d, *args); or an expression for each in
+        t, x0, x1, …, the names of derivatives and the parameters.
         Expressions are faster by far, and have exact derivatives.
     order : float or list of float
         α > 0, one for all unknowns or one for each; `None` with `terms`.
@@ -110,8 +112,11 @@ def solve_fde(
         `coefficient`; for one unknown the list alone.
     derivative : {"caputo", "riemann-liouville"}
         The derivative.
+    derivatives : mapping or list, optional
+        Derivatives D^s x_i that f depends on, of orders below the largest of their unknown: {name: (i, s)} for expressions, a list
+        of pairs (i, s), or such a mapping, for a function, whose argument d has their values in this sequence.
     jac : callable, optional
-        ∂f/∂x(t, x, *args), a matrix; default: differences.
+        ∂f/∂x(t, x, *args), a matrix; with `derivatives` (∂f/∂x, ∂f/∂d)(t, x, d, *args), side by side. Default: differences.
     events : callable, Event or list of them, optional
         Functions event(t, x, *args) whose zero crossings are found, with the attributes `terminal` and `direction` of
         `scipy.integrate.solve_ivp`; or `Event` objects with expressions in t, x0, ….
@@ -174,6 +179,9 @@ def solve_fde(
         assert order is not None
         one = np.ndim(order) == 0
         equation["order"] = _arrays.real("order", order) if one else [float(number) for number in _arrays.numbers("order", order)]
+    named = _derivatives(derivatives, expressions is not None)
+    if named:
+        equation["derivatives"] = named
     if parameters is not None:
         equation["parameters"] = {name: float(value) for name, value in parameters.items()}
     time: dict[str, Any] = {"end": end - begin, "tolerance": _arrays.real("rtol", rtol)}
@@ -191,9 +199,14 @@ def solve_fde(
         scenario["event"] = described
     functions = None
     if expressions is None and callable(right):
-        if (shortest := _shortest(_shifted(right, begin, args), equation, time)) is not None:
+        function = _shifted(right, begin, args)
+        slopes = None if jac is None else _shifted(jac, begin, args)
+        if named:
+            function = _of_derivatives("right", right, begin, args, (count, len(named)))
+            slopes = None if jac is None else _of_derivatives("jac", jac, begin, args, (count, len(named)))
+        if (shortest := _shortest(function, equation, time)) is not None:
             time["shortest"] = shortest
-        functions = Terms(None, None, None, _shifted(right, begin, args), None if jac is None else _shifted(jac, begin, args), True)
+        functions = Terms(None, None, None, function, slopes, True)
     elif jac is not None:
         raise InputError("jac: belongs to a function; expressions have their own derivatives", "jac", repr(jac))
     try:
@@ -278,14 +291,63 @@ def _terms(terms: Sequence[Any], count: int) -> list[Any]:
     return [[one(term, f"terms[{row}][{index}]") for index, term in enumerate(of_row)] for row, of_row in enumerate(terms)]
 
 
+def _derivatives(given: Any, by_name: bool) -> dict[str, Any]:
+    """Derivatives as a table of an equation, for functions under names of their sequence."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping) and (by_name or isinstance(given, str) or not isinstance(given, Iterable)):
+        raise InputError("derivatives: {name: (unknown, order)} is needed, whose names the expressions use", "derivatives", repr(given))
+    table: dict[str, Any] = {}
+    entries = given.items() if isinstance(given, Mapping) else ((f"[{index}]", entry) for index, entry in enumerate(given))
+    for index, (name, entry) in enumerate(entries):
+        place = f"derivatives[{name!r}]" if isinstance(given, Mapping) else f"derivatives{name}"
+        if isinstance(entry, Mapping):
+            content = dict(entry)
+        elif isinstance(entry, (tuple, list)) and len(entry) == 2:
+            content = {"of": entry[0], "order": _arrays.real(f"{place}[1]", entry[1])}
+        else:
+            raise InputError(f"{place} = {entry!r}: a pair (unknown, order) is needed", place, repr(entry))
+        if "of" in content and not isinstance(content["of"], str):
+            content["of"] = f"x{_arrays.whole(place, content['of'], 0)}"
+        if not isinstance(name, str):
+            raise InputError(f"{place}: a name is a text", place, repr(name))
+        table[name if by_name else f"d{index:04}"] = content
+    return table
+
+
+def _of_derivatives(key: str, function: Callable[..., Any], begin: float, args: tuple[Any, ...], sizes: tuple[int, int]) -> Function:
+    """A function of (t, x, d) as one of time and coordinates, of which the derivatives d are the last and nothing pushes them."""
+    count, further = sizes
+    shape = (count, count + further) if key == "jac" else (count,)
+
+    def of_coordinates(t: float, q: FloatArray) -> FloatArray:
+        values = _arrays.returned(key, function(t + begin, q[:count], q[count:], *args))
+        if values.size != np.prod(shape):
+            raise InputError(f"{key}: returned {values.size} numbers instead of {' × '.join(map(str, shape))}", key, str(values.shape))
+        values = values.reshape(shape)
+        return np.concatenate([values, np.zeros((further, *shape[1:]))])
+
+    return of_coordinates
+
+
 MOST = 100.0
 """Size of a function at the start beyond which the shortest step is chosen for it; expressions are looked at by the reader."""
 
 
 def _shortest(right: Function, equation: Mapping[str, Any], time: Mapping[str, Any]) -> float | None:
     """The shortest step for a function that is large at the start, where the solution begins like f t^α."""
-    start = np.array([value[0] if isinstance(value, list) else value for value in equation["initial"]])
-    size = np.abs(_arrays.returned("right", right(1e-12 * time["end"], start)))
+    values = [value if isinstance(value, list) else [value] for value in equation["initial"]]
+    if not all(values):
+        return None
+    start = [value[0] for value in values]
+    for one in equation.get("derivatives", {}).values():
+        # A derivative of whole order begins at its own value; what is wrong here is told by the reader.
+        of, order = str(one.get("of", ""))[1:], float(one.get("order", 0.0))
+        if not of.isdecimal() or int(of) >= len(values):
+            return None
+        whole = order == int(order) and int(order) < len(values[int(of)])
+        start.append(values[int(of)][int(order)] if whole else 0.0)
+    size = np.abs(_arrays.returned("right", right(1e-12 * time["end"], np.array(start))))
     if not np.isfinite(size).all() or size.max(initial=0.0) < MOST:
         return None
     orders = [max(term["order"] for term in row) for row in equation["terms"]] if "terms" in equation else np.atleast_1d(equation["order"])

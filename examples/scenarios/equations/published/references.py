@@ -28,16 +28,6 @@ def relaxation(order, rate):
     return lambda t: [inverse(lambda s: s ** (order - 1) / (s**order + rate), t)]
 
 
-def mittag_leffler_of_one(b, z):
-    """E_{1,b}(z) = Σ z^k/Γ(k + b)."""
-    return mp.nsum(lambda k: z**k / mp.gamma(k + b), [0, mp.inf])
-
-
-def xue_bai_3(t):
-    """e^{−t}, its derivative, and D^0.555 of it."""
-    return [mp.exp(-t), -mp.exp(-t), -(t ** number("0.445")) * mittag_leffler_of_one(number("1.445"), -t)]
-
-
 def oscillator(t):
     """x'' − x' + 1.2 D^0.75 x + 4 x = 0 from x = x' = −½."""
 
@@ -66,7 +56,6 @@ TABLES = {
     "fhbvm-oscillating": (five_unknowns, ["1e-4", "0.01", "0.1", "0.5", "1", "2"]),
     "long-relaxation": (relaxation(number("0.6"), 1), ["1e-3", "1", "10", "100", "1000", "1e4", "1e6"]),
     "long-order-0.3": (relaxation(number("0.3"), 1), ["1e-3", "1", "10", "100", "1000", "1e4"]),
-    "xue-bai-3": (xue_bai_3, ["1e-4", "0.01", "0.1", "0.25", "0.5", "0.75", "1"]),
 }
 
 for name, (solution, times) in TABLES.items():
