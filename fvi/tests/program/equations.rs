@@ -102,6 +102,23 @@ fn more_radians_than_the_memory_keeps_the_phase_for_are_told() {
     assert!(!warned(20.0, ["-x0", "-x1"]));
 }
 
+#[test]
+fn roots_of_sizes_are_followed_through_zero() {
+    // x = t^1.6 − 1 passes 0 at t = 1, where the slope of √|x| is infinite and that of x √|x| vanishes.
+    let place = Workplace::new();
+    let power = "gamma(2.6)/gamma(2)*t";
+    for side in ["x*abs(x)^0.5", "sqrt(abs(x))", "sign(x)*abs(x)^0.5"] {
+        let right = format!("{power} - {} + {}", side.replace('x', "x0"), side.replace('x', "(t^1.6 - 1)"));
+        for tolerance in [1e-3, 1e-6, 1e-9] {
+            let keys = json!({ "order": 0.6, "right": right, "initial": -1.0 });
+            let time = json!({ "end": 2.0, "tolerance": tolerance });
+            let run = place.run(&(equation(keys, time) + "[reference]\nposition = [\"t^1.6 - 1\"]\n"), &[]);
+            let error = run.summary["errors"]["x"]["largest"].as_f64().unwrap();
+            assert!(error < 10.0 * tolerance * 2.04, "{side} to {tolerance:e}: {error:e}");
+        }
+    }
+}
+
 /// A root of what begins at 0 keeps ten digits: smaller tolerances are told so, others and smooth starts are not.
 #[test]
 fn infinite_slopes_at_the_start_are_told_where_they_limit_the_accuracy() {

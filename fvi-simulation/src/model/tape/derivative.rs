@@ -63,6 +63,14 @@ impl Graph {
     }
 }
 
+/// True for a fixed exponent that is no whole number, or one that varies.
+fn is_root(exponent: &Node) -> bool {
+    match exponent.kind() {
+        Kind::Number(number) => number.fract() != 0.0,
+        _ => true,
+    }
+}
+
 struct Differentiation<'a> {
     graph: &'a mut Graph,
     order: Order,
@@ -100,7 +108,7 @@ impl Differentiation<'_> {
             Kind::Chain(first, operands) => self.chain(first, operands),
             Kind::Power(sides) => {
                 let [base, exponent] = sides.as_ref();
-                let power = self.node(base);
+                let power = if is_root(exponent) { self.below_root(base) } else { self.node(base) };
                 let raised = self.node(exponent);
                 if exponent.varies() {
                     self.varying_power(power, raised)
@@ -110,7 +118,8 @@ impl Differentiation<'_> {
             }
             Kind::Call(function, argument) => {
                 let is_sided = self.sides.as_ref().is_some_and(|sides| sides.take(argument));
-                let inner = self.node(argument);
+                let is_root = *function == Function::Sqrt;
+                let inner = if is_root { self.below_root(argument) } else { self.node(argument) };
                 match function {
                     Function::Step | Function::Sign | Function::Abs if is_sided => {
                         self.sided_function(*function, node, inner)
@@ -127,6 +136,14 @@ impl Differentiation<'_> {
                 }
             }
         }
+    }
+
+    /// What a root is taken of. An absolute value there is no kink whose sides are inputs: a root has no
+    /// smooth continuation to the other side, where it would be that of a negative number.
+    fn below_root(&mut self, node: &Node) -> Derivatives {
+        let Kind::Call(Function::Abs, argument) = node.kind() else { return self.node(node) };
+        let inner = self.node(argument);
+        self.function(Function::Abs, inner)
     }
 
     fn each<K>(
