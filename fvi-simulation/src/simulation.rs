@@ -37,6 +37,7 @@ mod momentum_offset;
 #[doc(hidden)]
 pub mod motion;
 pub(crate) mod not_finite;
+mod perturbed;
 mod piece;
 pub mod response;
 #[doc(hidden)]

@@ -3,12 +3,14 @@
 use super::breaks::Breaks;
 use super::crossings::{CrossingState, Crossings, Verdict};
 use super::error_budget::ErrorBudget;
+use super::perturbed::Perturbed;
 use super::step_control::StepControl;
 use super::{GridState, Precision, Simulation};
 use crate::model::Model;
 use fvi_core::{Instant, Mechanics, StateError, StepError, max_or_nan, min_or_nan};
+use fvi_fft::memory::Tables;
 use fvi_scenario::language::{InputError, Problem};
-use fvi_scenario::scenario::{Adaptive, Scenario};
+use fvi_scenario::scenario::{Adaptive, Scenario, Term};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_PI_2;
 
@@ -23,6 +25,11 @@ const UNBOUNDED: f64 = 1e6;
 
 /// Multiple of the tolerance within which errors are to stay.
 const ALLOWED: f64 = 10.0;
+
+/// A tolerance that passes a step, as a multiple of the one that its best attempt would just have kept; and
+/// the largest that is named.
+const MARGIN: f64 = 2.0;
+const LARGEST_NAMED: f64 = 0.05;
 
 /// Largest number of attempts at one step.
 const MOST_ATTEMPTS: usize = 60;
@@ -80,6 +87,8 @@ pub(crate) struct AdaptiveSteps<'s> {
     /// Jumps and kinks in the position, if there are any.
     crossings: Option<Crossings>,
     progress: Progress,
+    /// How perturbations grow; not known after a run has been continued.
+    perturbed: Option<Perturbed>,
     /// Rounding unit of the precision, by which times are distinguished.
     epsilon: f64,
     /// Exponent of the part of a step in the whole time by which the error of a coordinate counts less: of
@@ -241,6 +250,7 @@ impl<'s> AdaptiveSteps<'s> {
             scenario,
             rule,
             progress,
+            perturbed: None,
             epsilon,
             saved: Vec::new(),
             saved_between: Vec::new(),
@@ -263,6 +273,12 @@ impl<'s> AdaptiveSteps<'s> {
         }))
     }
 
+    /// The same, followed by a second run from a start beside this one, if that says how perturbations grow.
+    pub(crate) fn with_perturbed(mut self, precision: Precision, tables: &Tables, start: &GridState) -> Self {
+        self.perturbed = Perturbed::of(self.scenario, precision, tables, start);
+        self
+    }
+
     /// True if the end has been reached.
     pub(crate) fn is_done(&self) -> bool {
         self.progress.second.is_none() && self.progress.time >= self.rule.end
@@ -273,15 +289,25 @@ impl<'s> AdaptiveSteps<'s> {
         &self.progress
     }
 
+    /// Warnings about what errors may have become.
+    pub(crate) fn notes(&self) -> impl Iterator<Item = String> {
+        let grown = self.perturbed.as_ref().and_then(|run| run.note(self.rule.tolerance));
+        self.note_of_radians().into_iter().chain(grown)
+    }
+
     /// What oscillations make of the error of the memory's table of rates, if that may be more than errors
     /// may be.
     ///
     /// Over ωt radians an error ε of the table turns the phase of a solution of order α by ωtε/α, where
     /// nothing damps it: radians are counted as Σ |Δx| in units of 2/π of the largest |x|.
-    pub(crate) fn note(&self) -> Option<String> {
+    fn note_of_radians(&self) -> Option<String> {
         let Self { rule, progress, scenario, .. } = self;
-        let orders = scenario.system.damping.iter().map(|term| term.transfer.growth());
-        let order = orders.filter(|order| order.fract() != 0.0).fold(f64::INFINITY, min_or_nan);
+        // With a fractional order among its terms an unknown of the largest order α turns like a solution of
+        // that order.
+        let is_fractional = |terms: &&Vec<Term>| terms.iter().any(|term| term.order.fract() != 0.0);
+        let terms = scenario.equation.iter().flat_map(|equation| &equation.terms);
+        let orders = terms.filter(is_fractional).map(|terms| terms[0].order);
+        let order = orders.fold(f64::INFINITY, min_or_nan);
         let sizes = progress.travelled.iter().zip(&progress.largest[0]);
         let turns = sizes.filter(|(_, largest)| **largest > 0.0).map(|(sum, largest)| sum / largest);
         let radians = FRAC_PI_2 * turns.fold(0.0, max_or_nan);
@@ -302,6 +328,7 @@ impl<'s> AdaptiveSteps<'s> {
             crossings.resume(simulation, standing.clone());
         }
         (self.progress, self.ahead) = (progress, false);
+        self.perturbed = None;
     }
 
     /// The saved state of the simulation for the state returned last.
@@ -356,7 +383,7 @@ impl<'s> AdaptiveSteps<'s> {
         let shortest = (2.0 * self.rule.shortest).max(32.0 * self.epsilon * time);
         let longest = self.rule.longest.map_or(f64::INFINITY, |longest| 2.0 * longest);
         let longest = self.rule.longest_unjudged(time).map_or(longest, |most| most.min(longest));
-        let (mut worst, mut tried) = (None, 0.5 * shortest);
+        let (mut worst, mut tried, mut least) = (None, 0.5 * shortest, f64::INFINITY);
         // Time at which the pair should end because it crosses a jump or kink there.
         let mut crossing: Option<f64> = None;
         for _ in 0..MOST_ATTEMPTS {
@@ -399,38 +426,60 @@ impl<'s> AdaptiveSteps<'s> {
             }
             if let (Ok(iterations), Some(error)) = (&made, error.filter(|&error| error <= 1.0)) {
                 self.progress.control.accept(length, error, at_break);
-                let counts = &mut self.progress.counts;
-                (counts.smallest, counts.largest) = (counts.smallest.min(half), counts.largest.max(half));
-                for (largest, now) in
-                    self.progress.largest.iter_mut().zip([&self.end.position, &self.end.momentum])
-                {
-                    largest.iter_mut().zip(now).for_each(|(most, x)| *most = most.max(x.abs()));
-                }
-                let moved = self.end.position.iter().zip(&self.begin);
-                let moved = self.progress.travelled.iter_mut().zip(moved);
-                moved.for_each(|(sum, (now, before))| *sum += (now - before).abs());
-                self.begin.clone_from(&self.end.position);
-                (self.progress.second, self.progress.time, self.ahead) = (Some((half, end)), between, true);
-                self.progress.at_break = at_break;
-                self.progress.budget.count();
-                if at_break {
-                    self.progress.budget.pass(end);
-                }
-                self.progress.standing =
-                    self.crossings.as_ref().map(|crossings| crossings.standing().clone());
+                self.accept([time, between, end], at_break, input);
                 return Ok(*iterations);
             }
             self.progress.counts.rejected += 1;
             simulation.restore(&self.saved).map_err(|error| error.to_string())?;
             // An error that is not a number counts as a failure.
-            self.progress.control.reject(length, error.filter(|error| error.is_finite()));
+            let known = error.filter(|error| error.is_finite());
+            self.progress.control.reject(length, known);
+            least = known.map_or(least, |error| error.min(least));
             worst = Some(self.what_failed(&made, error));
             tried = half;
             if length <= shortest || (at_break && length < 2.0 * shortest) {
                 break;
             }
         }
-        Err(self.too_rough(&worst.unwrap_or_default(), tried))
+        Err(self.too_rough(&worst.unwrap_or_default(), tried) + &self.reachable(least))
+    }
+
+    /// Takes an accurate pair, at whose end the simulation is.
+    fn accept(&mut self, [time, between, end]: [f64; 3], at_break: bool, input: &[f64]) {
+        let half = 0.5 * (end - time);
+        let counts = &mut self.progress.counts;
+        (counts.smallest, counts.largest) = (counts.smallest.min(half), counts.largest.max(half));
+        for (largest, now) in self.progress.largest.iter_mut().zip([&self.end.position, &self.end.momentum]) {
+            largest.iter_mut().zip(now).for_each(|(most, x)| *most = most.max(x.abs()));
+        }
+        let moved = self.end.position.iter().zip(&self.begin);
+        let moved = self.progress.travelled.iter_mut().zip(moved);
+        moved.for_each(|(sum, (now, before))| *sum += (now - before).abs());
+        self.begin.clone_from(&self.end.position);
+        (self.progress.second, self.progress.time, self.ahead) = (Some((half, end)), between, true);
+        self.progress.at_break = at_break;
+        self.progress.budget.count();
+        if at_break {
+            self.progress.budget.pass(end);
+        }
+        self.progress.standing = self.crossings.as_ref().map(|crossings| crossings.standing().clone());
+        if let Some(perturbed) = &mut self.perturbed {
+            if let (Some(crossings), Some(switches)) = (&self.crossings, perturbed.switches()) {
+                switches.set_sides(crossings.sides());
+            }
+            let unknowns = self.progress.travelled.len();
+            let states = (&self.end.position[..], &self.progress.largest[0][..]);
+            perturbed.follow([half, between, end], (input, &self.rule), states, unknowns);
+        }
+    }
+
+    /// The tolerance that the best attempt at a step would have kept, `least` times that of the scenario.
+    fn reachable(&self, least: f64) -> String {
+        let tolerance = MARGIN * least * self.rule.tolerance;
+        if tolerance > LARGEST_NAMED {
+            return String::new();
+        }
+        format!("; `time.tolerance` = {tolerance:.0e} would pass this step")
     }
 
     /// The pair of steps to be attempted next from this time, within these lengths: as long as the control

@@ -137,6 +137,11 @@ impl Crossings {
         })
     }
 
+    /// The sides during the present pair.
+    pub(super) fn sides(&self) -> &[Side] {
+        &self.standing.sides
+    }
+
     pub(super) fn standing(&self) -> &CrossingState {
         &self.standing
     }

@@ -100,7 +100,8 @@ impl<'s> Motion<'s> {
         let drive =
             Drive { inside: inside.then(|| SampledInput::of(Vec::new(), Vec::new())), ..Drive::default() };
         let guard = Box::new(EnergyGuard::new(scenario, &state));
-        let adaptive = AdaptiveSteps::new(scenario, precision, &mut simulation, &state)?.map(Box::new);
+        let adaptive = AdaptiveSteps::new(scenario, precision, &mut simulation, &state)?
+            .map(|steps| Box::new(steps.with_perturbed(precision, tables, &state)));
         let mut energies = Vec::new();
         simulation.read_energies(&mut energies);
         // Steps are made in batches if nothing needs states inside them or each state separately.
@@ -478,8 +479,8 @@ impl<'s> Motion<'s> {
                  shorter steps tell them apart"
             )
         });
-        let turned = self.adaptive.as_ref().and_then(|adaptive| adaptive.note());
-        self.notes.iter().cloned().chain(missed).chain(turned).collect()
+        let of_steps = self.adaptive.iter().flat_map(|adaptive| adaptive.notes());
+        self.notes.iter().cloned().chain(missed).chain(of_steps).collect()
     }
 
     /// Warning of the energy guard.

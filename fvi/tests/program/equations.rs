@@ -103,6 +103,44 @@ fn more_radians_than_the_memory_keeps_the_phase_for_are_told() {
 }
 
 #[test]
+fn orders_just_above_whole_numbers_turn_like_their_neighbours() {
+    let place = Workplace::new();
+    // 200 radians: an error of the memory in D^1.0001 counts a thousandfold less than in D^0.0001.
+    let keys = json!({ "order": 1.0001, "right": ["x1", "-x0"], "initial": [[1.0, 0.0], [0.0, -1.0]] });
+    let run = place.run(&equation(keys, json!({ "end": 200.0, "tolerance": 1e-6 })), &[]);
+    assert_eq!(run.summary["warnings"].to_string(), "[]");
+}
+
+#[test]
+fn growing_perturbations_are_told_with_their_number() {
+    let place = Workplace::new();
+    let warnings = |right: &str, end: f64| {
+        let keys = json!({ "order": 0.5, "right": right, "initial": [1.0] });
+        let run = place.run(&equation(keys, json!({ "end": end, "tolerance": 1e-9 })), &[]);
+        run.summary["warnings"].to_string()
+    };
+    // x = 1 + t^1.5, from which others depart like E_½(5 √t), 6e6 at t = 0.6.
+    let told = warnings("gamma(2.5)*t + 5*(x0 - 1 - t^1.5)", 0.6);
+    assert!(told.contains("grown") && told.contains("e6 times"), "{told}");
+    // All are alike in relation to their size where the solution grows itself, and where they decay.
+    assert_eq!(warnings("5*x0", 0.6), "[]");
+    assert_eq!(warnings("gamma(2.5)*t - 5*(x0 - 1 - t^1.5)", 10.0), "[]");
+}
+
+#[test]
+fn a_refusal_names_a_tolerance_that_passes_the_step() {
+    let keys = json!({ "order": 0.5, "right": "-x0", "initial": 1.0 });
+    let time = |tolerance: f64| json!({ "end": 1.0, "tolerance": tolerance, "shortest": 1e-3 });
+    let told = message(keys.clone(), time(1e-10));
+    let named = told.split("`time.tolerance` = ").nth(1).unwrap().split(' ').next().unwrap();
+    assert!(told.contains("would pass this step"), "{told}");
+    let tolerance: f64 = named.parse().unwrap();
+    assert!((1e-8..1e-2).contains(&tolerance), "{told}");
+    let place = Workplace::new();
+    place.run(&equation(keys, time(tolerance)), &[]);
+}
+
+#[test]
 fn roots_of_sizes_are_followed_through_zero() {
     // x = t^1.6 − 1 passes 0 at t = 1, where the slope of √|x| is infinite and that of x √|x| vanishes.
     let place = Workplace::new();
