@@ -109,9 +109,8 @@ fn diagonalise(diagonal: &mut [f64], beside: &mut [f64], rows: &mut [Vec<f64>]) 
     for place in 0..last {
         let mut iterations = 0;
         loop {
-            let is_none = |k: &usize| {
-                beside[*k].abs() <= f64::EPSILON * (diagonal[*k].abs() + diagonal[*k + 1].abs())
-            };
+            let is_none =
+                |k: &usize| beside[*k].abs() <= f64::EPSILON * (diagonal[*k].abs() + diagonal[*k + 1].abs());
             let end = (place..last).find(is_none).unwrap_or(last);
             if end == place {
                 break;
