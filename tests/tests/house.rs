@@ -373,7 +373,7 @@ const TRUE_VALUES: [(&str, usize, &str); 50] = [
     ("fvi-fft/src/engines/stream/prepared.rs", 1, BEYOND),
     ("fvi-fft/src/engines/wide_exponential_sum.rs", 1, PADDING),
     ("fvi-fft/src/exponentials/controller_source.rs", 1, TEXT),
-    ("fvi-fft/src/exponentials/exponential_table.rs", 4, NONE),
+    ("fvi-fft/src/exponentials/exponential_table.rs", 3, NONE),
     ("fvi-fft/src/exponentials/rate_rules.rs", 1, NONE),
     ("fvi-fft/src/quadrature/multistep_weights.rs", 1, NONE),
     ("fvi-fft/src/quadrature/principal_cut.rs", 2, NONE),

@@ -28,7 +28,7 @@
 //! \[GolubWelsch69\], \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
 
 use crate::Aligned;
-use crate::exponentials::jacobi_matrix::JacobiMatrix;
+use crate::exponentials::jacobi_matrix::{JacobiMatrix, LONGEST_RULE};
 use crate::quadrature::exponential::Exponential;
 use crate::quadrature::multistep_weights::multistep_weights;
 use crate::quadrature::principal_cut::PrincipalCut;
@@ -142,9 +142,6 @@ const DENSE_LAGS: usize = 64;
 
 /// End of the measurement in multiples of the longest head.
 const MEASURED_HEADS: usize = 4;
-
-/// Number of nodes of the longest Gauss rule tried.
-pub(crate) const LONGEST_RULE: usize = 24;
 
 /// Exponentials per block of the table of fvi-core.
 const BLOCK: usize = 4;

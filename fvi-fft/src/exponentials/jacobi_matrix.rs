@@ -1,7 +1,9 @@
 //! Gauss rules of discrete positive measures, by Lanczos' algorithm \[GolubWelsch69\], \[Gautschi04\].
 
-use crate::exponentials::exponential_table::LONGEST_RULE;
 use crate::sums::CompensatedSum;
+
+/// Number of nodes of the longest Gauss rule tried.
+pub(crate) const LONGEST_RULE: usize = 24;
 
 /// Iterations in which an eigenvalue is found; three are usual.
 const MOST_ITERATIONS: usize = 64;

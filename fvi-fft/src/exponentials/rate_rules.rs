@@ -4,8 +4,7 @@
 //! shortest step as a power of 1/λ times a polynomial in 1/λ: they are replaced by Gauss rules of the measure
 //! of the nodes.
 
-use crate::exponentials::exponential_table::LONGEST_RULE;
-use crate::exponentials::jacobi_matrix::JacobiMatrix;
+use crate::exponentials::jacobi_matrix::{JacobiMatrix, LONGEST_RULE};
 use crate::quadrature::inverse::inverse;
 use fvi_core::{Resolvent, RungeKutta};
 use nalgebra::{SMatrix, SVector};
