@@ -26,10 +26,10 @@ const UNBOUNDED: f64 = 1e6;
 /// Multiple of the tolerance within which errors are to stay.
 const ALLOWED: f64 = 10.0;
 
-/// A tolerance that passes a step, as a multiple of the one that its best attempt would just have kept; and
-/// the largest that is named.
-const MARGIN: f64 = 2.0;
-const LARGEST_NAMED: f64 = 0.05;
+/// A tolerance that passes a step, as a multiple of the one that its best attempt would just have kept: with
+/// it an equation may be solved with fewer stages. And the largest that is named.
+const MARGIN: f64 = 10.0;
+const LARGEST_NAMED: f64 = 0.1;
 
 /// Largest number of attempts at one step.
 const MOST_ATTEMPTS: usize = 60;

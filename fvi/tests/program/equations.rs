@@ -108,7 +108,7 @@ fn orders_just_above_whole_numbers_turn_like_their_neighbours() {
     // 200 radians: an error of the memory in D^1.0001 counts a thousandfold less than in D^0.0001.
     let keys = json!({ "order": 1.0001, "right": ["x1", "-x0"], "initial": [[1.0, 0.0], [0.0, -1.0]] });
     let run = place.run(&equation(keys, json!({ "end": 200.0, "tolerance": 1e-6 })), &[]);
-    assert_eq!(run.summary["warnings"].to_string(), "[]");
+    assert!(run.summary["warnings"].is_null(), "{}", run.summary["warnings"]);
 }
 
 #[test]
@@ -123,8 +123,8 @@ fn growing_perturbations_are_told_with_their_number() {
     let told = warnings("gamma(2.5)*t + 5*(x0 - 1 - t^1.5)", 0.6);
     assert!(told.contains("grown") && told.contains("e6 times"), "{told}");
     // All are alike in relation to their size where the solution grows itself, and where they decay.
-    assert_eq!(warnings("5*x0", 0.6), "[]");
-    assert_eq!(warnings("gamma(2.5)*t - 5*(x0 - 1 - t^1.5)", 10.0), "[]");
+    assert_eq!(warnings("5*x0", 0.6), "null");
+    assert_eq!(warnings("gamma(2.5)*t - 5*(x0 - 1 - t^1.5)", 10.0), "null");
 }
 
 #[test]

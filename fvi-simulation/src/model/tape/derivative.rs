@@ -71,6 +71,24 @@ fn is_root(exponent: &Node) -> bool {
     }
 }
 
+/// The g of a factor |g|^e with a fixed e > 0 that is no whole number, or √|g|.
+fn size_below_root(factor: &Node) -> Option<&Node> {
+    let base = match factor.kind() {
+        Kind::Power(sides) => {
+            let [base, exponent] = sides.as_ref();
+            let is_positive = matches!(exponent.kind(), Kind::Number(number) if *number > 0.0);
+            (is_positive && is_root(exponent)).then_some(base)?
+        }
+        Kind::Call(Function::Sqrt, argument) => argument.as_ref(),
+        Kind::Negation(inner) => return size_below_root(inner),
+        _ => return None,
+    };
+    match base.kind() {
+        Kind::Call(Function::Abs, argument) => Some(argument.as_ref()),
+        _ => None,
+    }
+}
+
 struct Differentiation<'a> {
     graph: &'a mut Graph,
     order: Order,
@@ -146,6 +164,28 @@ impl Differentiation<'_> {
         self.function(Function::Abs, inner)
     }
 
+    /// A factor of a product. With a root of |g| as another factor sign(g) is no jump.
+    fn factor(&mut self, node: &Node, below_roots: &[Value]) -> Derivatives {
+        match node.kind() {
+            _ if below_roots.is_empty() => self.node(node),
+            Kind::Negation(inner) => {
+                let inner = self.factor(inner, below_roots);
+                Derivatives {
+                    value: self.graph.negate(inner.value),
+                    gradient: self.each(inner.gradient, Graph::negate),
+                    hessian: self.each(inner.hessian, Graph::negate),
+                }
+            }
+            Kind::Call(Function::Sign, argument) => {
+                // Equal parts are one value.
+                let inner = self.node(argument);
+                let is_below = below_roots.contains(&inner.value);
+                if is_below { self.function(Function::Sign, inner) } else { self.node(node) }
+            }
+            _ => self.node(node),
+        }
+    }
+
     fn each<K>(
         &mut self,
         entries: Vec<(K, Value)>,
@@ -156,10 +196,14 @@ impl Differentiation<'_> {
 
     /// A sum or product, evaluated from left to right.
     fn chain(&mut self, first: &Node, operands: &[(Operator, Node)]) -> Derivatives {
-        let mut joined = self.node(first);
         if !operands.iter().any(|(operator, _)| operator.is_additive()) {
+            let factors = operands.iter().filter(|(operator, _)| *operator == Operator::Multiply);
+            let factors = std::iter::once(first).chain(factors.map(|(_, factor)| factor));
+            let below_roots: Vec<Value> =
+                factors.filter_map(size_below_root).map(|argument| self.node(argument).value).collect();
+            let mut joined = self.factor(first, &below_roots);
             for (operator, operand) in operands {
-                let operand = self.node(operand);
+                let operand = self.factor(operand, &below_roots);
                 joined = match operator {
                     Operator::Divide => self.quotient(joined, &operand),
                     _ => self.product(joined, &operand),
@@ -169,7 +213,7 @@ impl Differentiation<'_> {
         }
         // The derivatives of all terms are collected first: adding them term by term would copy them each
         // time.
-        let Derivatives { mut value, mut gradient, mut hessian } = joined;
+        let Derivatives { mut value, mut gradient, mut hessian } = self.node(first);
         for (operator, operand) in operands {
             let mut term = self.node(operand);
             if *operator == Operator::Subtract {
