@@ -291,7 +291,9 @@ impl<'s> AdaptiveSteps<'s> {
 
     /// Warnings about what errors may have become.
     pub(crate) fn notes(&self) -> impl Iterator<Item = String> {
+        // Beside a start with infinite slopes small perturbations grow at first, and are forgotten.
         let grown = self.perturbed.as_ref().and_then(|run| run.note(self.rule.tolerance));
+        let grown = grown.filter(|_| !has_infinite_slopes(self.scenario));
         self.note_of_radians().into_iter().chain(grown)
     }
 

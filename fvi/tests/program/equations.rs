@@ -125,6 +125,8 @@ fn growing_perturbations_are_told_with_their_number() {
     // All are alike in relation to their size where the solution grows itself, and where they decay.
     assert_eq!(warnings("5*x0", 0.6), "null");
     assert_eq!(warnings("gamma(2.5)*t - 5*(x0 - 1 - t^1.5)", 10.0), "null");
+    // Where slopes are infinite a perturbation of the start is soon forgotten.
+    assert_eq!(warnings("1 + (x0 - 1)^(1/3)", 0.6), "null");
 }
 
 #[test]
