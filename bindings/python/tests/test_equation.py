@@ -180,3 +180,45 @@ def test_derivatives_that_cannot_be_are_refused(derivatives, key):
 def test_functions_of_derivatives_return_a_number_for_each_unknown():
     with pytest.raises(fvi.InputError, match="2 numbers instead of 1"):
         fvi.solve_fde(lambda t, x, d: [1.0, 2.0], 1.5, 1.0, [1.0, 0.0], derivatives=[(0, 0.5)])
+
+
+@pytest.mark.parametrize(
+    "key, arguments",
+    [
+        ("order", {"order": [[0.5]]}),
+        ("initial[0]", {"order": 1.5, "initial": [[[1.0, 2.0]]]}),
+        ("right", {"right": None}),
+        ("right", {"right": 5}),
+        ("args", {"right": lambda t, x: -x, "args": 1.0}),
+        ("args", {"args": (1.0,)}),
+        ("t_eval", {"t_eval": [[0.5]]}),
+        ("t_eval", {"t_eval": 0.5}),
+        ("jac", {"right": lambda t, x: -x, "jac": "x"}),
+        ("events", {"events": 5}),
+        ("events", {"events": lambda t, x: math.nan}),
+        ("terms", {"order": None, "terms": 5}),
+        ("terms", {"order": None, "terms": [5]}),
+        ("terms[0][0]", {"right": lambda t, x: [1e9], "order": None, "terms": [{"coefficient": 1}]}),
+        ("parameters", {"parameters": [1]}),
+        ("parameters.k", {"parameters": {"k": "a"}}),
+        ("max_step", {"max_step": math.nan}),
+        ("derivative", {"derivative": None}),
+        ("derivatives[0].order", {"right": lambda t, x, d: -x, "derivatives": [(0, 0.6)]}),
+        ("derivatives[0]['order']", {"right": lambda t, x, d: -x, "derivatives": [{"of": "x0", "order": "a"}]}),
+    ],
+)
+def test_what_no_argument_can_be_is_refused_by_its_name(key, arguments):
+    with pytest.raises(fvi.InputError) as caught:
+        fvi.solve_fde(**{"right": "-x0", "order": 0.5, "span": 1.0, "initial": [1.0], **arguments})
+    assert caught.value.key == key
+
+
+def test_roots_of_sizes_and_growing_perturbations_as_in_scenarios():
+    # x = t^1.6 − 1 passes 0 at t = 1, where the slope of the right side is infinite.
+    root = "gamma(2.6)/gamma(2)*t - sign(x0)*abs(x0)^0.5 + sign(t^1.6 - 1)*abs(t^1.6 - 1)^0.5"
+    for rtol in (1e-3, 1e-6, 1e-9):
+        r = fvi.solve_fde(root, 0.6, 2.0, [-1.0], rtol)
+        assert r.success and abs(r.x[:, 0] - (r.t**1.6 - 1)).max() < 20 * rtol
+    with pytest.warns(match="grown"):
+        r = fvi.solve_fde("gamma(2.5)*t + 5*(x0 - 1 - t^1.5)", 0.5, 0.6, [1.0], 1e-9)
+    assert len(r.warnings) == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -156,6 +157,8 @@ def solve_fde(
     begin, end = _span(span)
     expressions = [right] if isinstance(right, str) else None
     if expressions is None and not callable(right):
+        if not isinstance(right, Iterable) or isinstance(right, (bytes, Mapping)):
+            raise InputError(f"right = {right!r}: a function, or a list of expressions, is needed", "right", repr(right))
         expressions = list(right)
         for index, text in enumerate(expressions):
             if not isinstance(text, str):
@@ -164,6 +167,18 @@ def solve_fde(
     if expressions is not None and begin != 0.0:
         message = f"span[0] = {begin}: expressions count the time from 0, where the derivatives begin; give a function for another start"
         raise InputError(message, "span[0]", str(begin))
+    if not isinstance(args, (tuple, list)):
+        raise InputError(f"args = {args!r}: a tuple is needed", "args", repr(args))
+    if expressions is not None and args and not _has_functions(events):
+        raise InputError("args: belong to functions; expressions have parameters", "args", repr(args))
+    if not isinstance(derivative, str):
+        raise InputError(f"derivative = {derivative!r}: a text is needed", "derivative", repr(derivative))
+    if jac is not None and not callable(jac):
+        raise InputError(f"jac = {jac!r}: a function is needed", "jac", repr(jac))
+    if terms is not None and (isinstance(terms, (str, bytes)) or not isinstance(terms, (Sequence, np.ndarray))):
+        raise InputError(f"terms = {terms!r}: a list of terms is needed", "terms", repr(terms))
+    if np.ndim(order if order is not None else 0.0) > 1:
+        raise InputError(f"order = {order!r}: a number, or one for each unknown, is needed", "order", repr(order))
     equation: dict[str, Any] = {"derivative": derivative}
     if (order is None) == (terms is None):
         raise InputError("order: give either an order or terms", "order", repr(order))
@@ -183,17 +198,22 @@ def solve_fde(
     if named:
         equation["derivatives"] = named
     if parameters is not None:
-        equation["parameters"] = {name: float(value) for name, value in parameters.items()}
+        if not isinstance(parameters, Mapping):
+            raise InputError(f"parameters = {parameters!r}: names with numbers are needed", "parameters", repr(parameters))
+        equation["parameters"] = {name: _arrays.real(f"parameters.{name}", value) for name, value in parameters.items()}
     time: dict[str, Any] = {"end": end - begin, "tolerance": _arrays.real("rtol", rtol)}
     if scale is not None:
         time["scale"] = _arrays.real("scale", scale)
-    if max_step is not None and np.isfinite(max_step):
+    if max_step is not None and max_step != np.inf:
         time["longest"] = _arrays.real("max_step", max_step)
     scenario: dict[str, Any] = {"equation": equation, "time": time}
     if stages is not None:
         scenario["convolution"] = {"stages": _arrays.whole("stages", stages, 1)}
     if t_eval is not None:
-        scenario["output"] = {"times": [float(at) - begin for at in _arrays.numbers("t_eval", t_eval)]}
+        times = _arrays.numbers("t_eval", t_eval)
+        if times.ndim != 1:
+            raise InputError(f"t_eval: shape {times.shape} instead of a list of times", "t_eval", str(times.shape))
+        scenario["output"] = {"times": [float(at) - begin for at in times]}
     described, watched = _events(events, begin, args, count)
     if described:
         scenario["event"] = described
@@ -255,7 +275,10 @@ def _initial(initial: Any) -> list[Any]:
     for index, value in enumerate(initial):
         place = f"initial[{index}]"
         if isinstance(value, (list, tuple, np.ndarray)) and np.ndim(value) > 0:
-            values.append([float(number) for number in _arrays.numbers(place, value)])
+            numbers = _arrays.numbers(place, value)
+            if numbers.ndim != 1:
+                raise InputError(f"{place}: shape {numbers.shape} instead of a list of numbers", place, str(numbers.shape))
+            values.append([float(number) for number in numbers])
         else:
             values.append(_arrays.real(place, value))
     return values
@@ -274,6 +297,8 @@ def _unknowns(order: Any, terms: Any, initial: Sequence[Any]) -> int:
 
 def _is_term(entry: Any) -> bool:
     """Whether it is a term, and not a list of terms."""
+    if not isinstance(entry, (Mapping, Sequence, np.ndarray)):
+        raise InputError(f"terms: {entry!r} in place of a pair (order, coefficient), or a list of them", "terms", repr(entry))
     return isinstance(entry, Mapping) or (len(entry) == 2 and not any(isinstance(part, (Mapping, Sequence, np.ndarray)) for part in entry))
 
 
@@ -303,6 +328,8 @@ def _derivatives(given: Any, by_name: bool) -> dict[str, Any]:
         place = f"derivatives[{name!r}]" if isinstance(given, Mapping) else f"derivatives{name}"
         if isinstance(entry, Mapping):
             content = dict(entry)
+            if "order" in content:
+                content["order"] = _arrays.real(f"{place}['order']", content["order"])
         elif isinstance(entry, (tuple, list)) and len(entry) == 2:
             content = {"of": entry[0], "order": _arrays.real(f"{place}[1]", entry[1])}
         else:
@@ -350,6 +377,8 @@ def _shortest(right: Function, equation: Mapping[str, Any], time: Mapping[str, A
     size = np.abs(_arrays.returned("right", right(1e-12 * time["end"], np.array(start))))
     if not np.isfinite(size).all() or size.max(initial=0.0) < MOST:
         return None
+    if not all(row and all("order" in term for term in row) for row in equation.get("terms", [])):
+        return None
     orders = [max(term["order"] for term in row) for row in equation["terms"]] if "terms" in equation else np.atleast_1d(equation["order"])
     power = min(1.0, *(float(order) for order in orders), 1.0)
     most = 10.0 * float(size.max()) * time["end"] ** power / time.get("scale", 1.0)
@@ -363,9 +392,17 @@ def _shifted(function: Function, begin: float, args: tuple[Any, ...]) -> Functio
     return lambda t, x: function(t + begin, x, *args)
 
 
+def _has_functions(events: Any) -> bool:
+    """Whether any of the events is a function."""
+    several = events if isinstance(events, (tuple, list)) else [events]
+    return any(callable(event) or callable(getattr(event, "when", None)) for event in several)
+
+
 def _events(given: Any, begin: float, args: tuple[Any, ...], count: int) -> tuple[list[dict[str, Any]], list[Any]]:
     """Events as entries of a scenario, and their functions."""
     several: Iterable[Any] = [given] if callable(given) or isinstance(given, (Event, Mapping)) else () if given is None else given
+    if not isinstance(several, Iterable):
+        raise InputError(f"events = {given!r}: functions of (t, x), or fvi.Event, are needed", "events", repr(given))
     entries: list[dict[str, Any]] = []
     watched: list[Any] = []
     for index, event in enumerate(several):
@@ -390,7 +427,14 @@ def _events(given: Any, begin: float, args: tuple[Any, ...], count: int) -> tupl
 
 
 def _of_unknowns(when: Function, begin: float, args: tuple[Any, ...], count: int) -> Callable[[float, FloatArray, FloatArray], Any]:
-    return lambda t, x, _: when(t + begin, x[:count], *args)
+    def of_unknowns(t: float, x: FloatArray, _: FloatArray) -> Any:
+        value = when(t + begin, x[:count], *args)
+        # No crossing would ever be seen.
+        if np.ndim(value) == 0 and isinstance(value, (float, np.floating)) and np.isnan(value):
+            raise InputError(f"events: returned not a number at t = {t + begin:g}, x = {x[:count]}", "events", "nan")
+        return value
+
+    return of_unknowns
 
 
 NAMES = (
@@ -414,8 +458,12 @@ def _named(error: InputError) -> InputError:
         # What the functions have returned at the start.
         text = str(error).partition("is not finite")[2].replace("q =", "x =")
         return InputError(f"right: is not finite{text}", "right", error.value)
+    if "derivatives.d0" in error.key:
+        # Derivatives of functions have no names.
+        shown = [re.sub(r"derivatives\.d(\d{4})", lambda found: f"derivatives[{int(found[1])}]", text) for text in (str(error), error.key)]
+        error = InputError(shown[0], shown[1], error.value).with_traceback(error.__traceback__)
     for path, name in NAMES:
-        if error.key.startswith(path):
+        if error.key.startswith(path) and not error.key.startswith(f"{path}s"):
             key = name + error.key[len(path) :]
             text = str(error).replace(error.key, key).replace("equation.", "")
             return InputError(text, key, error.value).with_traceback(error.__traceback__)
