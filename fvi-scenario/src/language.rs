@@ -4,6 +4,7 @@
 pub mod cells;
 #[doc(hidden)]
 pub mod document;
+mod encoding;
 #[doc(hidden)]
 pub mod error;
 #[doc(hidden)]

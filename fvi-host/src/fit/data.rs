@@ -561,18 +561,9 @@ impl Record {
 
     /// A sentence about the rows that are left out.
     pub(super) fn left_out_note(&self) -> Option<String> {
-        const MOST: usize = 10;
-        let lines: Vec<String> = self.left_out.iter().take(MOST).map(u64::to_string).collect();
-        let more = if self.left_out.len() > MOST { " …" } else { "" };
-        let count = self.left_out.len();
-        (count > 0).then(|| {
-            let all = count + self.places.len();
-            let lines = lines.join(", ");
-            format!(
-                "{}: {count} of {all} rows are left out, in which a number is missing: lines {lines}{more}",
-                self.name
-            )
-        })
+        let all = self.left_out.len() + self.places.len();
+        let note = Cells::left_out_note(&self.left_out, Some(all))?;
+        Some(format!("{}: {note}", self.name))
     }
 
     /// Numbers of data.

@@ -5,7 +5,12 @@ use super::document::{Table, Value};
 use super::error::{InputError, Problem};
 use crate::language::excerpt::excerpt;
 use crate::language::expression::nearest;
+use layout::{Layout, Row, is_missing, number_of};
 use std::f64::consts::TAU;
+use units::{factor_of, is_unit, unit_in, without_unit};
+
+mod layout;
+mod units;
 
 /// The used cells of a table, with their places in the file for error messages.
 pub struct Cells<'v, 'd> {
@@ -32,14 +37,17 @@ pub struct Place {
     pub factor: f64,
 }
 
-/// A row of the file: its line, and its cells.
-type Row = (u64, Vec<String>);
-
-/// What stands in place of a number that is missing, in small letters.
-const MISSING: [&str; 6] = ["", "-", "nan", "na", "n/a", "null"];
+/// The rows below the header, and how many cells each has.
+struct Body {
+    rows: Vec<Row>,
+    width: usize,
+}
 
 /// Independent variables of tables: time, angular frequency, frequency in Hz.
 pub const OVER: [&str; 3] = ["t", "omega", "f"];
+
+/// Largest number of a column in `columns`.
+const MOST_COLUMNS: usize = 100_000;
 
 /// Suffix of the column with the standard deviations of another one.
 pub const DEVIATION: &str = "_deviation";
@@ -70,6 +78,25 @@ impl Cells<'_, '_> {
         format!("column {number} ({})", excerpt(name))
     }
 
+    /// "2 rows are left out, in which a number is missing: lines 5, 9"; `None` if there are none.
+    pub fn left_out_note(lines: &[u64], of: Option<usize>) -> Option<String> {
+        const MOST: usize = 10;
+        let all = of.map_or_else(String::new, |all| format!(" of {all}"));
+        let said: Vec<String> = lines.iter().take(MOST).map(u64::to_string).collect();
+        let more = if lines.len() > MOST { " …" } else { "" };
+        let (count, said) = (lines.len(), said.join(", "));
+        match (count, of) {
+            (0, _) => None,
+            (1, None) => Some(format!("1 row is left out, in which a number is missing: line {said}")),
+            (1, Some(_)) => {
+                Some(format!("1{all} rows is left out, in which a number is missing: line {said}"))
+            }
+            _ => Some(format!(
+                "{count}{all} rows are left out, in which a number is missing: lines {said}{more}"
+            )),
+        }
+    }
+
     /// Brings the rows into ascending order of a column.
     fn sort(&mut self, column: usize) {
         self.rows.sort_by(|(_, a), (_, b)| a[column].total_cmp(&b[column]));
@@ -80,8 +107,7 @@ impl Cells<'_, '_> {
 pub fn cells<'v, 'd>(value: &'v Value<'d>, table: &Table<'_>) -> Result<Cells<'v, 'd>, InputError> {
     let document = value.document();
     let name = value.text()?;
-    let text = document.read_named(name).map_err(|error| value.file_error(error.to_string()))?;
-    let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+    let text = document.read_encoded(name).map_err(|error| value.file_error(error.to_string()))?;
     let mut read = Cells {
         value,
         file: document.resolve(name).display().to_string(),
@@ -90,30 +116,30 @@ pub fn cells<'v, 'd>(value: &'v Value<'d>, table: &Table<'_>) -> Result<Cells<'v
         rows: Vec::new(),
         left_out: Vec::new(),
     };
-    let (rows, header) = match table.optional("columns") {
-        None => read.plain_header(text)?,
-        Some(columns) => read.named_header(text, &columns)?,
-    };
     let comma = match table.optional("decimal") {
         Some(value) => value.choice(&[(".", false), (",", true)])?,
         None => false,
     };
-    let width = rows[header].1.iter().rposition(|cell| !cell.is_empty()).map_or(0, |last| last + 1);
-    let mut below = &rows[header + 1..];
+    let layout = Layout::of(&text).map_err(|reason| read.fault(1, reason))?;
+    let body = match table.optional("columns") {
+        None => read.plain_header(&layout, comma)?,
+        Some(columns) => read.given_columns(&layout, &columns, comma)?,
+    };
+    let over = read.over()?;
+    let mut below = body.rows.as_slice();
     if let Some((_, first)) = below.first()
         && read.are_units(first, comma)
     {
         for place in &mut read.columns {
-            let unit = first.get(place.number - 1).map_or("", String::as_str);
-            let unit = unit.trim_start_matches(['[', '(']).trim_end_matches([']', ')']).trim();
-            if !unit.is_empty() && unit != "-" {
+            let unit = bare(first.get(place.number - 1).map_or("", String::as_str));
+            if !is_blank(unit) {
                 place.unit = Some(unit.to_owned());
             }
         }
         below = &below[1..];
     }
     for (line, row) in below {
-        read.row(*line, row, width, comma)?;
+        read.row(*line, row, body.width, comma)?;
     }
     if read.rows.is_empty() {
         let reason = match read.left_out.len() {
@@ -123,88 +149,96 @@ pub fn cells<'v, 'd>(value: &'v Value<'d>, table: &Table<'_>) -> Result<Cells<'v
         return Err(read.fault(read.header, reason));
     }
     read.units(table.optional("units").as_ref())?;
-    let over: Vec<usize> = OVER.iter().filter_map(|name| read.column(name)).collect();
-    match over.as_slice() {
-        &[one] => read.sort(one),
-        [] => {
-            let reason = "there is no column t, omega (rad/s) or f (Hz); `columns = { omega = \"…\" }` says which of \
-                          the file's it is";
-            return Err(read.fault(read.header, reason.to_owned()));
-        }
-        _ => return Err(read.fault(read.header, "one column of t, omega and f, not several".to_owned())),
-    }
+    read.sort(over);
     Ok(read)
 }
 
-/// The rows of a text that is separated by tabs, semicolons or commas, or by spaces.
-fn separated(text: &str, separator: char) -> Result<Vec<Row>, csv::Error> {
-    let spaced;
-    let (text, separator) = if separator == ' ' {
-        let lines = text.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join("\t"));
-        spaced = lines.collect::<Vec<_>>().join("\n");
-        (spaced.as_str(), '\t')
-    } else {
-        (text, separator)
-    };
-    let mut reader = csv::ReaderBuilder::new();
-    let reader = reader.comment(Some(b'#')).trim(csv::Trim::All).has_headers(false).flexible(true);
-    let mut rows = Vec::new();
-    for record in reader.delimiter(separator as u8).from_reader(text.as_bytes()).records() {
-        let record = record?;
-        let row: Vec<String> = record.iter().map(str::to_owned).collect();
-        if row.iter().any(|cell| !cell.is_empty()) {
-            rows.push((record.position().map_or(0, csv::Position::line), row));
-        }
-    }
-    Ok(rows)
+/// A cell of a row of units without its brackets.
+fn bare(cell: &str) -> &str {
+    let inner = [('[', ']'), ('(', ')')]
+        .into_iter()
+        .find_map(|(open, close)| cell.strip_prefix(open).and_then(|rest| rest.strip_suffix(close)));
+    inner.unwrap_or(cell).trim()
 }
 
-/// Separators in the order in which they are tried.
-const SEPARATORS: [char; 4] = ['\t', ';', ',', ' '];
-
-/// A name of a column and the unit in brackets behind it, if any.
-fn without_unit(name: &str) -> (&str, Option<&str>) {
-    for (open, close) in [('[', ']'), ('(', ')')] {
-        if let Some((front, unit)) = name.strip_suffix(close).and_then(|rest| rest.rsplit_once(open))
-            && !front.trim().is_empty()
-        {
-            return (front.trim(), Some(unit.trim()));
-        }
-    }
-    (name, None)
+/// True for what stands in a row of units for a number without one.
+fn is_blank(unit: &str) -> bool {
+    matches!(unit, "" | "-" | "–" | "—" | "1")
 }
 
-fn number_of(cell: &str, comma: bool) -> Option<f64> {
-    if !comma {
-        return cell.parse().ok();
-    }
-    if cell.contains('.') { None } else { cell.replacen(',', ".", 1).parse().ok() }
+/// True for rows of numbers alone, at least one.
+fn are_numbers(row: &[String], comma: bool) -> bool {
+    let is_number = |cell: &String| number_of(cell, comma).is_some();
+    row.iter().any(is_number) && row.iter().all(|cell| is_number(cell) || is_missing(cell))
 }
 
-fn is_missing(cell: &str) -> bool {
-    MISSING.contains(&cell.to_lowercase().as_str())
+fn used_width(row: &[String]) -> usize {
+    row.iter().rposition(|cell| !cell.is_empty()).map_or(0, |last| last + 1)
+}
+
+/// The names of columns in a message, the first of them.
+fn list_of<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    let names: Vec<String> =
+        names.filter(|name| !name.is_empty()).map(|name| format!("`{}`", excerpt(name))).collect();
+    match names.len() {
+        0..=20 => names.join(", "),
+        _ => format!("{}, …", names[..20].join(", ")),
+    }
 }
 
 impl Cells<'_, '_> {
-    fn read(&self, text: &str, separator: char) -> Result<Vec<Row>, InputError> {
-        separated(text, separator).map_err(|error| {
+    /// The column of the independent variable.
+    fn over(&self) -> Result<usize, InputError> {
+        let over: Vec<usize> = OVER.iter().filter_map(|name| self.column(name)).collect();
+        match over.as_slice() {
+            &[one] => Ok(one),
+            [] => {
+                let first = self.columns.first().map_or("…", |column| column.name.as_str());
+                let reason = format!(
+                    "there is no column t, omega (rad/s) or f (Hz) among {}; `columns = {{ omega = \"{}\", … }}` says which \
+                     of the file's it is, and what the others are; the header may then be any line",
+                    list_of(self.columns.iter().map(|column| column.name.as_str())),
+                    excerpt(first)
+                );
+                Err(self.fault(self.header, reason))
+            }
+            _ => Err(self.fault(self.header, "one column of t, omega and f, not several".to_owned())),
+        }
+    }
+
+    fn read(&self, layout: &Layout, separator: char) -> Result<Vec<Row>, InputError> {
+        layout.rows(separator).map_err(|error| {
             let line = error.position().map_or(0, csv::Position::line);
             self.fault(line, error.to_string())
         })
     }
 
-    /// The rows, the first of which names all columns.
-    fn plain_header(&mut self, text: &str) -> Result<(Vec<Row>, usize), InputError> {
-        let is_content = |line: &&str| !line.trim().is_empty() && !line.starts_with('#');
-        let first = text.lines().find(is_content).unwrap_or_default();
-        let separator = SEPARATORS.into_iter().find(|&separator| first.contains(separator)).unwrap_or(',');
-        let rows = self.read(text, separator)?;
-        let Some((line, header)) = rows.first() else {
+    /// The rows below the first one, which names all columns; if that has numbers, the comment above it does.
+    fn plain_header(&mut self, layout: &Layout, comma: bool) -> Result<Body, InputError> {
+        let separator = layout.of_first_line();
+        let mut rows = self.read(layout, separator)?;
+        let Some((line, first)) = rows.first() else {
             return Err(self.fault(1, "there are no rows".to_owned()));
         };
         self.header = *line;
-        let named = header.iter().rposition(|cell| !cell.is_empty()).map_or(0, |last| last + 1);
-        for (index, cell) in header.iter().take(named).enumerate() {
+        let header = if are_numbers(first, comma) {
+            let above = layout.comments(separator).into_iter().rfind(|(comment, _)| comment < line);
+            let named = above.filter(|(_, cells)| cells.len() == first.len() && !are_numbers(cells, comma));
+            let Some((line, names)) = named else {
+                let reason = format!(
+                    "numbers where the names of the columns are wanted: {}; `columns = {{ omega = 1, … }}` gives them by their \
+                     numbers, from 1",
+                    list_of(first.iter().map(String::as_str))
+                );
+                return Err(self.fault(self.header, reason));
+            };
+            self.header = line;
+            names
+        } else {
+            rows.remove(0).1
+        };
+        let width = used_width(&header);
+        for (index, cell) in header.iter().take(width).enumerate() {
             let (name, unit) = without_unit(cell);
             if self.column(name).is_some() {
                 let reason = format!("column {}: `{}` stands there twice", index + 1, excerpt(name));
@@ -212,82 +246,156 @@ impl Cells<'_, '_> {
             }
             self.add(name, index, unit);
         }
-        Ok((rows, 0))
+        Ok(Body { rows, width })
     }
 
-    /// The rows, and the first of them with all names of `columns = { omega = "Angular Frequency" }`.
-    fn named_header(&mut self, text: &str, columns: &Value<'_>) -> Result<(Vec<Row>, usize), InputError> {
-        let mut wanted: Vec<(&str, &str)> = Vec::new();
-        for (own, value) in columns.table()?.entries() {
-            wanted.push((own, value.text()?.trim()));
-        }
-        if wanted.is_empty() {
+    /// The rows below the header of `columns = { omega = "Angular Frequency" }`, or from the first row on
+    /// with numbers in the columns of `columns = { omega = 2 }`.
+    fn given_columns(
+        &mut self,
+        layout: &Layout,
+        columns: &Value<'_>,
+        comma: bool,
+    ) -> Result<Body, InputError> {
+        let entries = columns.table()?.entries();
+        if entries.is_empty() {
             return Err(columns.out_of_range("names of columns, such as { omega = \"Angular Frequency\" }"));
         }
-        let place = |row: &[String], name: &str| -> Vec<usize> {
-            let matching = |same: &dyn Fn(&str) -> bool| -> Vec<usize> {
-                (0..row.len()).filter(|&index| same(&row[index])).collect()
-            };
-            let exact = matching(&|cell| cell == name);
-            if exact.is_empty() { matching(&|cell| without_unit(cell).0 == name) } else { exact }
+        if entries.iter().all(|(_, value)| !value.is_text()) {
+            let wanted: Vec<(&str, usize)> = entries
+                .iter()
+                .map(|(own, value)| Ok((*own, value.whole(1..=MOST_COLUMNS)?)))
+                .collect::<Result<_, InputError>>()?;
+            return self.numbered_columns(layout, &wanted, comma);
+        }
+        let wanted: Vec<(&str, &str)> = entries
+            .iter()
+            .map(|(own, value)| Ok((*own, value.text()?.trim())))
+            .collect::<Result<_, InputError>>()?;
+        self.named_columns(layout, &wanted, comma)
+    }
+
+    fn numbered_columns(
+        &mut self,
+        layout: &Layout,
+        wanted: &[(&str, usize)],
+        comma: bool,
+    ) -> Result<Body, InputError> {
+        let has_numbers = |row: &Row| {
+            let cells: Option<Vec<String>> =
+                wanted.iter().map(|(_, number)| row.1.get(number - 1).cloned()).collect();
+            cells.is_some_and(|cells| are_numbers(&cells, comma))
         };
+        for separator in layout.separators(comma) {
+            let Ok(mut rows) = self.read(layout, separator) else { continue };
+            let Some(begin) = rows.iter().position(has_numbers) else { continue };
+            let rows = rows.split_off(begin);
+            self.header = rows[0].0;
+            for &(own, number) in wanted {
+                let is_there = |(_, other): &&(&str, usize)| *other == number;
+                if wanted.iter().filter(is_there).count() > 1 {
+                    return Err(self.fault(self.header, format!("column {number} stands in `columns` twice")));
+                }
+                self.add(own, number - 1, None);
+            }
+            let width = used_width(&rows[0].1);
+            return Ok(Body { rows, width });
+        }
+        let names: Vec<String> = wanted.iter().map(|(own, number)| format!("{number} ({own})")).collect();
+        Err(self.fault(1, format!("no row has numbers in the columns {}", names.join(", "))))
+    }
+
+    fn named_columns(
+        &mut self,
+        layout: &Layout,
+        wanted: &[(&str, &str)],
+        comma: bool,
+    ) -> Result<Body, InputError> {
         // The row that has most of the names, and how many.
         let mut nearest_row: Option<(usize, u64, Vec<String>)> = None;
-        for separator in SEPARATORS {
-            let Ok(rows) = self.read(text, separator) else { continue };
-            for (index, (line, row)) in rows.iter().enumerate() {
-                let there = wanted.iter().filter(|(_, name)| !place(row, name).is_empty()).count();
-                if there == wanted.len() {
-                    self.header = *line;
-                    for (own, name) in &wanted {
-                        let &[column] = place(row, name).as_slice() else {
-                            let reason = format!("`{}` stands there twice", excerpt(name));
-                            return Err(self.fault(self.header, reason));
-                        };
-                        let unit = if row[column] == *name { None } else { without_unit(&row[column]).1 };
-                        self.add(own, column, unit);
-                    }
-                    return Ok((rows, index));
-                }
+        let mut without_numbers: Option<(u64, Vec<String>, Vec<Row>)> = None;
+        for separator in layout.separators(comma) {
+            let Ok(rows) = self.read(layout, separator) else { continue };
+            let comments = layout.comments(separator);
+            for (line, row) in rows.iter().chain(&comments) {
+                let places: Vec<Vec<usize>> = wanted.iter().map(|(_, name)| places_of(row, name)).collect();
+                let there = places.iter().filter(|places| !places.is_empty()).count();
                 if nearest_row.as_ref().is_none_or(|(most, ..)| there > *most) {
                     nearest_row = Some((there, *line, row.clone()));
                 }
+                if there < wanted.len() {
+                    continue;
+                }
+                let below = &rows[rows.partition_point(|(other, _)| other <= line)..];
+                // The same words stand above a header too, in a list of settings.
+                if are_above_numbers(below, &places, comma) {
+                    return self.header_of(*line, row, wanted, below.to_vec());
+                }
+                without_numbers.get_or_insert_with(|| (*line, row.clone(), below.to_vec()));
             }
         }
+        if let Some((line, row, below)) = without_numbers {
+            return self.header_of(line, &row, wanted, below);
+        }
         let (_, line, row) = nearest_row.unwrap_or_default();
-        let missing = wanted.iter().map(|(_, name)| *name).find(|name| place(&row, name).is_empty());
+        let missing = wanted.iter().map(|(_, name)| *name).find(|name| places_of(&row, name).is_empty());
         let missing = missing.unwrap_or_default();
         let near = nearest(missing, row.iter().map(String::as_str));
         let near = near.map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
-        let names: Vec<String> = row.iter().take(20).map(|name| excerpt(name).to_string()).collect();
         let reason = format!(
             "no row has all names of `columns`: here `{}` is missing{near}; there are {}",
             excerpt(missing),
-            names.join(", ")
+            list_of(row.iter().map(String::as_str))
         );
         Err(self.fault(line, reason))
     }
 
+    fn header_of(
+        &mut self,
+        line: u64,
+        row: &[String],
+        wanted: &[(&str, &str)],
+        rows: Vec<Row>,
+    ) -> Result<Body, InputError> {
+        self.header = line;
+        for (own, name) in wanted {
+            let &[column] = places_of(row, name).as_slice() else {
+                return Err(self.fault(self.header, format!("`{}` stands there twice", excerpt(name))));
+            };
+            let cell = &row[column];
+            self.add(own, column, if cell == name { unit_in(cell) } else { without_unit(cell).1 });
+        }
+        Ok(Body { rows, width: used_width(row) })
+    }
+
     fn add(&mut self, name: &str, index: usize, unit: Option<&str>) {
-        let unit = unit.map(str::to_owned);
+        let unit = unit.filter(|unit| !is_blank(unit)).map(str::to_owned);
         self.columns.push(Place { name: name.to_owned(), number: index + 1, unit, factor: 1.0 });
     }
 
     /// Whether a row has units in place of numbers: words, and signs for numbers without one.
     fn are_units(&self, row: &[String], comma: bool) -> bool {
-        let cells = || self.columns.iter().filter_map(|place| row.get(place.number - 1));
+        let cells =
+            || self.columns.iter().filter_map(|place| row.get(place.number - 1)).map(|cell| bare(cell));
         let begins_as_number =
             |cell: &str| cell.starts_with(|sign: char| sign.is_ascii_digit() || "+-.,".contains(sign));
-        let is_word =
-            |cell: &String| !begins_as_number(cell) && number_of(cell, comma).is_none() && !is_missing(cell);
-        let is_blank = |cell: &String| matches!(cell.as_str(), "" | "-" | "1");
+        let is_word = |cell: &str| {
+            is_unit(cell) || !begins_as_number(cell) && number_of(cell, comma).is_none() && !is_missing(cell)
+        };
         cells().any(is_word) && cells().all(|cell| is_word(cell) || is_blank(cell))
     }
 
     fn row(&mut self, line: u64, row: &[String], width: usize, comma: bool) -> Result<(), InputError> {
         let is_ragged = row.len() < width || row[width..].iter().any(|cell| !cell.is_empty());
         if is_ragged {
-            let reason = format!("{} cells where the header has {width}", row.len());
+            let again = row.iter().any(|cell| self.columns.iter().any(|place| place.name == *cell));
+            let advice = match (row.len() < 2, again) {
+                (true, _) => ": a line of other content, or another separator",
+                (_, true) => ": a second table, which wants a file of its own",
+                _ => "",
+            };
+            let cells = if row.len() == 1 { "cell" } else { "cells" };
+            let reason = format!("{} {cells} where the header has {width}{advice}", row.len());
             return Err(self.fault(line, reason));
         }
         let mut numbers = Vec::with_capacity(self.columns.len());
@@ -297,11 +405,17 @@ impl Cells<'_, '_> {
                 self.left_out.push(line);
                 return Ok(());
             }
-            let number = number_of(cell, comma).filter(|number| number.is_finite());
-            let Some(number) = number else {
+            let number = number_of(cell, comma);
+            let Some(number) = number.filter(|number| number.is_finite()) else {
                 let advice = match (comma, number_of(cell, true)) {
-                    (false, Some(_)) => "; a comma before the decimals is `decimal = \",\"`",
-                    _ => "",
+                    (false, Some(_)) if number.is_none() => {
+                        "; a comma before the decimals is `decimal = \",\"`"
+                    }
+                    _ if number.is_some() && OVER.contains(&self.columns[column].name.as_str()) => {
+                        "; A(∞) of bodies in waves is the key `infinite`, not a row"
+                    }
+                    _ if number.is_some() => "",
+                    _ => "; without a number are empty cells, dashes, NaN, NA, N/A, null, #N/A",
                 };
                 let reason =
                     format!("{}: `{}` is not a finite number{advice}", self.place(column), excerpt(cell));
@@ -337,63 +451,36 @@ impl Cells<'_, '_> {
                 Some((_, factor)) => Ok(*factor),
                 None => factor_of(name, unit.as_deref()),
             };
-            self.columns[index].factor = factor.map_err(|reason| {
-                let advice = format!("`units = {{ {base} = … }}` is the number to multiply it by, or 1");
-                self.fault(self.header, format!("{}: {reason}; {advice}", self.place(index)))
+            self.columns[index].factor = factor.map_err(|(reason, number)| {
+                let advice = match number {
+                    Some(number) => format!("`units = {{ {base} = {number} }}` is what to multiply it by"),
+                    None if reason.contains("`units = ") => String::new(),
+                    None => format!("`units = {{ {base} = … }}` is the number to multiply it by, or 1"),
+                };
+                let between = if advice.is_empty() { "" } else { "; " };
+                self.fault(self.header, format!("{}: {reason}{between}{advice}", self.place(index)))
             })?;
         }
         Ok(())
     }
 }
 
-/// What a column with this unit is multiplied by.
-fn factor_of(name: &str, unit: Option<&str>) -> Result<f64, String> {
-    let plain: Option<String> =
-        unit.map(|unit| unit.chars().filter(|letter| !letter.is_whitespace()).collect());
-    let Some(unit) = plain else { return Ok(if name == "f" { TAU } else { 1.0 }) };
-    match (name, unit.as_str()) {
-        ("omega" | "f", "Hz" | "hz" | "HZ") => Ok(TAU),
-        ("omega" | "f", "rad/s" | "rads⁻¹" | "rad·s⁻¹" | "rads^-1" | "rad/sec" | "rads-1") => Ok(1.0),
-        ("omega" | "f", _) => {
-            Err(format!("a frequency in `{}`, which is neither rad/s nor Hz", excerpt(&unit)))
-        }
-        ("t", "s" | "sec" | "S") => Ok(1.0),
-        ("t", _) => Err(format!("a time in `{}`, not in s", excerpt(&unit))),
-        ("tan_delta", "1" | "–") => Ok(1.0),
-        ("tan_delta", _) => Err(format!("a loss factor in `{}`", excerpt(&unit))),
-        _ => Ok(1.0),
-    }
+/// Where a name stands in a row, as the whole of a cell, or else before a unit.
+fn places_of(row: &[String], name: &str) -> Vec<usize> {
+    let matching = |same: &dyn Fn(&str) -> bool| -> Vec<usize> {
+        (0..row.len()).filter(|&index| same(&row[index])).collect()
+    };
+    let exact = matching(&|cell| cell == name);
+    if exact.is_empty() { matching(&|cell| without_unit(cell).0 == name) } else { exact }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_divided_from_their_units() {
-        for (cell, name, unit) in [
-            ("Angular Frequency [rad/s]", "Angular Frequency", Some("rad/s")),
-            ("Storage Modulus (Pa)", "Storage Modulus", Some("Pa")),
-            ("G'", "G'", None),
-            ("(Pa)", "(Pa)", None),
-        ] {
-            assert_eq!(without_unit(cell), (name, unit));
-        }
-    }
-
-    #[test]
-    fn units_of_frequencies_and_times_have_factors() {
-        assert_eq!(factor_of("omega", Some("Hz")), Ok(TAU));
-        assert_eq!(factor_of("omega", Some("rad / s")), Ok(1.0));
-        assert_eq!((factor_of("f", None), factor_of("omega", None)), (Ok(TAU), Ok(1.0)));
-        for (name, unit) in [("omega", "1/s"), ("t", "min"), ("tan_delta", "%")] {
-            assert!(factor_of(name, Some(unit)).is_err(), "{name} in {unit}");
-        }
-    }
-
-    #[test]
-    fn decimal_commas_are_not_guessed() {
-        assert_eq!((number_of("1,5", true), number_of("1.5", false)), (Some(1.5), Some(1.5)));
-        assert_eq!((number_of("1,5", false), number_of("1,234.5", true)), (None, None));
-    }
+/// True if below a header, or below a row of units, the columns at these places have numbers.
+fn are_above_numbers(below: &[Row], places: &[Vec<usize>], comma: bool) -> bool {
+    let cells = |row: &Row| -> Vec<String> {
+        places.iter().filter_map(|places| row.1.get(*places.first()?).cloned()).collect()
+    };
+    below.iter().take(2).any(|row| {
+        let cells = cells(row);
+        cells.len() == places.len() && are_numbers(&cells, comma)
+    })
 }

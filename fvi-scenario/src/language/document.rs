@@ -1,5 +1,6 @@
 //! Reading typed values out of a TOML file, with errors that point at them.
 
+use super::encoding::decoded;
 use super::error::{InputError, Problem};
 use crate::language::excerpt::excerpt;
 use crate::language::expression::{Expression, Symbols, nearest};
@@ -147,6 +148,12 @@ impl Document {
             let reason = not_text(error.as_bytes(), &error.utf8_error());
             std::io::Error::new(std::io::ErrorKind::InvalidData, reason)
         })
+    }
+
+    /// The same for a table of numbers, in the encodings of spreadsheets and instruments too.
+    pub(crate) fn read_encoded(&self, path: &str) -> std::io::Result<String> {
+        decoded(self.read_bytes_named(path)?)
+            .map_err(|reason| std::io::Error::new(std::io::ErrorKind::InvalidData, reason))
     }
 
     /// The contents of those of `names` that are attached or name files in its directory.

@@ -16,6 +16,7 @@ mod grids;
 #[cfg(target_os = "linux")]
 mod hostile;
 mod independent_trajectories;
+mod instruments;
 mod large_systems;
 mod limits;
 mod listings;

@@ -333,9 +333,9 @@ def fit(
         `relative_deviation`, a fraction of each datum, a number or a dictionary by columns, for `re` and `im` of their
         magnitude unless `relative_to` is "datum" or "magnitude"; or `weight`, an array. `set`: values of the scenario for this table, by their paths.
         `f`, in Hz, may stand in place of `omega`. `frame`, a DataFrame, whose index counts as a column if it has a name, or
-        `file`, a table with commas, semicolons, tabs or spaces, stand in place of the columns, or a DataFrame in place of the
-        dictionary. `columns`: names of the columns there by those above, such as ``{"omega": "Angular Frequency"}``; `units`:
-        what columns are multiplied by, "Hz" or "rad/s" for frequencies; `decimal`: "," where it stands before the decimals of
+        `file`, a table with commas, semicolons, tabs or spaces in UTF-8, UTF-16 or Latin-1, stand in place of the columns, or a
+        DataFrame in place of the dictionary. `columns`: names of the columns there by those above, such as
+        ``{"omega": "Angular Frequency"}``, or of a file their numbers from 1 on; `units`: what columns are multiplied by, "Hz" or "rad/s" for frequencies; `decimal`: "," where it stands before the decimals of
         the file. Rows are brought into order; those with a NaN are left out, as one of the `notes` tells.
     models : dict, optional
         Models to compare by their names: dictionaries of `set`, values by their paths, `scenario`, a path, and `free`, further

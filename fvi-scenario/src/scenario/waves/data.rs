@@ -76,7 +76,10 @@ impl Data {
             return refused(format!("frequencies ≥ 0, not ω = {}", self.omega[0]));
         }
         match self.omega.windows(2).find(|pair| pair[0] == pair[1]) {
-            Some(pair) => refused(format!("each frequency once: ω = {} stands there twice", pair[0])),
+            Some(pair) => refused(format!(
+                "each frequency once, with the entries of its matrices in columns of their own: ω = {} stands there twice",
+                pair[0]
+            )),
             None => Ok(()),
         }
     }
@@ -121,12 +124,7 @@ impl Data {
                 }
             }
         }
-        if !cells.left_out.is_empty() {
-            let (count, first) = (cells.left_out.len(), cells.left_out[0]);
-            notes.push(format!(
-                "{count} rows are left out, since a number is missing in them, the first in line {first}"
-            ));
-        }
+        notes.extend(Cells::left_out_note(&cells.left_out, None));
         let has_added = entries.iter().any(|((is_added, ..), _)| *is_added);
         let [damping, added] = matrices;
         Ok(Self { omega, damping, added: has_added.then_some(added), infinite: None })
@@ -171,7 +169,8 @@ impl Data {
         let kept: Vec<usize> = (0..omega.len()).filter(is_number).collect();
         if kept.len() < omega.len() {
             let count = omega.len() - kept.len();
-            notes.push(format!("{count} rows are left out, since a number of them is not finite"));
+            let rows = if count == 1 { "row is" } else { "rows are" };
+            notes.push(format!("{count} {rows} left out, in which a number is not finite"));
         }
         let pick = |rows: &[DMatrix<f64>]| kept.iter().map(|&k| rows[k].clone()).collect::<Vec<_>>();
         Ok(Self {

@@ -202,3 +202,101 @@ fn what_cannot_be_taken_is_told_in_numbers() {
     assert!(read.system.damping[0].active().is_none());
     assert!(read.warnings().join("\n").contains("the nearest B ≥ 0 is in its place"));
 }
+
+/// Added mass and radiation damping as boundary-element codes and programs about them write them.
+#[test]
+fn files_of_boundary_element_codes_are_read_or_refused() {
+    let rows = |head: &str, line: &dyn Fn(f64, f64, f64) -> String| {
+        (1..=400).fold(head.to_owned(), |text, k| {
+            let omega = 0.05 * f64::from(k);
+            let [added, damping] = row(omega);
+            text + &line(omega, added, damping) + "\n"
+        })
+    };
+    let mass = |kernel: &str, file: String| {
+        scenario(&format!("radiation = \"a.dat\", {kernel}"), "3.0", &[("a.dat", file)])
+            .map(|read| read.system.mass.diagonal()[0])
+    };
+    let plain = mass("added_to_mass = true", csv(|_, b| b)).unwrap();
+    for (name, kernel, file) in [
+        (
+            "Tecplot file of NEMOH, one degree of freedom",
+            "columns = { omega = 1, A = 2, B = 3 }",
+            rows(
+                "VARIABLES=\"w (rad/s)\"\n\"A 3 3\" \"B 3 3\"\nZone t=\"Motion of body 1 in DoF 3\",I=400,F=POINT\n",
+                &|w, a, b| format!("  {w:.9E}  {a:.9E}  {b:.9E}"),
+            ),
+        ),
+        (
+            "BEMIO as CSV",
+            "columns = { omega = \"w\", A = \"A33\", B = \"B33\" }",
+            rows("w,T,A33,B33\n", &|w, a, b| format!("{w},{},{a},{b}", std::f64::consts::TAU / w)),
+        ),
+        (
+            "data frame of Capytaine, one degree of freedom",
+            "columns = { omega = \"omega\", A = \"added_mass\", B = \"radiation_damping\" }",
+            rows(",omega,radiating_dof,influenced_dof,added_mass,radiation_damping\n", &|w, a, b| {
+                format!("{:.0},{w},Heave,Heave,{a},{b}", w / 0.05)
+            }),
+        ),
+        (
+            "AQWA's listing with units behind slashes",
+            "columns = { f = \"FREQ\", A = \"M33\", B = \"C33\" }",
+            rows("FREQ/Hz;M33/kg;C33/Ns/m\n", &|w, a, b| format!("{};{a};{b}", w / std::f64::consts::TAU)),
+        ),
+    ] {
+        let found = mass(kernel, file).unwrap();
+        assert!((found - plain).abs() < 1e-6, "{name}: {found} {plain}");
+    }
+    let wamit = "  0.628E+01     3     3  0.500E+00  0.100E+00\n  0.628E+01     3     5  0.2E+00  0.1E+00\n";
+    for (name, kernel, file, reason) in [
+        (
+            "WAMIT's .1",
+            "added_to_mass = true",
+            wamit.to_owned(),
+            "numbers where the names of the columns are wanted",
+        ),
+        (
+            "the same by numbers",
+            "columns = { f = 1, A = 4, B = 5 }",
+            format!("{wamit}{wamit}"),
+            "each frequency once",
+        ),
+        (
+            "WAMIT's .3 by names",
+            "columns = { omega = \"w\", A = \"A\", B = \"B\" }",
+            "0.6E+01 0.0 3 0.5 12.0 0.4 0.1\n".to_owned(),
+            "no row has all names",
+        ),
+        (
+            "a row for every pair of degrees of freedom",
+            "columns = { omega = \"omega\", A = \"added_mass\", B = \"radiation_damping\" }",
+            "omega,dof,added_mass,radiation_damping\n1,Surge,1,1\n1,Heave,1,1\n2,Surge,1,1\n".to_owned(),
+            "columns of their own: ω = 1 stands there twice",
+        ),
+        (
+            "a row of infinite frequency",
+            "added_to_mass = true",
+            "omega,A,B\n1,1,1\ninf,1,0\n".to_owned(),
+            "the key `infinite`",
+        ),
+        (
+            "NEMOH's CA.dat",
+            "columns = { omega = 1, B = 2 }",
+            "Nb de frequencies : 2\n 0.5\n 1.0 0.0 0.0\n 0.0 1.0 0.0\n".to_owned(),
+            "frequencies",
+        ),
+    ] {
+        let message = mass(kernel, file).unwrap_err();
+        assert!(message.contains(reason), "{name}: {message}");
+    }
+    let noted = |lines: &str| {
+        let file = csv(|_, b| b) + lines;
+        scenario("radiation = \"a.dat\"", "3.0", &[("a.dat", file)]).unwrap().warnings().join("\n")
+    };
+    assert!(noted("7.77,,1\n").contains("1 row is left out, in which a number is missing: line 402"));
+    assert!(
+        noted("7.77,,1\n7.78,n/a,1\n")
+            .contains("2 rows are left out, in which a number is missing: lines 402, 403")
+    );
+}
