@@ -51,7 +51,7 @@ const ROUNDING: f64 = 1e-12;
 /// of A from what follows from B.
 const BEGIN: f64 = 0.2;
 const END: f64 = 0.05;
-const INCONSISTENCY: f64 = 0.1;
+const INCONSISTENCY: f64 = 0.05;
 
 /// Which of a system's coordinates the rows and columns of the matrices are.
 struct Places {

@@ -162,6 +162,8 @@ fn what_cannot_be_taken_is_told_in_numbers() {
         ("radiation = \"a.csv\"", ("a.csv", cut(20, 400)), "`begin` ≥"),
         ("radiation = \"a.csv\"", ("a.csv", cut(1, 40)), "`end` ≥"),
         ("radiation = \"a.csv\"", ("a.csv", csv(|_, b| 2.0 * b)), "Ogilvie"),
+        // A fifth too much, with the number and its place.
+        ("radiation = \"a.csv\"", ("a.csv", csv(|_, b| 1.2 * b)), "`inconsistency` ≥ "),
         ("radiation = \"a.csv\", infinite = 4.0", good(), "would follow from both"),
         ("radiation = \"a.csv\", infinite = [[1.0, 0.0], [0.0, 1.0]]", good(), "1 rows of 1"),
         ("radiation = \"a.csv\", coordinates = [1]", good(), "0 to 0"),
