@@ -133,6 +133,179 @@ fn constants_of_expressions_are_differentiated_together() {
     }
 }
 
+/// Numbers of a system that is drawn at random, in the order in which they are asked for.
+struct Drawn {
+    numbers: std::vec::IntoIter<f64>,
+    values: Vec<f64>,
+    paths: Vec<String>,
+}
+
+impl Drawn {
+    fn new(seed: u64) -> Self {
+        // The first numbers of neighbouring seeds are alike.
+        let numbers = numbers(seed, 300).split_off(20).into_iter();
+        Self { numbers, values: Vec::new(), paths: Vec::new() }
+    }
+
+    fn between(&mut self, least: f64, most: f64) -> f64 {
+        least + 0.5 * (self.numbers.next().unwrap() + 1.0) * (most - least)
+    }
+
+    fn below(&mut self, count: usize) -> usize {
+        self.between(0.0, count as f64).min(count as f64 - 0.5) as usize
+    }
+
+    /// A place in the text for a number that is differentiated.
+    fn number(&mut self, path: impl Into<String>, least: f64, most: f64) -> String {
+        let value = self.between(least, most);
+        self.values.push(value);
+        self.paths.push(path.into());
+        format!("<{}>", self.values.len() - 1)
+    }
+
+    fn kernel(&mut self, term: usize) -> String {
+        let at = |name: &str| format!("system.damping[{term}].{name}");
+        match self.below(6) {
+            0 => format!("order = {}", self.number(at("order"), 0.2, 1.8)),
+            1 => {
+                format!("order = {}\nderivative = \"riemann-liouville\"", self.number(at("order"), 0.2, 0.9))
+            }
+            2 => {
+                let (order, time) =
+                    (self.number(at("kernel.order"), 0.4, 0.9), self.number(at("kernel.time"), 0.2, 2.0));
+                format!("kernel = {{ form = \"maxwell\", order = {order}, time = {time} }}")
+            }
+            3 => {
+                let (order, rate) =
+                    (self.number(at("kernel.order"), 0.2, 0.9), self.number(at("kernel.rate"), 0.2, 2.0));
+                format!("kernel = {{ form = \"tempered\", order = {order}, rate = {rate} }}")
+            }
+            4 => {
+                let strength = self.number(at("kernel.strengths[0]"), 0.2, 2.0);
+                let time = self.number(at("kernel.times[1]"), 0.2, 2.0);
+                format!(
+                    "kernel = {{ form = \"prony\", strengths = [{strength}, 0.7], times = [0.15, {time}] }}"
+                )
+            }
+            _ => {
+                let (order, time) =
+                    (self.number(at("kernel.order"), 0.4, 0.9), self.number(at("kernel.time"), 0.2, 2.0));
+                format!(
+                    "kernel = {{ form = \"havriliak-negami\", order = {order}, power = 0.8, time = {time} }}"
+                )
+            }
+        }
+    }
+
+    /// One to three coordinates, one or two damping terms, any scheme, 40 steps of random length.
+    fn scenario(&mut self) -> String {
+        let size = 1 + self.below(3);
+        let masses: Vec<String> =
+            (0..size).map(|k| self.number(format!("system.mass[{k}]"), 0.7, 2.0)).collect();
+        let (stiff, hard, wave) = (
+            self.number("system.parameters.k", 0.5, 3.0),
+            self.number("system.parameters.c", 0.1, 0.5),
+            self.number("system.parameters.w", 0.5, 2.0),
+        );
+        let own = |k: usize| match k {
+            0 => "k*(1 - cos(q0))".to_owned(),
+            _ => format!("0.5*k*(q{k} - q{0})^2 + c*q{k}^4", k - 1),
+        };
+        let potential: Vec<String> = (0..size).map(own).collect();
+        let forces: Vec<String> = (0..size)
+            .map(|k| if k == 0 { "c*sin(w*t)*(1 + 0.1*q0)".to_owned() } else { "0".to_owned() })
+            .map(|force| format!("\"{force}\""))
+            .collect();
+        let mut text = format!(
+            "[system]\nmass = [{}]\npotential = \"{}\"\nforce = [{}]\nparameters = {{ k = {stiff}, c = {hard}, w = {wave} }}\n",
+            masses.join(", "),
+            potential.join(" + "),
+            forces.join(", ")
+        );
+        for term in 0..1 + self.below(2) {
+            let kernel = self.kernel(term);
+            let coefficients: Vec<String> = (0..size)
+                .map(|k| self.number(format!("system.damping[{term}].coefficient[{k}]"), 0.1, 0.8))
+                .collect();
+            text += &format!("[[system.damping]]\n{kernel}\ncoefficient = [{}]\n", coefficients.join(", "));
+        }
+        let position: Vec<String> =
+            (0..size).map(|k| self.number(format!("initial.position[{k}]"), -0.8, 0.8)).collect();
+        let momentum: Vec<String> =
+            (0..size).map(|k| self.number(format!("initial.momentum[{k}]"), -0.5, 0.5)).collect();
+        let schemes: Vec<&str> = SCHEMES
+            .iter()
+            .chain(&STAGED)
+            .copied()
+            .filter(|scheme| !scheme.contains("exponential-sum"))
+            .collect();
+        let scheme = schemes[self.below(schemes.len())];
+        let step = self.between(0.02, 0.1);
+        text + &format!(
+            "[initial]\nposition = [{}]\nmomentum = [{}]\n{scheme}\n[time]\nstep = {step}\nsteps = 40\n",
+            position.join(", "),
+            momentum.join(", ")
+        )
+    }
+
+    fn with(&self, text: &str, values: &[f64]) -> String {
+        let put = |text: String, (k, value): (usize, &f64)| {
+            text.replace(&format!("<{k}>"), &format!("{value:.17e}"))
+        };
+        values.iter().enumerate().fold(text.to_owned(), put)
+    }
+}
+
+/// Of fifty systems, kernels, schemes and steps, backwards, forwards, and by differences of order six.
+#[test]
+fn gradients_of_random_systems_are_their_sensitivities_and_differences() {
+    let (mut of_sensitivities, mut of_differences) = (0.0, 0.0);
+    for seed in 1..=50 {
+        let mut drawn = Drawn::new(seed);
+        let text = drawn.scenario();
+        let chosen = [(); 3].map(|()| drawn.below(drawn.values.len()));
+        let drawn = drawn;
+        let paths: Vec<String> = drawn.paths.iter().map(|path| format!("\"{path}\"")).collect();
+        let whole = format!("{text}[sensitivity]\nparameters = [{}]\n", paths.join(", "));
+        let here = drawn.with(&whole, &drawn.values);
+        of_sensitivities = max_or_nan(of_sensitivities, error(&here, seed, MOST_BYTES));
+        // The function whose gradient that is: a sum over all rows.
+        let function = |values: &[f64]| {
+            let states = rows(&drawn.with(&text, values)).0;
+            let by = numbers(seed, states.len() * states[0].len());
+            states.concat().iter().zip(&by).map(|(number, by)| number * by).sum::<f64>()
+        };
+        let states = rows(&here).0;
+        let size = states[0].len() / 2;
+        let by = numbers(seed, states.len() * 2 * size);
+        let position: Vec<f64> = by.chunks(2 * size).flat_map(|row| &row[..size]).copied().collect();
+        let momentum: Vec<f64> = by.chunks(2 * size).flat_map(|row| &row[size..]).copied().collect();
+        let found = gradient(&here, MOST_BYTES, (&position, &momentum)).parameters;
+        let largest = found.iter().map(|one| one.abs()).fold(1e-3, max_or_nan);
+        for parameter in chosen {
+            let h = 1e-2 * drawn.values[parameter].abs().max(0.1);
+            let at = |by: f64| {
+                let mut values = drawn.values.clone();
+                values[parameter] += by * h;
+                function(&values)
+            };
+            let pair = |by: f64| at(by) - at(-by);
+            let difference = (45.0 * pair(1.0) - 9.0 * pair(2.0) + pair(3.0)) / (60.0 * h);
+            let error = (found[parameter] - difference).abs() / largest;
+            assert!(
+                error < 1e-8,
+                "{}: {:e}, not {difference:e}\n{here}",
+                drawn.paths[parameter],
+                found[parameter]
+            );
+            of_differences = max_or_nan(of_differences, error);
+        }
+    }
+    eprintln!(
+        "largest difference from sensitivities {of_sensitivities:e}, from differences {of_differences:e}"
+    );
+}
+
 #[test]
 fn stretches_that_are_made_again_change_nothing() {
     for (case, scheme) in
