@@ -1,6 +1,7 @@
 //! Mechanisms: any Lagrangian, holonomic constraints, and memory along elongations.
 
 mod damper_row;
+mod definite;
 mod discrete_gradient;
 mod gauss_lobatto;
 mod integrator;

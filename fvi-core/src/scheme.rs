@@ -181,6 +181,14 @@ pub enum StepError {
     },
     /// The Jacobian of the step's equations is singular.
     SingularJacobian,
+    /// The mass is not positive definite at the end of the step: the kinetic energy of a velocity of size 1
+    /// that the constraints allow.
+    IndefiniteMass {
+        /// The coordinate that moves most, from 0.
+        coordinate: usize,
+        /// ½ vᵀMv.
+        energy: f64,
+    },
     /// The potential, the force, the input or the result is infinite or not a number.
     NotFinite,
     /// The memory refused the sample; most likely it is full.
@@ -197,17 +205,30 @@ impl fmt::Display for StepError {
                 )
             }
             Self::SingularJacobian => write!(f, "the Jacobian of the step is singular"),
+            Self::IndefiniteMass { coordinate, energy } => write_indefinite(f, *coordinate, *energy),
             Self::NotFinite => write!(f, "a force, the input or the result is not a finite number"),
             Self::Memory(error) => error.fmt(f),
         }
     }
 }
 
+/// That a mass is not positive definite.
+pub(crate) fn write_indefinite(f: &mut fmt::Formatter<'_>, coordinate: usize, energy: f64) -> fmt::Result {
+    write!(
+        f,
+        "the mass is not positive definite for velocities that the constraints allow: one of size 1, most of it of \
+         coordinate {coordinate} (from 0), has the kinetic energy {energy:e}"
+    )
+}
+
 impl core::error::Error for StepError {
     fn source(&self) -> Option<&(dyn core::error::Error + 'static)> {
         match self {
             Self::Memory(error) => Some(error),
-            Self::NotConverged { .. } | Self::SingularJacobian | Self::NotFinite => None,
+            Self::NotConverged { .. }
+            | Self::SingularJacobian
+            | Self::IndefiniteMass { .. }
+            | Self::NotFinite => None,
         }
     }
 }

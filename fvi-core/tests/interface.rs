@@ -65,6 +65,11 @@ fn every_error_says_what_happened_and_names_its_cause() {
         (IntegratorError::Memory(full).into(), &["full"], Some(full.into())),
         (diverged.into(), &["did not converge in 50 iterations", "2.5e-1"], None),
         (StepError::SingularJacobian.into(), &["Jacobian", "singular"], None),
+        (
+            StepError::IndefiniteMass { coordinate: 3, energy: -0.5 }.into(),
+            &["not positive definite", "coordinate 3", "-5e-1"],
+            None,
+        ),
         (StepError::NotFinite.into(), &["not a finite number"], None),
         (StepError::Memory(full).into(), &["full"], Some(full.into())),
         (OperatorError::NotFinite.into(), &["not a finite number"], None),

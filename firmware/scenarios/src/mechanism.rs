@@ -120,6 +120,10 @@ impl<T: Real> Lagrangian<T> for Swing<T> {
         parts.stiffness.fill(zero);
     }
 
+    fn has_constant_mass(&self) -> bool {
+        true
+    }
+
     fn constrain(&mut self, position: &[T], values: &mut [T], jacobian: &mut [T]) {
         let [x, y] = pair(position);
         write(values, &[x * x + y * y - T::one()]);

@@ -1,12 +1,13 @@
 //! A step by the midpoint rule with discrete gradients, and a solver for it that no step is too long for.
 
 use crate::linear::{Singular, all_finite, at, factor, substitute};
+use crate::mechanism::definite::not_definite;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian, Second};
 use crate::mechanism::step::{Shape, add_compensated, add_transposed, copy, dot, from, product, put};
 use crate::real::{Real, max_or_nan};
 use crate::scheme::StepError;
 use crate::space::parts_mut;
-use crate::system::Instant;
+use crate::system::{Approach, Instant};
 
 /// Newton's corrections before the solution is followed from a short step.
 const DIRECT: u32 = 20;
@@ -37,11 +38,16 @@ pub(super) struct Buffers<'a, T> {
     /// M V, and L_q + F with the corrected gradient.
     pub(super) momentum: &'a mut [T],
     force: &'a mut [T],
-    /// U at both ends, ∂U in the middle and at the end, and ∂²U in the middle.
+    /// U at both ends, or Λ with the sizes that it is made of; ∂U or ∂Λ in the middle and at the end, and the
+    /// second derivatives in the middle.
     heights: &'a mut [T],
     slope: &'a mut [T],
     end_slope: &'a mut [T],
     bend: &'a mut [T],
+    /// v₁, and two vectors of momentum, of a mass that depends on the position.
+    end_velocity: &'a mut [T],
+    carried_on: &'a mut [T],
+    spare: &'a mut [T],
     pub(super) mass: &'a mut [T],
     coupling: &'a mut [T],
     stiffness: &'a mut [T],
@@ -67,7 +73,7 @@ impl<'a, T: Real> Buffers<'a, T> {
     pub(super) const fn numbers(shape: Shape) -> usize {
         let Shape { n, m, e, .. } = shape;
         let u = n + m;
-        2 + 5 * (u + 1) + (u + 1) * (u + 1) + 12 * n + 6 * n * n + 3 * m + 2 * m * n + 2 * e * n + 3 * e
+        3 + 5 * (u + 1) + (u + 1) * (u + 1) + 15 * n + 6 * n * n + 3 * m + 2 * m * n + 2 * e * n + 3 * e
     }
 
     /// The arrays in a buffer of so many numbers.
@@ -91,10 +97,13 @@ impl<'a, T: Real> Buffers<'a, T> {
             middle: take(n),
             momentum: take(n),
             force: take(n),
-            heights: take(2),
+            heights: take(3),
             slope: take(n),
             end_slope: take(n),
             bend: take(n * n),
+            end_velocity: take(n),
+            carried_on: take(n),
+            spare: take(n),
             mass: take(n * n),
             coupling: take(n * n),
             stiffness: take(n * n),
@@ -132,8 +141,18 @@ enum Row<T> {
 /// ∇̄U = ∇U((q₀ + q₁)/2) + r (q₁ − q₀) ,   ∇̄U · (q₁ − q₀) = U(q₁) − U(q₀) ,
 /// ```
 ///
-/// and C̄ likewise. For θ = 1 they are those of the step, with Λ = μ/h; for θ = 0 they are linear and have
-/// one solution. In between the energy bounds V, so that a path of solutions leads from one to the other.
+/// and C̄ likewise. If the mass depends on the position, the first of them is that of Λ, which is ½vᵀM(q)w +
+/// ½aᵀ(v + w) − U (see [`Lagrangian::polarised`]),
+///
+/// ```text
+/// L_v(q₁, v₁) − p₀ − θh [∇̄Λ + F − Ḡᵀ f] + C̄ᵀ μ = 0 ,     v₁ = 2V − v₀ ,
+/// ∇̄Λ = ∂Λ/∂q((q₀ + q₁)/2; v₀, v₁) + r (q₁ − q₀) ,   ∇̄Λ · (q₁ − q₀) = Λ(q₁; v₀, v₁) − Λ(q₀; v₀, v₁) ,
+/// ```
+///
+/// whose product with V is E₁ − E₀ as before, since (p₁ − p₀)·V is ½v₁ᵀM₁v₁ − ½v₀ᵀM₀v₀ plus the change of
+/// Λ + U. No mass is inverted. For θ = 1 they are those of the step, with the multipliers μ/h; for θ = 0 they
+/// are linear and have one solution. In between the energy bounds V, so that a path of solutions leads from
+/// one to the other.
 pub(super) struct Conserving<'a, T, L, D> {
     pub(super) shape: Shape,
     pub(super) system: &'a mut L,
@@ -142,6 +161,8 @@ pub(super) struct Conserving<'a, T, L, D> {
     pub(super) length: T,
     pub(super) position: &'a [T],
     pub(super) momentum: &'a [T],
+    /// v₀, if the mass depends on the position.
+    pub(super) velocity: Option<&'a [T]>,
     /// A force held over the step; missing numbers are zero.
     pub(super) input: &'a [T],
 }
@@ -260,6 +281,19 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
         let (kicks, velocity) = parts_mut(rest, n);
         let of_position = moves.iter_mut().zip(position_rest.iter().zip(&*room.rise));
         of_position.for_each(|(place, (&rest, &rise))| *place = rest + rise);
+        if let Some(before) = self.velocity {
+            let solved = from(room.unknowns, 0, n).iter().zip(before);
+            let of_velocity = kicks.iter_mut().zip(momentum_rest).zip(solved);
+            of_velocity.for_each(|((place, &rest), (&v, &start))| *place = rest + T::of(2.0) * (v - start));
+            add_compensated(self.position, moves, position);
+            add_compensated(before, kicks, velocity);
+            let last = Instant { time: self.time + self.length, approach: Approach::FromLeft };
+            self.system.first(last, position, velocity, momentum, room.force);
+            let places = (&*position, &*velocity, last);
+            let mass = self.check_mass(places, room);
+            room.next = next;
+            return if all_finite(room.next) { mass } else { Err(StepError::NotFinite) };
+        }
         let of_momentum = kicks.iter_mut().zip(momentum_rest).zip(room.momentum.iter().zip(self.momentum));
         of_momentum.for_each(|((place, &rest), (&p, &start))| *place = rest + T::of(2.0) * (p - start));
         add_compensated(self.position, moves, position);
@@ -271,6 +305,30 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
         substitute(mass, pivots, velocity);
         room.next = next;
         if all_finite(room.next) { Ok(()) } else { Err(StepError::NotFinite) }
+    }
+
+    /// Why the equations have no solution: because of the mass where the step would end, or what was found.
+    pub(super) fn reason(&mut self, error: StepError, room: &mut Buffers<'_, T>) -> StepError {
+        if self.velocity.is_none() {
+            return error;
+        }
+        let (end, velocity) = (core::mem::take(&mut room.end), core::mem::take(&mut room.end_velocity));
+        let last = Instant { time: self.time + self.length, approach: Approach::FromLeft };
+        let of_mass = if all_finite(end) { self.check_mass((end, velocity, last), room) } else { Ok(()) };
+        of_mass.err().unwrap_or(error)
+    }
+
+    /// Refuses a mass at the end of the step that is not positive definite where the constraints let it move.
+    fn check_mass(
+        &mut self,
+        (position, velocity, instant): (&[T], &[T], Instant<T>),
+        room: &mut Buffers<'_, T>,
+    ) -> Result<(), StepError> {
+        let Shape { n, m, .. } = self.shape;
+        let parts = [&mut *room.mass, room.coupling, room.stiffness, room.resistance];
+        self.second_at((instant, position, velocity), parts);
+        let found = not_definite((room.mass, room.end_constraints), [n, m], (room.matrix, room.moved));
+        found.map_or(Ok(()), |found| Err(found.into()))
     }
 
     /// Writes the tangent of the path at the unknowns to the residual, in the direction of the one before.
@@ -376,13 +434,18 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
         }
         let instant = self.instant(share);
         self.system.first(instant, room.middle, velocity, room.momentum, room.force);
+        if let Some(before) = self.velocity {
+            self.polarise(before, room);
+        }
         room.force.iter_mut().zip(self.input).for_each(|(force, &input)| *force += input);
         add_transposed(-T::one(), room.jacobian, room.tensions, room.force);
-        let steep = self.correct_gradient(room);
+        let steep = if self.velocity.is_some() { -self.remains(room) } else { self.correct_gradient(room) };
         room.force.iter_mut().zip(&*room.rise).for_each(|(force, &rise)| *force -= steep * rise);
+        // p₁ − p₀ is 2(MV − p₀) with a constant mass.
+        let twice = if self.velocity.is_some() { T::one() } else { T::of(2.0) };
         let momenta = room.momentum.iter().zip(self.momentum).zip(&*room.force);
         for (place, ((&p, &start), &force)) in room.residual.iter_mut().zip(momenta) {
-            *place = T::of(2.0) * (p - start) - length * force;
+            *place = twice * (p - start) - length * force;
         }
         if m == 0 {
             return;
@@ -406,6 +469,32 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
         self.system.potential(room.middle, room.slope, None);
         copy(room.heights, &[start, end]);
         remainder([start, end, dot(room.slope, room.rise)], dot(room.rise, room.rise))
+    }
+
+    /// Writes v₁, L_v(q₁, v₁), Λ at both ends, and ∂Λ/∂q + F in the middle in place of L_q + F.
+    fn polarise(&mut self, before: &[T], room: &mut Buffers<'_, T>) {
+        let n = self.shape.n;
+        let velocity = from(room.unknowns, 0, n);
+        let ends = room.end_velocity.iter_mut().zip(velocity.iter().zip(before));
+        ends.for_each(|(place, (&v, &start))| *place = v + (v - start));
+        let (end_velocity, unknown) = (&*room.end_velocity, [T::of(f64::NAN); 2]);
+        let still = self.system.polarised(room.middle, [velocity, velocity], room.slope, None);
+        room.force.iter_mut().zip(&*room.slope).for_each(|(force, &slope)| *force -= slope);
+        let both = [before, end_velocity];
+        let [start, size] = self.system.polarised(self.position, both, room.slope, None).unwrap_or(unknown);
+        let [end, end_size] = self.system.polarised(room.end, both, room.end_slope, None).unwrap_or(unknown);
+        self.system.polarised(room.middle, both, room.slope, None);
+        room.force.iter_mut().zip(&*room.slope).for_each(|(force, &slope)| *force += slope);
+        let size = if still.is_some() { size + end_size } else { T::of(f64::NAN) };
+        copy(room.heights, &[start, end, size]);
+        let last = Instant::in_step(self.time, T::one(), last_of(room.unknowns) * self.length);
+        self.system.first(last, room.end, end_velocity, room.momentum, room.spare);
+    }
+
+    /// r of Λ.
+    fn remains(&self, room: &Buffers<'_, T>) -> T {
+        let [start, end, size] = [0, 1, 2].map(|index| at(room.heights, index));
+        remainder_of([start, end, dot(room.slope, room.rise)], size, dot(room.rise, room.rise))
     }
 
     /// Writes c at both ends, C̄, and its r.
@@ -496,8 +585,76 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
                     + length * at(room.pull, entry);
             }
         }
-        self.differentiate_gradient(room, length);
+        match self.velocity {
+            Some(before) => self.differentiate_polarised(before, room, length),
+            None => self.differentiate_gradient(room, length),
+        }
         self.differentiate_constraints(room, length);
+    }
+
+    /// Replaces 2M − θh(…) in the middle by the derivatives of L_v(q₁, v₁) − θh (∇̄Λ + F); the room holds the
+    /// mass and the coupling in the middle.
+    fn differentiate_polarised(&mut self, before: &[T], room: &mut Buffers<'_, T>, length: T) {
+        let Shape { n, m, .. } = self.shape;
+        let (half, u, share) = (T::of(0.5) * length, n + m, last_of(room.unknowns));
+        let velocity = from(room.unknowns, 0, n);
+        let (end_velocity, instant) = (&*room.end_velocity, self.instant(share));
+        let last = Instant::in_step(self.time, T::one(), share * self.length);
+        add_square(-T::of(2.0), room.mass, false, (room.matrix, u));
+        // What ∂(L_q + F)/∂q and ∂(L_q + F)/∂v have beyond the derivatives of F.
+        add_square(length, room.coupling, true, (room.matrix, u));
+        self.system.polarised(room.middle, [velocity, velocity], room.slope, Some(room.bend));
+        add_square(length * half, room.bend, false, (room.matrix, u));
+        let both = [before, end_velocity];
+        self.system.polarised(room.middle, both, room.slope, Some(room.bend));
+        add_square(-length * half, room.bend, false, (room.matrix, u));
+        // ∂²Λ/∂q∂v₁ is half of ∂L_v/∂q at v₀, transposed, and ∂v₁/∂V is 2.
+        let parts = [&mut *room.mass, room.coupling, room.stiffness, room.resistance];
+        self.second_at((instant, room.middle, before), parts);
+        add_square(-length, room.coupling, true, (room.matrix, u));
+        self.differentiate_remainder((last, before), room, length);
+        let end = (last, &*room.end, &*room.end_velocity);
+        self.second_at(end, [&mut *room.mass, room.coupling, room.stiffness, room.resistance]);
+        add_square(T::of(2.0), room.mass, false, (room.matrix, u));
+        add_square(length, room.coupling, false, (room.matrix, u));
+    }
+
+    /// Adds −θh ∂(r d)/∂V of Λ, d = q₁ − q₀; the room holds ∂L_v/∂q in the middle at v₀.
+    fn differentiate_remainder(
+        &mut self,
+        (last, before): (Instant<T>, &[T]),
+        room: &mut Buffers<'_, T>,
+        length: T,
+    ) {
+        let Shape { n, m, .. } = self.shape;
+        let (square, r) = (dot(room.rise, room.rise), self.remains(room));
+        // ∂r/∂v₁ is half of this over |d|².
+        self.system.first(last, room.end, before, room.carried_on, room.spare);
+        let turned = product(room.coupling, room.rise);
+        let ends = room.spare.iter_mut().zip(turned).zip(room.carried_on.iter().zip(self.momentum));
+        for ((place, turned), (&end, &start)) in ends {
+            let left = (end - start) - turned;
+            let lost = T::of(8.0) * T::EPSILON * (end.abs() + start.abs() + turned.abs());
+            *place = if left.abs() <= lost || square == T::zero() { T::zero() } else { left / square };
+        }
+        for (line, &rise) in room.matrix.chunks_exact_mut(n + m + 1).zip(&*room.rise) {
+            let places = line.iter_mut().zip(&*room.spare);
+            places.for_each(|(place, &slope)| *place -= length * rise * slope);
+        }
+        add_correction(
+            (-length * length, n, m, r, square),
+            (&*room.end_slope, &*room.slope, &*room.bend),
+            (room.rise, room.matrix),
+        );
+    }
+
+    /// Writes the second derivatives of L at a point.
+    fn second_at(
+        &mut self,
+        (instant, position, velocity): (Instant<T>, &[T], &[T]),
+        [mass, coupling, stiffness, resistance]: [&mut [T]; 4],
+    ) {
+        self.system.second(instant, position, velocity, Second { mass, coupling, stiffness, resistance });
     }
 
     /// Adds θh ∂(r d)/∂V of the potential, d = q₁ − q₀, whose values the equations were evaluated with.
@@ -555,6 +712,18 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
     }
 }
 
+/// Adds a multiple of an n×n matrix, or of its transpose, to the first rows and columns of one of u + 1
+/// columns.
+fn add_square<T: Real>(factor: T, square: &[T], is_transposed: bool, (matrix, u): (&mut [T], usize)) {
+    let n = square.len().isqrt();
+    for (row, line) in matrix.chunks_exact_mut(u + 1).take(n).enumerate() {
+        for (column, place) in line.iter_mut().take(n).enumerate() {
+            let entry = if is_transposed { column * n + row } else { row * n + column };
+            *place += factor * at(square, entry);
+        }
+    }
+}
+
 /// Adds `factor` ∂(r d)/∂q₁ of a function φ to the first n rows of a matrix of n + m + 1 columns,
 ///
 /// ```text
@@ -585,8 +754,13 @@ fn add_correction<T: Real>(
 
 /// (φ(q₁) − φ(q₀) − ∇φ(q̄)·d)/|d|², and 0 where rounding is all of it.
 fn remainder<T: Real>([start, end, along]: [T; 3], square: T) -> T {
+    remainder_of([start, end, along], start.abs() + end.abs(), square)
+}
+
+/// The same of values that are sums of numbers of this size.
+fn remainder_of<T: Real>([start, end, along]: [T; 3], size: T, square: T) -> T {
     let left = (end - start) - along;
-    let lost = T::of(4.0) * T::EPSILON * (start.abs() + end.abs() + along.abs());
+    let lost = T::of(4.0) * T::EPSILON * (size + along.abs());
     if left.abs() <= lost || square == T::zero() { T::zero() } else { left / square }
 }
 

@@ -4,6 +4,7 @@ use core::fmt;
 
 use crate::error::{ParameterError, check_step_size};
 use crate::linear::{Singular, all_finite, at};
+use crate::mechanism::definite::{NotDefinite, not_definite};
 use crate::mechanism::discrete_gradient::{Buffers, Conserving};
 use crate::mechanism::gauss_lobatto::GaussLobatto;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian};
@@ -14,7 +15,7 @@ use crate::mechanism::step::{
 use crate::memory::MemoryError;
 use crate::real::{Real, max_or_nan};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
-use crate::scheme::StepError;
+use crate::scheme::{StepError, write_indefinite};
 use crate::space::parts_mut;
 use crate::system::{Approach, Instant};
 
@@ -23,6 +24,9 @@ const TAG: [u8; 4] = *b"mech";
 
 /// The same for discrete gradients.
 const CONSERVING_TAG: [u8; 4] = *b"mecE";
+
+/// The same of a Lagrangian whose mass depends on the position.
+const POLARISED_TAG: [u8; 4] = *b"mecL";
 
 /// Largest |c| and |C v|, relative to the sizes that they are made of, with which a motion may begin.
 const ON_CONSTRAINTS: f64 = 1e-8;
@@ -55,8 +59,7 @@ const MOST_CORRECTIONS: usize = 50;
 #[derive(Clone, Debug)]
 pub struct MechanismIntegrator<T, L, D, B, P> {
     rule: GaussLobatto<T>,
-    /// True for discrete gradients.
-    conserves: bool,
+    gradients: Gradients,
     shape: StepShape,
     system: L,
     dampers: D,
@@ -68,6 +71,15 @@ pub struct MechanismIntegrator<T, L, D, B, P> {
     anchor: (u64, T),
     /// Work that the dampers have taken up, and its rounding error.
     work: [T; 2],
+}
+
+/// How the equations of a step take the gradients of its Lagrangian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Gradients {
+    /// At the nodes of a Gauss method.
+    AtNodes,
+    /// As discrete gradients: of a potential beside a constant mass, or of the polarised Lagrangian.
+    Discrete { is_polarised: bool },
 }
 
 /// Reason why a mechanism cannot be integrated from a start.
@@ -99,9 +111,31 @@ pub enum MechanismError {
     },
     /// The mass is singular for velocities that the constraints allow.
     SingularMass,
-    /// No position on the constraints was found near the initial one.
-    NotProjected,
-    /// The system does not tell its potential, which discrete gradients are made of.
+    /// The mass is not positive definite for them: the kinetic energy of one of size 1.
+    IndefiniteMass {
+        /// The coordinate that moves most, from 0.
+        coordinate: usize,
+        /// ½ vᵀMv.
+        energy: f64,
+    },
+    /// Constraint `index` cannot hold beside those before it: their gradients determine its own, and this of
+    /// its value is left where they hold.
+    Inconsistent {
+        /// From 0.
+        index: usize,
+        /// What is left of c.
+        value: f64,
+    },
+    /// No position on the constraints was found near the initial one: where they come closest to holding
+    /// together, constraint `index` is off most.
+    NotProjected {
+        /// From 0.
+        index: usize,
+        /// Its c.
+        value: f64,
+    },
+    /// The system tells neither its potential nor its polarised Lagrangian, which discrete gradients are made
+    /// of.
     NoPotential,
 }
 
@@ -125,13 +159,33 @@ impl fmt::Display for MechanismError {
             Self::SingularMass => {
                 write!(f, "the mass is singular for velocities that the constraints allow")
             }
-            Self::NotProjected => write!(f, "no position on the constraints was found near the initial one"),
+            Self::IndefiniteMass { coordinate, energy } => write_indefinite(f, *coordinate, *energy),
+            Self::Inconsistent { index, value } => {
+                write!(
+                    f,
+                    "constraint {index} (from 0) contradicts those before it: its gradient is zero or a combination of theirs, \
+                     and where they hold it is {value:e}"
+                )
+            }
+            Self::NotProjected { index, value } => {
+                write!(
+                    f,
+                    "no position on the constraints was found near the initial one: where they come closest to holding \
+                     together, constraint {index} (from 0) is {value:e}"
+                )
+            }
             Self::NoPotential => write!(f, "the system does not tell its potential apart from its forces"),
         }
     }
 }
 
 impl core::error::Error for MechanismError {}
+
+impl From<NotDefinite> for MechanismError {
+    fn from(NotDefinite { coordinate, energy }: NotDefinite) -> Self {
+        Self::IndefiniteMass { coordinate, energy }
+    }
+}
 
 impl From<ParameterError> for MechanismError {
     fn from(error: ParameterError) -> Self {
@@ -224,15 +278,23 @@ where
         project: bool,
         buffers: (B, P),
     ) -> Result<Self, MechanismError> {
-        Self::build((rule, false), (system, dampers), time, state, project, buffers)
+        Self::build((rule, Gradients::AtNodes), (system, dampers), time, state, project, buffers)
     }
 
     /// An integrator whose energy never rises by itself: the midpoint rule with discrete gradients, for
-    /// systems with L = ½vᵀMv − U(q), M constant, that tell their [potential](Lagrangian::potential).
+    /// systems with L = ½vᵀMv − U(q), M constant, that tell their [potential](Lagrangian::potential), and for
+    /// those with L = ½vᵀM(q)v + a(q)ᵀv − U(q) that tell Λ, the [polarised](Lagrangian::polarised) one.
     ///
     /// ```text
     /// q₁ − q₀ = hM⁻¹ (p₀ + p₁)/2 ,     p₁ − p₀ = h (F − ∇̄U − Ḡᵀf) − C̄ᵀμ ,     c(q₁) = 0 ,
     /// ∇̄U·(q₁ − q₀) = U(q₁) − U(q₀) ,     C̄ (q₁ − q₀) = c(q₁) − c(q₀) ,     f = Z(∂_h) Ḡ (q₁ − q₀)/h
+    /// ```
+    ///
+    /// and where the mass depends on the position
+    ///
+    /// ```text
+    /// q₁ − q₀ = h (v₀ + v₁)/2 ,     L_v(q₁, v₁) − L_v(q₀, v₀) = h (F + ∇̄Λ − Ḡᵀf) − C̄ᵀμ ,
+    /// ∇̄Λ·(q₁ − q₀) = Λ(q₁; v₀, v₁) − Λ(q₀; v₀, v₁) ,
     /// ```
     ///
     /// with the memory of the midpoint rule, so that E₁ + (work of the dampers) = E₀ + (work of F) for
@@ -252,15 +314,25 @@ where
         buffers: (B, P),
     ) -> Result<Self, MechanismError> {
         let rule = GaussLobatto::new(1)?;
-        let mut made = Self::build((rule, true), (system, dampers), time, state, project, buffers)?;
+        let gradients = Gradients::Discrete { is_polarised: false };
+        let parts = (system, dampers);
+        let mut made = Self::build((rule, gradients), parts, time, state, project, buffers)?;
         let n = made.shape.n;
         let (carried, room, system, _) = made.split();
-        let told = system.potential(carried.position, parts_mut(room.forces, n).0, None);
-        if told.is_none() { Err(MechanismError::NoPotential) } else { Ok(made) }
+        let (position, slope) = (&*carried.position, parts_mut(room.forces, n).0);
+        if system.potential(position, slope, None).is_some() {
+            return Ok(made);
+        }
+        let velocities = [&*carried.velocity; 2];
+        if system.polarised(position, velocities, slope, None).is_none() {
+            return Err(MechanismError::NoPotential);
+        }
+        made.gradients = Gradients::Discrete { is_polarised: true };
+        Ok(made)
     }
 
     fn build(
-        (rule, conserves): (GaussLobatto<T>, bool),
+        (rule, gradients): (GaussLobatto<T>, Gradients),
         (system, dampers): (L, D),
         (step_size, start): (T, T),
         (position, velocity): (&[T], &[T]),
@@ -275,6 +347,7 @@ where
         };
         let found = dampers.elongations();
         check(found == e, "elongations of the dampers", found, "as many as the system has")?;
+        let conserves = gradients != Gradients::AtNodes;
         let long =
             if conserves { Self::conserving_numbers([n, m, e]) } else { shape.carried() + shape.work() };
         let found = numbers.as_ref().len();
@@ -283,7 +356,7 @@ where
         let work = [T::zero(); 2];
         let mut made = Self {
             rule,
-            conserves,
+            gradients,
             shape,
             system,
             dampers,
@@ -333,23 +406,33 @@ where
         if !(all_finite(room.values) && all_finite(rows)) {
             return Err(MechanismError::InitialState);
         }
+        let near = largest(T::one(), carried.position);
+        let tolerance = T::of(ON_CONSTRAINTS).max(T::of(1e3) * T::EPSILON);
         for index in 0..m {
             let (before, rest) = parts_mut(rows, index * n);
             let (row, _) = parts_mut(rest, n);
             let whole = dot(row, row);
+            let (mut value, steep) = (at(room.values, index), largest(T::zero(), row));
             // Twice, for rows that are nearly parallel; those before are orthonormal.
             for _ in 0..2 {
-                for other in before.chunks_exact(n.max(1)) {
+                for (other, &off) in before.chunks_exact(n.max(1)).zip(&*room.values) {
                     let along = dot(row, other);
                     row.iter_mut().zip(other).for_each(|(place, &other)| *place -= along * other);
+                    value -= along * off;
                 }
             }
             let left = dot(row, row);
             if left <= T::of(REDUNDANT * REDUNDANT) * whole || whole == T::zero() {
-                return Err(MechanismError::Redundant { index });
+                // To first order it is this where the others hold.
+                let holds = value.abs() <= tolerance * steep * near;
+                return Err(match holds {
+                    true => MechanismError::Redundant { index },
+                    false => MechanismError::Inconsistent { index, value: value.to_f64() },
+                });
             }
             let scale = T::one() / left.sqrt();
             row.iter_mut().for_each(|place| *place *= scale);
+            room.values.iter_mut().skip(index).take(1).for_each(|place| *place = scale * value);
         }
         Ok(())
     }
@@ -357,31 +440,51 @@ where
     /// Moves position and velocity onto the constraints.
     fn project(&mut self) -> Result<(), MechanismError> {
         let (instant, shape) = (self.now(), self.shape);
-        let (carried, mut room, system, pivots) = self.split();
-        let room = &mut room;
         let mut last = T::max_value().unwrap_or(T::one());
-        for _ in 0..MOST_CORRECTIONS {
+        // The constraint that is off most where the largest is smallest.
+        let mut closest = (last, 0, T::zero());
+        for count in 0..=MOST_CORRECTIONS {
+            let (carried, mut room, system, pivots) = self.split();
+            let room = &mut room;
             form_saddle(system, shape, (instant, carried.position, carried.velocity), room);
             let size = largest(T::zero(), room.values);
-            if !size.is_finite() {
-                return Err(MechanismError::NotProjected);
+            if size < closest.0 {
+                let off = room.values.iter().enumerate().find(|(_, value)| value.abs() == size);
+                closest = off.map_or(closest, |(index, &value)| (size, index, value));
             }
-            if size == T::zero() || (size < T::of(1e-6) && size >= last) {
+            let holds = size == T::zero() || (size < T::of(1e-6) && size >= last);
+            if holds {
                 break;
             }
             last = size;
             room.residual.fill(T::zero());
             let places = room.residual.iter_mut().skip(shape.n).zip(&*room.values);
             places.for_each(|(place, &value)| *place = -value);
-            solve_saddle(shape, room, pivots).map_err(|Singular| MechanismError::SingularMass)?;
+            let is_lost = count == MOST_CORRECTIONS || !size.is_finite();
+            if is_lost || solve_saddle(shape, room, pivots).is_err() {
+                let (_, index, value) = closest;
+                let missed = MechanismError::NotProjected { index, value: value.to_f64() };
+                return Err(match self.check_rank() {
+                    Err(MechanismError::Inconsistent { index, value }) => {
+                        MechanismError::Inconsistent { index, value }
+                    }
+                    _ if is_lost || count > 0 => missed,
+                    // The constraints have full rank at the start: only the mass is left as a reason.
+                    _ => self.bad_mass(),
+                });
+            }
             let moves = carried.position.iter_mut().zip(&*room.residual);
             moves.for_each(|(place, &change)| *place += change);
         }
+        let (carried, mut room, system, pivots) = self.split();
+        let room = &mut room;
         form_saddle(system, shape, (instant, carried.position, carried.velocity), room);
         room.residual.fill(T::zero());
         let momentum = product(from(room.mass, 0, shape.n * shape.n), carried.velocity);
         room.residual.iter_mut().zip(momentum).for_each(|(place, p)| *place = p);
-        solve_saddle(shape, room, pivots).map_err(|Singular| MechanismError::SingularMass)?;
+        if solve_saddle(shape, room, pivots).is_err() {
+            return Err(self.bad_mass());
+        }
         carried.velocity.iter_mut().zip(&*room.residual).for_each(|(place, &v)| *place = v);
         Ok(())
     }
@@ -404,8 +507,20 @@ where
                 return Err(MechanismError::LeavesConstraint { index, rate: rate.to_f64() });
             }
         }
+        if let Some(found) = look_at_mass(system, shape, &mut room) {
+            return Err(found.into());
+        }
+        form_saddle(system, shape, (instant, carried.position, carried.velocity), &mut room);
         room.residual.fill(T::zero());
         solve_saddle(shape, &mut room, pivots).map_err(|Singular| MechanismError::SingularMass)
+    }
+
+    /// What is wrong with the mass, where constraints of full rank leave a system without a solution.
+    fn bad_mass(&mut self) -> MechanismError {
+        let (instant, shape) = (self.now(), self.shape);
+        let (carried, mut room, system, _) = self.split();
+        form_saddle(system, shape, (instant, carried.position, carried.velocity), &mut room);
+        look_at_mass(system, shape, &mut room).map_or(MechanismError::SingularMass, MechanismError::from)
     }
 
     /// Sets momentum, memories and the first guess for the present position and velocity.
@@ -474,8 +589,8 @@ where
     fn make(&mut self, length: T, end: T, input: &[T]) -> Result<u32, StepError> {
         let (time, shape) = (self.time(), self.shape);
         self.dampers.begin_step(length)?;
-        if self.conserves {
-            return self.conserve((time, length), input);
+        if let Gradients::Discrete { is_polarised } = self.gradients {
+            return self.conserve((time, length), input, is_polarised);
         }
         let (carried, work) = carried(shape, self.numbers.as_mut());
         let mut room = StepBuffers::new(shape, work);
@@ -505,7 +620,12 @@ where
     }
 
     /// A step with discrete gradients.
-    fn conserve(&mut self, (time, length): (T, T), input: &[T]) -> Result<u32, StepError> {
+    fn conserve(
+        &mut self,
+        (time, length): (T, T),
+        input: &[T],
+        is_polarised: bool,
+    ) -> Result<u32, StepError> {
         let (shape, last) = (self.shape, Instant { time, approach: Approach::FromLeft });
         let (carried, work) = carried(shape, self.numbers.as_mut());
         let mut room = Buffers::new(shape, work);
@@ -520,9 +640,11 @@ where
             length,
             position: &*carried.position,
             momentum: &*carried.momentum,
+            velocity: is_polarised.then_some(&*carried.velocity),
             input,
         };
-        let corrections = equations.solve(&mut room, pivots)?;
+        let solved = equations.solve(&mut room, pivots);
+        let corrections = solved.map_err(|error| equations.reason(error, &mut room))?;
         equations.write_next((&*carried.position_rest, &*carried.momentum_rest), &mut room, pivots)?;
         let ended = Ended { rule: &self.rule, shape, length, last };
         // Nothing fails from here on.
@@ -677,7 +799,11 @@ where
     }
 
     fn tag(&self) -> [u8; 4] {
-        if self.conserves { CONSERVING_TAG } else { TAG }
+        match self.gradients {
+            Gradients::AtNodes => TAG,
+            Gradients::Discrete { is_polarised: false } => CONSERVING_TAG,
+            Gradients::Discrete { is_polarised: true } => POLARISED_TAG,
+        }
     }
 
     fn shape_of_state(&self) -> Shape<4> {
@@ -689,6 +815,21 @@ where
             ("elongations", e as u64),
         ]
     }
+}
+
+/// A velocity without positive kinetic energy at the point where [`form_saddle`] was called last, of a system
+/// whose mass is not constant; its matrix and the residual are lost.
+fn look_at_mass<T: Real, L: Lagrangian<T>>(
+    system: &L,
+    shape: StepShape,
+    room: &mut StepBuffers<'_, T>,
+) -> Option<NotDefinite> {
+    if system.has_constant_mass() {
+        return None;
+    }
+    let StepShape { n, m, .. } = shape;
+    let point = (from(room.mass, 0, n * n), from(room.constraints, 0, m * n));
+    not_definite(point, [n, m], (room.matrix, room.residual))
 }
 
 /// The largest absolute value of `least` and the numbers.
@@ -742,12 +883,18 @@ impl<T: Real> Ended<'_, T> {
         let moving = carried.momentum.iter().zip(&*momentum_rest).zip(&*room.point);
         let moving = moving.map(|((&p, &kick), &still)| (p - still) + kick);
         room.residual.iter_mut().zip(moving).for_each(|(place, number)| *place = number);
-        solve_saddle(self.shape, room, pivots).map_err(|Singular| StepError::SingularJacobian)?;
+        if solve_saddle(self.shape, room, pivots).is_err() {
+            let of_mass = look_at_mass(system, self.shape, room);
+            return Err(of_mass.map_or(StepError::SingularJacobian, StepError::from));
+        }
         velocity.iter_mut().zip(&*room.residual).for_each(|(place, &v)| *place = v);
         let rows = from(room.constraints, 0, m * n);
         add_transposed(-T::one(), rows, from(room.residual, n, m), momentum_rest);
         add_compensated(carried.momentum, momentum_rest, momentum);
         room.next = next;
+        if let Some(found) = look_at_mass(system, self.shape, room) {
+            return Err(found.into());
+        }
         if all_finite(room.next) { Ok(()) } else { Err(StepError::NotFinite) }
     }
 

@@ -62,11 +62,36 @@ pub trait Lagrangian<T> {
         let _ = (position, velocity, forces, turning, stiffness);
     }
 
+    /// True if L_vv is positive definite and the same everywhere, so that it need not be looked at.
+    fn has_constant_mass(&self) -> bool {
+        false
+    }
+
     /// U, with ∂U/∂q, N numbers, and ∂²U/∂q², N×N numbers, if asked for, of a system with L = ½vᵀMv − U(q)
-    /// and a constant M; `None` without them, if the system does not tell them. What is left of L_q + F at
-    /// rest is F.
+    /// and a constant M; `None` without them, if the system does not tell them or has another L. What is left
+    /// of L_q + F at rest is F.
     fn potential(&mut self, position: &[T], gradient: &mut [T], hessian: Option<&mut [T]>) -> Option<T> {
         let _ = (position, gradient, hessian);
+        None
+    }
+
+    /// For a system with L = ½vᵀM(q)v + a(q)ᵀv − U(q): the form
+    ///
+    /// ```text
+    /// Λ(q; v, w) = ½ vᵀM(q)w + ½ a(q)ᵀ(v + w) − U(q) = 2L(q, (v + w)/2) − ½L(q, v) − ½L(q, w) ,
+    /// ```
+    ///
+    /// and the sum of the absolute values that it is made of, which says how much of it rounding is; with
+    /// ∂Λ/∂q, N numbers, and ∂²Λ/∂q², N×N numbers, if asked for. `None` without them, if the system does not
+    /// tell them. What L_q + F has beyond ∂Λ/∂q for v = w is F.
+    fn polarised(
+        &mut self,
+        position: &[T],
+        velocities: [&[T]; 2],
+        gradient: &mut [T],
+        hessian: Option<&mut [T]>,
+    ) -> Option<[T; 2]> {
+        let _ = (position, velocities, gradient, hessian);
         None
     }
 

@@ -310,3 +310,123 @@ fn a_step_that_fails_leaves_the_state_as_it_was() {
     assert_eq!(swinging.energy(), energy);
     assert!(swinging.step(&[]).is_ok());
 }
+
+/// A mass that depends on the position, and a term linear in the velocity:
+/// L = ½ (1 + q₁²) v₀² + ½ v₁² + q₁ v₀ − q₀² − q₁⁴, or with ½ (1 − q₀) v₁².
+#[derive(Clone, Copy, Debug)]
+struct Curved {
+    is_indefinite: bool,
+}
+
+impl Curved {
+    /// M₁₁, with its first two derivatives.
+    fn second_mass(self, q: &[f64]) -> [f64; 3] {
+        if self.is_indefinite { [1.0 - q[0], -1.0, 0.0] } else { [1.0, 0.0, 0.0] }
+    }
+}
+
+impl Lagrangian<f64> for Curved {
+    fn coordinates(&self) -> usize {
+        2
+    }
+
+    fn first(&mut self, _: Instant<f64>, q: &[f64], v: &[f64], momentum: &mut [f64], force: &mut [f64]) {
+        let [mass, slope, _] = self.second_mass(q);
+        momentum.copy_from_slice(&[(1.0 + q[1] * q[1]) * v[0] + q[1], mass * v[1]]);
+        force.copy_from_slice(&[
+            0.5 * slope * v[1] * v[1] - 2.0 * q[0],
+            q[1] * v[0] * v[0] + v[0] - 4.0 * q[1].powi(3),
+        ]);
+    }
+
+    fn second(&mut self, _: Instant<f64>, q: &[f64], v: &[f64], parts: Second<'_, f64>) {
+        let [mass, slope, bend] = self.second_mass(q);
+        parts.mass.copy_from_slice(&[1.0 + q[1] * q[1], 0.0, 0.0, mass]);
+        parts.coupling.copy_from_slice(&[0.0, 2.0 * q[1] * v[0] + 1.0, slope * v[1], 0.0]);
+        parts.resistance.copy_from_slice(&[0.0, slope * v[1], 2.0 * q[1] * v[0] + 1.0, 0.0]);
+        let down = v[0] * v[0] - 12.0 * q[1] * q[1];
+        parts.stiffness.copy_from_slice(&[0.5 * bend * v[1] * v[1] - 2.0, 0.0, 0.0, down]);
+    }
+
+    fn polarised(
+        &mut self,
+        q: &[f64],
+        [v, w]: [&[f64]; 2],
+        gradient: &mut [f64],
+        hessian: Option<&mut [f64]>,
+    ) -> Option<[f64; 2]> {
+        let [mass, slope, bend] = self.second_mass(q);
+        let (first, second, mean) = (v[0] * w[0], v[1] * w[1], 0.5 * (v[0] + w[0]));
+        gradient
+            .copy_from_slice(&[0.5 * slope * second - 2.0 * q[0], q[1] * first + mean - 4.0 * q[1].powi(3)]);
+        if let Some(hessian) = hessian {
+            let entries = [0.5 * bend * second - 2.0, 0.0, 0.0, first - 12.0 * q[1] * q[1]];
+            hessian.copy_from_slice(&entries);
+        }
+        let terms = [
+            0.5 * (1.0 + q[1] * q[1]) * first,
+            0.5 * mass * second,
+            q[1] * mean,
+            -q[0] * q[0],
+            -q[1].powi(4),
+        ];
+        Some([terms.iter().sum(), terms.iter().map(|term| term.abs()).sum()])
+    }
+
+    fn energy(&mut self, q: &[f64], v: &[f64]) -> f64 {
+        let moving = 0.5 * (1.0 + q[1] * q[1]) * v[0] * v[0] + 0.5 * self.second_mass(q)[0] * v[1] * v[1];
+        moving + q[0] * q[0] + q[1].powi(4)
+    }
+}
+
+type Curving = MechanismIntegrator<f64, Curved, (), Vec<f64>, Vec<usize>>;
+
+fn conserving(curved: Curved, h: f64, start: [[f64; 2]; 2]) -> Result<Curving, MechanismError> {
+    let buffers = (vec![0.0; Curving::conserving_numbers([2, 0, 0])], vec![0; 3]);
+    Curving::conserving((curved, ()), (h, 0.0), (&start[0], &start[1]), false, buffers)
+}
+
+/// Newton's method converges quadratically, so that its matrix is right, and energies are constant.
+#[test]
+fn discrete_gradients_of_a_polarised_lagrangian_keep_the_energy() {
+    for h in [0.02, 0.1, 0.3, 1.5] {
+        let start = [[0.8, -0.6], [0.5, 1.0]];
+        let mut curving = conserving(Curved { is_indefinite: false }, h, start).unwrap();
+        let first = curving.energy();
+        let mut corrections = 0;
+        for step in 1..=200 {
+            corrections += curving.step(&[]).unwrap();
+            let energy = curving.energy();
+            assert!((energy - first).abs() < 1e-12 * first, "h = {h}, step {step}: {energy} {first}");
+        }
+        assert!(h > 0.2 || corrections <= 5 * 200, "h = {h}: {corrections}");
+    }
+}
+
+#[test]
+fn steps_of_half_the_length_are_four_times_as_accurate_by_discrete_gradients() {
+    let at = |steps: u32| {
+        let start = [[0.8, -0.6], [0.5, 1.0]];
+        let mut curving = conserving(Curved { is_indefinite: false }, 2.0 / f64::from(steps), start).unwrap();
+        (0..steps).for_each(|_| {
+            curving.step(&[]).unwrap();
+        });
+        [curving.position(), curving.momentum()].concat()
+    };
+    let [coarse, fine, finest] = [100, 200, 400].map(at);
+    let change = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, max_or_nan);
+    let order = (change(&coarse, &fine) / change(&fine, &finest)).log2();
+    assert!((order - 2.0).abs() < 0.1, "{order}");
+}
+
+/// M₁₁ = 1 − q₀.
+#[test]
+fn a_mass_that_is_not_positive_definite_is_refused_with_its_coordinate() {
+    let curved = Curved { is_indefinite: true };
+    let refused = conserving(curved, 0.1, [[1.5, 0.0], [0.0, 0.0]]).unwrap_err();
+    assert_eq!(refused, MechanismError::IndefiniteMass { coordinate: 1, energy: -0.25 });
+    let message = std::format!("{refused}");
+    assert!(message.contains("coordinate 1") && message.contains("-2.5e-1"), "{message}");
+    let allowed = conserving(curved, 0.1, [[0.5, 0.0], [0.0, 0.0]]);
+    assert!(allowed.is_ok());
+}
