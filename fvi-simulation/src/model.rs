@@ -42,7 +42,7 @@ pub use loads::Loads;
 pub(crate) use massless::{Direction, Equilibrium, MasslessRows};
 pub use matrices::{DenseEquations, DenseFactors, Matrix, Sparse};
 pub use mechanics::{Model, matrix, vector};
-pub use mechanism::{Mechanism, coefficient_of, damped_coordinates};
+pub use mechanism::{Mechanism, coefficient_of, damped_coordinates, without_dampers};
 pub use moment::moment;
 pub(crate) use rough_forces::RoughForces;
 pub use scenario_damping::{channels_of, follow_alike, term_on_memory};

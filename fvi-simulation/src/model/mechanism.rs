@@ -5,7 +5,7 @@ use super::space::AnySpace;
 use crate::model::tape::CompiledFunction;
 use fvi_core::{Instant, Lagrangian, MatrixError, Mechanics, Second};
 use fvi_scenario::language::expression::{Elementary, Expression, Moment};
-use fvi_scenario::scenario::{Quantity, Scenario, Scheme};
+use fvi_scenario::scenario::{Quantity, Scenario, Scheme, SymmetricMatrix};
 
 /// T(q, v) − U(q) with forces, constraints and elongations of a scenario.
 #[derive(Clone, Debug)]
@@ -65,9 +65,7 @@ impl<T: Elementary> Mechanism<T> {
                 mass[row * count + column] = T::of(entry);
             }
         }
-        // The dampers hold what the kernels of coordinates have of springs.
-        let mut undamped = scenario.clone();
-        undamped.system.damping.clear();
+        let mut undamped = without_dampers(scenario);
         let zeros = |count: usize| vec![T::zero(); count];
         let model = Model::new(&undamped)?;
         let conservative = if scenario.scheme == Scheme::Energy {
@@ -126,12 +124,103 @@ impl<T: Elementary> Mechanism<T> {
         }
     }
 
+    /// U, ∂U/∂q, and ∂²U/∂q² if asked for.
+    fn height(&mut self, position: &[T], gradient: &mut [T], hessian: Option<&mut [T]>) -> Option<T> {
+        let model = &mut **self.conservative.as_mut()?;
+        let count = position.len();
+        self.position.copy_from_slice(position);
+        let still = vec![T::zero(); count];
+        let value = Mechanics::<T, AnySpace>::energy(model, &self.position, &still);
+        let instant = Instant::in_step(T::zero(), T::of(0.5), T::zero());
+        let Some(hessian) = hessian else {
+            Mechanics::<T, AnySpace>::restoring_force(model, instant, &self.position, &mut self.restoring);
+            gradient.copy_from_slice(&self.restoring);
+            return Some(value);
+        };
+        let mut stiffness = Mechanics::<T, AnySpace>::stiffness(model);
+        let restoring = &mut self.restoring;
+        Mechanics::<T, AnySpace>::linearise(model, instant, &self.position, restoring, &mut stiffness);
+        gradient.copy_from_slice(restoring);
+        hessian.fill(T::zero());
+        for (row, column, entry) in stiffness.entries() {
+            hessian[row * count + column] = entry;
+        }
+        Some(value)
+    }
+
+    /// T at the point that was taken, with `factor` times its derivatives with respect to q added to others.
+    fn add_kinetic(&mut self, factor: T, sum: &mut [T], hessian: Option<&mut [T]>) -> Option<T> {
+        let kinetic = self.kinetic.as_ref()?;
+        let (now, count) = (Moment::inside(T::zero()), self.position.len());
+        let value = kinetic.value(now, &self.point, &mut self.registers);
+        match hessian {
+            None => kinetic.gradient(now, &self.point, &mut self.registers, &mut self.gradient),
+            Some(hessian) => {
+                let (registers, gradient) = (&mut self.registers, &mut self.gradient);
+                self.hessian.resize(kinetic.pattern().len(), T::zero());
+                kinetic.derivatives(now, &self.point, registers, gradient, &mut self.hessian);
+                for (&(row, column), &entry) in kinetic.pattern().iter().zip(&self.hessian) {
+                    // The lower triangle of the matrix of q and v.
+                    if (row as usize) < count {
+                        add_both(hessian, (row as usize, column as usize), count, factor * entry);
+                    }
+                }
+            }
+        }
+        sum.iter_mut().zip(&self.gradient).for_each(|(place, &slope)| *place += factor * slope);
+        Some(value)
+    }
+
+    /// Indices of the elongations in words.
+    pub fn functions(&self) -> Vec<usize> {
+        let is_function = |elongation: &Elongation<T>| matches!(elongation, Elongation::Function(_));
+        (0..self.elongations.len()).filter(|&index| is_function(&self.elongations[index])).collect()
+    }
+
+    /// Writes ∂g/∂q of one elongation in words; zeros for others.
+    pub fn slope(&mut self, elongation: usize, position: &[T], slope: &mut [T]) {
+        slope.fill(T::zero());
+        if let Some(Elongation::Function(function)) = self.elongations.get(elongation) {
+            function.gradient(Moment::inside(T::zero()), position, &mut self.registers, slope);
+        }
+    }
+
+    /// M(q) v of T.
+    pub fn moved(&mut self, position: &[T], velocity: &[T], momentum: &mut [T]) {
+        self.take(position, velocity);
+        let count = position.len();
+        let Some(kinetic) = &self.kinetic else {
+            for (place, row) in momentum.iter_mut().zip(self.mass.chunks_exact(count.max(1))) {
+                *place = row.iter().zip(velocity).fold(T::zero(), |sum, (&m, &v)| sum + m * v);
+            }
+            return;
+        };
+        let now = Moment::inside(T::zero());
+        kinetic.gradient(now, &self.point, &mut self.registers, &mut self.gradient);
+        momentum.copy_from_slice(&self.gradient[count..]);
+        // Less the terms linear in v.
+        self.point[count..].fill(T::zero());
+        kinetic.gradient(now, &self.point, &mut self.registers, &mut self.gradient);
+        momentum.iter_mut().zip(&self.gradient[count..]).for_each(|(place, &still)| *place -= still);
+    }
+
     fn take(&mut self, position: &[T], velocity: &[T]) {
         let count = self.position.len();
         self.position.copy_from_slice(position);
         self.point[..count].copy_from_slice(position);
         self.point[count..].copy_from_slice(velocity);
     }
+}
+
+/// Potential and forces of a scenario: without dampers, which hold what the kernels of coordinates have of
+/// springs, and with masses of 1 in place of a kinetic energy in words, whose mass nothing asks for.
+pub fn without_dampers(scenario: &Scenario) -> Scenario {
+    let mut undamped = scenario.clone();
+    undamped.system.damping.clear();
+    if undamped.system.kinetic.is_some() {
+        undamped.system.mass = SymmetricMatrix::Diagonal(vec![1.0; scenario.coordinates()]);
+    }
+    undamped
 }
 
 /// Coordinates that a damping term without elongations acts on, or would with a parameter of `[sensitivity]`
@@ -319,27 +408,38 @@ impl<T: Elementary> Lagrangian<T> for Mechanism<T> {
         }
     }
 
+    fn has_constant_mass(&self) -> bool {
+        self.kinetic.is_none()
+    }
+
     fn potential(&mut self, position: &[T], gradient: &mut [T], hessian: Option<&mut [T]>) -> Option<T> {
-        let model = &mut **self.conservative.as_mut()?;
-        let count = position.len();
-        self.position.copy_from_slice(position);
-        let still = vec![T::zero(); count];
-        let value = Mechanics::<T, AnySpace>::energy(model, &self.position, &still);
-        let instant = Instant::in_step(T::zero(), T::of(0.5), T::zero());
-        let Some(hessian) = hessian else {
-            Mechanics::<T, AnySpace>::restoring_force(model, instant, &self.position, &mut self.restoring);
-            gradient.copy_from_slice(&self.restoring);
-            return Some(value);
-        };
-        let mut stiffness = Mechanics::<T, AnySpace>::stiffness(model);
-        let restoring = &mut self.restoring;
-        Mechanics::<T, AnySpace>::linearise(model, instant, &self.position, restoring, &mut stiffness);
-        gradient.copy_from_slice(restoring);
-        hessian.fill(T::zero());
-        for (row, column, entry) in stiffness.entries() {
-            hessian[row * count + column] = entry;
+        if self.kinetic.is_some() { None } else { self.height(position, gradient, hessian) }
+    }
+
+    fn polarised(
+        &mut self,
+        position: &[T],
+        velocities: [&[T]; 2],
+        gradient: &mut [T],
+        mut hessian: Option<&mut [T]>,
+    ) -> Option<[T; 2]> {
+        self.kinetic.as_ref()?;
+        let height = self.height(position, gradient, hessian.as_deref_mut())?;
+        let mut sum = [-height, height.abs()];
+        gradient.iter_mut().for_each(|place| *place = -*place);
+        if let Some(hessian) = hessian.as_deref_mut() {
+            hessian.iter_mut().for_each(|place| *place = -*place);
         }
-        Some(value)
+        // T is a quadratic polynomial of v.
+        let [one, other] = velocities;
+        let half = T::of(0.5);
+        let mean: Vec<T> = one.iter().zip(other).map(|(&v, &w)| half * (v + w)).collect();
+        for (factor, velocity) in [(T::of(2.0), &mean[..]), (-half, one), (-half, other)] {
+            self.take(position, velocity);
+            let value = factor * self.add_kinetic(factor, gradient, hessian.as_deref_mut())?;
+            sum = [sum[0] + value, sum[1] + value.abs()];
+        }
+        Some(sum)
     }
 
     fn energy(&mut self, position: &[T], velocity: &[T]) -> T {

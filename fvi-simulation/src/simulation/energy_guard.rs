@@ -2,7 +2,7 @@
 
 use crate::column::{highest, lowest};
 use crate::model::tape::CompiledForce;
-use crate::model::{AnySpace, Loads, Model, RoughForces};
+use crate::model::{AnySpace, Loads, Model, RoughForces, without_dampers};
 use crate::simulation::GridState;
 use crate::simulation::stability;
 use crate::simulation::step_batch::StepBatch;
@@ -552,10 +552,8 @@ fn potential_of_mechanism(scenario: &Scenario) -> Option<Box<Model<f64>>> {
     if !scenario.system.is_mechanism() {
         return None;
     }
-    let mut undamped = scenario.clone();
-    undamped.system.damping.clear();
     // The simulation has made the same model.
-    Model::new(&undamped).ok().map(Box::new)
+    Model::new(&without_dampers(scenario)).ok().map(Box::new)
 }
 
 /// U at a position.

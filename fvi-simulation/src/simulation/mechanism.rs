@@ -7,15 +7,17 @@ use super::{GridState, Stepper, in_double};
 use crate::model::{Mechanism, Switched, coefficient_of, vector};
 use fvi_core::{
     DamperRow, GaussLobatto, Instant, Lagrangian, MechanismError, MechanismIntegrator, RelaxationTable,
-    Relaxing, StateError, StateReader, StateWriter, Stateful, StepError,
+    Relaxing, StateError, StateReader, StateWriter, Stateful, StepError, max_or_nan, min_or_nan,
 };
+use fvi_fft::dense;
 use fvi_fft::exponentials::relaxation_table::{relaxation_table, relaxation_table_derivative};
 use fvi_fft::memory::Engine;
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::transfer::derivative::TransferDerivative;
 use fvi_scenario::language::expression::Elementary;
 use fvi_scenario::language::{InputError, Problem};
-use fvi_scenario::scenario::{Damping, ReportedMomentum, Scenario, Scheme};
+use fvi_scenario::scenario::{Damping, ReportedMomentum, Scenario, Scheme, SymmetricMatrix};
+use nalgebra::{DMatrix, DVector};
 
 /// Largest number of unknowns of a step, whose matrix is full.
 const MOST_UNKNOWNS: usize = 3000;
@@ -138,9 +140,18 @@ pub(super) fn integrator<T: Elementary>(scenario: &Scenario) -> Result<Integrato
     if let Some(elongation) = system.first_not_differentiable(&position) {
         return Err(not_differentiable(scenario, elongation));
     }
-    let velocity = scenario.initial_velocity().ok_or_else(|| {
-        let reason = "the mass at the start is singular: its inverse gives the velocity".to_owned();
-        scenario.error_at_first(&["system.kinetic", "system.mass"], Problem::Unusable { reason })
+    let velocity = match is_singular(scenario) {
+        // Where the constraints do not determine it either, the integrator refuses the mass or them.
+        true => velocity_on_constraints(scenario).or_else(|| Some(vec![0.0; scenario.coordinates()])),
+        false => scenario.initial_velocity(),
+    };
+    let velocity = velocity.ok_or_else(|| {
+        let reason =
+            "the mass at the start is singular for velocities that the constraints allow: its inverse gives the velocity";
+        scenario.error_at_first(
+            &["system.kinetic", "system.mass"],
+            Problem::Unusable { reason: reason.to_owned() },
+        )
     })?;
     let dampers = dampers(scenario, &rule)?;
     let shape = [system.coordinates(), system.constraints(), system.elongations()];
@@ -160,6 +171,39 @@ pub(super) fn integrator<T: Elementary>(scenario: &Scenario) -> Result<Integrato
         false => Integrator::new(rule, parts, time, state, project, buffers),
     }
     .map_err(|error| refused(scenario, &error))
+}
+
+/// True for a kinetic energy in words whose mass at the start has no inverse, to rounding.
+fn is_singular(scenario: &Scenario) -> bool {
+    let (Some(_), SymmetricMatrix::Dense(mass)) = (&scenario.system.kinetic, &scenario.system.mass) else {
+        return false;
+    };
+    let values = mass.clone().symmetric_eigenvalues();
+    let size = values.iter().fold(0.0, |most, value| max_or_nan(most, value.abs()));
+    let least = values.iter().fold(f64::INFINITY, |least, value| min_or_nan(least, value.abs()));
+    least <= 1e-12 * size
+}
+
+/// The velocity with M v + Cᵀλ = p₀ − a and C v = 0, where the mass is regular for what the constraints
+/// allow.
+fn velocity_on_constraints(scenario: &Scenario) -> Option<Vec<f64>> {
+    let SymmetricMatrix::Dense(mass) = &scenario.system.mass else { return None };
+    let mut system = Mechanism::<f64>::new(scenario).ok()?;
+    let (n, m) = (scenario.coordinates(), scenario.system.constraints.len());
+    let (mut values, mut jacobian) = (vec![0.0; m], vec![0.0; m * n]);
+    system.constrain(&scenario.initial.position, &mut values, &mut jacobian);
+    let jacobian = DMatrix::from_row_slice(m, n, &jacobian);
+    let mut saddle = DMatrix::zeros(n + m, n + m);
+    saddle.view_mut((0, 0), (n, n)).copy_from(mass);
+    saddle.view_mut((n, 0), (m, n)).copy_from(&jacobian);
+    saddle.view_mut((0, n), (n, m)).copy_from(&jacobian.transpose());
+    let mut moving = DVector::zeros(n + m);
+    let linear = scenario.system.linear_momentum();
+    for (place, (p, a)) in moving.iter_mut().zip(scenario.initial.momentum.iter().zip(linear)) {
+        *place = p - a;
+    }
+    let solved = dense::inverse(saddle)? * moving;
+    Some(solved.iter().take(n).copied().collect())
 }
 
 /// Refuses mechanisms whose full matrices would be too large.
@@ -275,10 +319,14 @@ fn refused(scenario: &Scenario, error: &MechanismError) -> InputError {
         MechanismError::LeavesConstraint { .. } => {
             scenario.error_at_first(&["initial.velocity", "initial.momentum", "initial"], problem)
         }
-        MechanismError::Redundant { index } => {
+        MechanismError::Redundant { index }
+        | MechanismError::Inconsistent { index, .. }
+        | MechanismError::NotProjected { index, .. } => {
             scenario.error_at(&format!("system.constraints[{index}]"), problem)
         }
-        MechanismError::SingularMass => scenario.error_at_first(&["system.kinetic", "system.mass"], problem),
+        MechanismError::SingularMass | MechanismError::IndefiniteMass { .. } => {
+            scenario.error_at_first(&["system.kinetic", "system.mass"], problem)
+        }
         _ => scenario.error_at("initial.position", problem),
     }
 }

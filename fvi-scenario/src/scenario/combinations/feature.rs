@@ -55,7 +55,8 @@ features! {
         |s| on(s.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position));
     Gyroscopic: "gyroscopic forces", "system.gyroscopic", |s| on(s.system.gyroscopic.is_some());
     Massless: "coordinate {i} (from 0), which has no mass", "system.mass",
-        |s| s.system.massless().first().copied();
+        // What a kinetic energy in words leaves without mass a constraint may move.
+        |s| s.system.massless().first().copied().filter(|_| s.system.kinetic.is_none());
     GivenWeights: "a kernel by its weights", "system.damping[{i}].kernel.weights",
         |s| s.system.damping.iter().position(|term| term.transfer.table().is_some());
     OtherKernel: "a kernel that singularities on the negative real axis are not seen to make up",

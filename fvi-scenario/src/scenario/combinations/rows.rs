@@ -87,12 +87,6 @@ pub const ROWS: &[Row] = &[
     ),
     row(
         Energy,
-        Kinetic,
-        "its gradients are those of a potential beside a constant mass",
-        "`system.mass`, with `system.constraints` for a mechanism; or `scheme.kind` = \"galerkin\"",
-    ),
-    row(
-        Energy,
         OwnTerms,
         "its gradients take the potential at both ends of a step, which code does not tell apart from its forces",
         "an expression as `system.potential`; or `scheme.kind` = \"galerkin\"",
