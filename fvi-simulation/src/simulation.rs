@@ -31,12 +31,15 @@ mod massless;
 mod massless_tests;
 mod mechanism;
 #[cfg(test)]
+mod mechanism_limits_tests;
+#[cfg(test)]
 mod mechanism_tests;
 mod memory_energy;
 mod momentum_offset;
 #[doc(hidden)]
 pub mod motion;
 pub(crate) mod not_finite;
+mod passage;
 mod perturbed;
 mod piece;
 pub mod response;
@@ -45,6 +48,7 @@ pub mod stability;
 pub mod step_batch;
 mod step_control;
 mod tangent;
+mod turns;
 
 use crate::model::{
     AnyScheme, AnySpace, ChannelDamping, EnergyRoom, Matrix, Model, States, Switched, channels_of,
@@ -129,6 +133,14 @@ trait Stepper: Stateful {
     /// Writes the multipliers of the constraints.
     fn write_multipliers(&mut self, _: &mut [f64]) -> Result<(), String> {
         Ok(())
+    }
+    /// Refuses the last step for what it passed.
+    fn check(&self) -> Result<(), String> {
+        Ok(())
+    }
+    /// Warnings about the steps so far.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
     }
     /// The energies stored and dissipated by memories, where the simulation knows them.
     fn memory_energies(&self) -> Option<[f64; 2]> {
@@ -360,6 +372,16 @@ impl Simulation {
     /// The damping terms, by their indices from 0, of each memory that serves several.
     pub fn shared(&self) -> &[Vec<usize>] {
         &self.shared
+    }
+
+    /// Refuses the last step for what it passed.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        self.stepper.check()
+    }
+
+    /// Warnings about the steps so far.
+    pub(crate) fn notes(&self) -> Vec<String> {
+        self.stepper.notes()
     }
 
     /// Time from which steps had more zeros or peaks of a force of time than are searched for.

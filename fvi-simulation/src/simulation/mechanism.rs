@@ -1,8 +1,10 @@
 //! Simulation of a mechanism: any Lagrangian, constraints, and dampers along elongations.
 
 use super::control::Drive;
+use super::passage::Passages;
 use super::piece::{Piece, WithinStep};
 use super::step_batch::StepBatch;
+use super::turns::Turns;
 use super::{GridState, Stepper, in_double};
 use crate::model::{Mechanism, Switched, coefficient_of, vector};
 use fvi_core::{
@@ -45,6 +47,12 @@ pub(super) struct TypedMechanism<T: Elementary> {
     /// The last two steps, the later one first, if states inside them are needed.
     pieces: Option<[Piece<T>; 2]>,
     terms: usize,
+    passages: Passages<T>,
+    /// The keys of the elongations.
+    along: Vec<String>,
+    turns: Option<Turns<T>>,
+    /// Position, velocity and time before the last step.
+    before: (Vec<T>, Vec<T>, f64),
 }
 
 impl<T: Elementary> TypedMechanism<T> {
@@ -53,8 +61,10 @@ impl<T: Elementary> TypedMechanism<T> {
     /// # Errors
     /// If it cannot begin there, a kernel has no relaxations, or there are too many unknowns.
     pub(super) fn new(scenario: &Scenario) -> Result<Self, InputError> {
-        let integrator = integrator::<T>(scenario)?;
+        let mut integrator = integrator::<T>(scenario)?;
         let zeros = || vec![T::zero(); scenario.coordinates()];
+        let start = integrator.position().to_vec();
+        let passages = Passages::new(integrator.system_mut(), &start);
         let mut made = Self {
             integrator,
             input: Vec::new(),
@@ -62,6 +72,10 @@ impl<T: Elementary> TypedMechanism<T> {
             is_own_momentum: scenario.output.momentum != ReportedMomentum::Mean,
             pieces: scenario.is_looked_into().then(<[Piece<T>; 2]>::default),
             terms: scenario.system.damping.len(),
+            passages,
+            along: keys_of_elongations(scenario),
+            turns: (scenario.scheme == Scheme::Energy).then(Turns::default),
+            before: (Vec::new(), Vec::new(), scenario.time.start),
         };
         made.take_momentum();
         Ok(made)
@@ -81,6 +95,10 @@ impl<T: Elementary> TypedMechanism<T> {
     fn prepare(&mut self, input: &[f64]) {
         self.input.clear();
         self.input.extend(input.iter().map(|&force| T::of(force)));
+        let (position, velocity, time) = &mut self.before;
+        self.integrator.position().clone_into(position);
+        self.integrator.velocity().clone_into(velocity);
+        *time = self.integrator.time().to_f64();
         if let Some(pieces) = &mut self.pieces {
             pieces.swap(0, 1);
             let time = self.integrator.time().to_f64();
@@ -91,11 +109,40 @@ impl<T: Elementary> TypedMechanism<T> {
     /// Stores the end of a step.
     fn finish(&mut self, made: Result<u32, StepError>) -> Result<u32, StepError> {
         let corrections = made?;
+        self.follow();
         if let Some([piece, _]) = &mut self.pieces {
             piece.end(self.integrator.time().to_f64(), self.integrator.solution());
         }
         self.take_momentum();
         Ok(corrections)
+    }
+
+    /// Looks at the last step.
+    fn follow(&mut self) {
+        if self.passages.are_idle() && self.turns.is_none() {
+            return;
+        }
+        let (position, velocity, from) = &self.before;
+        let rule = *self.integrator.rule();
+        let (end, moves) = (self.integrator.time().to_f64(), self.integrator.solution().to_vec());
+        let last = self.integrator.position().to_vec();
+        let length = T::of(end - from);
+        let at = |fraction: f64| {
+            if fraction == 1.0 {
+                return last.clone();
+            }
+            let mut place = position.clone();
+            for (stage, rates) in moves.chunks_exact(position.len().max(1)).enumerate() {
+                let moved = length * rule.integral(stage, fraction);
+                place.iter_mut().zip(rates).for_each(|(place, &rate)| *place += moved * rate);
+            }
+            place
+        };
+        self.passages.take(self.integrator.system_mut(), &at, (*from, end - from));
+        if let Some(turns) = &mut self.turns {
+            let reached = self.integrator.velocity().to_vec();
+            turns.take(self.integrator.system_mut(), &last, [velocity, &reached]);
+        }
     }
 
     /// Position and velocity at a fraction of a step.
@@ -219,22 +266,23 @@ fn check_size(scenario: &Scenario, stages: usize) -> Result<(), InputError> {
 }
 
 /// The error for an elongation without a gradient at the start.
-fn not_differentiable(scenario: &Scenario, mut elongation: usize) -> InputError {
-    let lengths =
-        scenario.system.damping.iter().map(|term| coefficient_of::<f64>(scenario, term).len().isqrt());
-    for (index, count) in lengths.enumerate() {
-        if elongation < count {
-            let reason = format!(
-                "elongation {elongation} (from 0) has no derivative at the initial position {:?}",
-                scenario.initial.position
-            );
-            let path = format!("system.damping[{index}].along");
-            return scenario.error_at(&path, Problem::Unusable { reason });
-        }
-        elongation -= count;
-    }
-    let reason = "an elongation has no derivative at the initial position".to_owned();
-    scenario.error_at("system.damping", Problem::Unusable { reason })
+fn not_differentiable(scenario: &Scenario, elongation: usize) -> InputError {
+    let reason = format!(
+        "elongation {elongation} (from 0) has no derivative at the initial position {:?}",
+        scenario.initial.position
+    );
+    let keys = keys_of_elongations(scenario);
+    let path = keys.get(elongation).map_or("system.damping", String::as_str);
+    scenario.error_at(path, Problem::Unusable { reason })
+}
+
+/// The key of each elongation.
+fn keys_of_elongations(scenario: &Scenario) -> Vec<String> {
+    let of_term = |(index, term): (usize, &Damping)| {
+        let count = coefficient_of::<f64>(scenario, term).len().isqrt();
+        vec![format!("system.damping[{index}].along"); count]
+    };
+    scenario.system.damping.iter().enumerate().flat_map(of_term).collect()
 }
 
 /// The dampers of a scenario, in the order of their elongations.
@@ -467,6 +515,30 @@ impl<T: Elementary> Stepper for TypedMechanism<T> {
         Err("the constraints do not determine their multipliers at its end".to_owned())
     }
 
+    fn check(&self) -> Result<(), String> {
+        let [passed, _] = self.passages.found();
+        passed.map_or(Ok(()), |passed| {
+            let place: Vec<f64> = in_double(self.integrator.position()).collect();
+            Err(format!(
+                "`{}`: the motion passes a point where the elongation has no derivative, at t = {:.6} on the way to q = {place:?}: \
+                 choose an elongation that has one there, or a start from which the motion passes beside it",
+                self.along[passed.elongation], passed.time
+            ))
+        })
+    }
+
+    fn notes(&self) -> Vec<String> {
+        let [_, too_fast] = self.passages.found();
+        let too_fast = too_fast.map(|passed| {
+            format!(
+                "{}: at t = {:.6} the elongation's derivative turns within a sixteenth of a step, which the nodes of the step do \
+                 not see: what the damper does there is not followed; shorter steps follow it",
+                self.along[passed.elongation], passed.time
+            )
+        });
+        too_fast.into_iter().chain(self.turns.as_ref().and_then(Turns::note)).collect()
+    }
+
     fn memory_energies(&self) -> Option<[f64; 2]> {
         let (work, stored) = (self.integrator.work().to_f64(), self.integrator.stored().to_f64());
         Some([stored, work - stored])
@@ -489,6 +561,8 @@ impl<T: Elementary> Stateful for TypedMechanism<T> {
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         self.integrator.restore(from)?;
         self.take_momentum();
+        let position = self.integrator.position().to_vec();
+        self.passages.begin(self.integrator.system_mut(), &position);
         Ok(())
     }
 }

@@ -10,7 +10,7 @@ use crate::simulation::not_finite::{first_not_finite, reason, start};
 use crate::simulation::step_batch::StepBatch;
 use crate::simulation::tangent::{Differentiated, derivatives};
 use crate::simulation::{GridState, Precision, Simulation};
-use fvi_core::StateError;
+use fvi_core::{StateError, StepError};
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Feature, SampledInput, Scenario};
@@ -401,7 +401,11 @@ impl<'s> Motion<'s> {
                     control.drive(self.steps as u64, state.time, drive);
                     &*drive
                 });
-                simulation.advance(scenario, steps, batch, drive).map_err(|error| error.to_string())?;
+                simulation.advance(scenario, steps, batch, drive).map_err(|error| reason_of(&error))?;
+                if let Err(reason) = simulation.check() {
+                    batch.truncate(batch.len().saturating_sub(1));
+                    return Err(reason);
+                }
             }
         }
         simulation.read_energies(&mut self.energies);
@@ -479,13 +483,22 @@ impl<'s> Motion<'s> {
                  shorter steps tell them apart"
             )
         });
-        let of_steps = self.adaptive.iter().flat_map(|adaptive| adaptive.notes());
-        self.notes.iter().cloned().chain(missed).chain(of_steps).collect()
+        let turned = self.adaptive.iter().flat_map(|adaptive| adaptive.notes());
+        let of_steps = self.simulation.notes();
+        self.notes.iter().cloned().chain(missed).chain(turned).chain(of_steps).collect()
     }
 
     /// Warning of the energy guard.
     pub fn warning(&self) -> Option<&str> {
         self.guard.warning()
+    }
+}
+
+/// The reason why a step failed, with the key that says it.
+fn reason_of(error: &StepError) -> String {
+    match error {
+        StepError::IndefiniteMass { .. } => format!("`system.kinetic`: at its end {error}"),
+        _ => error.to_string(),
     }
 }
 

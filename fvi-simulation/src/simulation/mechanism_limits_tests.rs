@@ -1,0 +1,184 @@
+//! What mechanisms refuse, and what they warn of: where a motion would be wrong in silence.
+
+use super::motion::{Failure, Motion};
+use crate::simulation::{Precision, Simulation};
+use fvi_scenario::scenario::Scenario;
+use serde_json::{Value, json};
+use std::f64::consts::FRAC_PI_4;
+
+fn scenario(system: &Value, initial: &Value, scheme: Value, (step, steps): (f64, usize)) -> Scenario {
+    Scenario::from_value(&json!({
+        "system": system,
+        "initial": initial,
+        "scheme": scheme,
+        "time": { "step": step, "steps": steps, "energy_guard": "off" },
+    }))
+    .unwrap()
+}
+
+/// The failure of a run, if it fails, and its notes.
+fn run(scenario: &Scenario) -> (Option<Failure>, Vec<String>) {
+    let mut motion = Motion::start(scenario, Precision::F64).unwrap();
+    while !motion.is_done() {
+        if let Err(failure) = motion.advance() {
+            return (Some(failure), motion.notes());
+        }
+    }
+    (None, motion.notes())
+}
+
+fn galerkin(degree: usize) -> Value {
+    json!({ "kind": "galerkin", "degree": degree })
+}
+
+/// A mass that springs of frequency 2 pull to the origin, hardly damped along an elongation.
+fn swinging(along: &str) -> Value {
+    json!({
+        "mass": [1.0, 1.0],
+        "potential": "2*(q0^2 + q1^2)",
+        "damping": [{ "order": 0.5, "coefficient": 1e-6, "along": along }],
+    })
+}
+
+/// The mass passes the origin at t = π/4, where length and angle have no derivative: between the nodes of a
+/// step of any length, and close behind one.
+#[test]
+fn a_motion_through_a_point_without_derivative_ends_there_and_says_which() {
+    let start = json!({ "position": [1.0, 0.0] });
+    let node = 0.5 - 3.0_f64.sqrt() / 6.0;
+    let behind = [1e-3, 0.01, 0.1].map(|part| FRAC_PI_4 / (5.0 + node + part));
+    for step in [0.2, 0.1, 0.0371].into_iter().chain(behind) {
+        for along in
+            ["hypot(q0, q1)", "sqrt(q0^2 + q1^2) + 3*q0", "atan2(q1, q0)", "acos(q0/hypot(q0, q1 - 0.3))"]
+        {
+            for scheme in [galerkin(2), galerkin(3), json!({ "kind": "energy" })] {
+                let (failure, _) =
+                    run(&scenario(&swinging(along), &start, scheme.clone(), (step, (1.2 / step) as usize)));
+                let reaches = !along.starts_with("acos");
+                let Some(failure) = failure else {
+                    assert!(!reaches, "{along}, h = {step}, {scheme}: it passed");
+                    continue;
+                };
+                assert!(reaches, "{along}, h = {step}, {scheme}: {failure:?}");
+                assert!(failure.reason.contains("`system.damping[0].along`"), "{failure:?}");
+                assert!((failure.time - FRAC_PI_4).abs() < 1.1 * step, "{failure:?}");
+                let told = failure.reason.split("t = ").nth(1).unwrap();
+                let told: f64 = told.split(' ').next().unwrap().parse().unwrap();
+                let late = if scheme["kind"] == "energy" { 0.4 * step } else { 2e-2 * step };
+                assert!((told - FRAC_PI_4).abs() < late + 2e-6, "{along}, h = {step}, {scheme}: {failure:?}");
+            }
+        }
+    }
+}
+
+/// Beside the point short steps follow the angle, and long ones say that they do not.
+#[test]
+fn a_motion_close_beside_such_a_point_says_if_its_steps_are_too_long() {
+    let start = json!({ "position": [1.0, 0.0], "velocity": [0.0, 0.02] });
+    for (step, warns) in [(0.2, true), (0.0004, false)] {
+        let of = scenario(&swinging("atan2(q1, q0)"), &start, galerkin(2), (step, (1.0 / step) as usize));
+        let (failure, notes) = run(&of);
+        assert_eq!(failure, None, "h = {step}");
+        assert_eq!(
+            notes.iter().any(|note| note.contains("system.damping[0].along")),
+            warns,
+            "h = {step}: {notes:?}"
+        );
+    }
+    // A crank that turns through the cut of its angle is nothing special.
+    let round = json!({ "position": [1.0, 0.0], "velocity": [0.0, 2.0] });
+    let of = scenario(&swinging("atan2(q1, q0)"), &round, galerkin(2), (0.05, 200));
+    assert_eq!(run(&of), (None, Vec::new()));
+}
+
+fn refusal(system: &Value, initial: &Value) -> (String, String) {
+    let of = scenario(system, initial, galerkin(2), (0.1, 3));
+    let error = Simulation::new(&of, Precision::F64).map(drop).unwrap_err();
+    (error.key().to_owned(), error.to_string())
+}
+
+/// T = ½v₀² + 2v₀v₁ + ½v₁² is negative for v₀ = −v₁.
+#[test]
+fn a_kinetic_energy_that_is_negative_for_a_velocity_is_refused_where_it_is_allowed() {
+    let of = |constraints: Value| {
+        json!({
+            "kinetic": "0.5*v0^2 + 2*v0*v1 + 0.5*v1^2", "potential": "q0^2 + q1^2", "constraints": constraints,
+        })
+    };
+    let still = json!({ "position": [0.0, 0.0] });
+    for constraints in [json!([]), json!(["q0 + q1"])] {
+        let (key, message) = refusal(&of(constraints), &still);
+        assert_eq!(key, "system.kinetic", "{message}");
+        assert!(message.contains("not positive definite") && message.contains("energy -"), "{message}");
+    }
+    let allowed = scenario(&of(json!(["q0 - q1"])), &still, galerkin(2), (0.1, 3));
+    assert_eq!(run(&allowed).0, None);
+    // Nothing has mass.
+    let none = json!({ "kinetic": "0.5*v0^2 + 0*v1", "potential": "q0^2 + q1^2" });
+    let (key, message) = refusal(&none, &still);
+    assert_eq!(key, "system.kinetic", "{message}");
+}
+
+/// The second coordinate, at rest, loses its mass where the first reaches 1, at t = 2.
+#[test]
+fn a_mass_that_is_lost_on_the_way_ends_the_run_with_the_time() {
+    let system = json!({ "kinetic": "0.5*v0^2 + 0.5*(1 - q0)*v1^2", "potential": "0*q0" });
+    let start = json!({ "position": [0.0, 0.0], "velocity": [0.5, 0.0] });
+    for scheme in [galerkin(1), galerkin(3), json!({ "kind": "energy" })] {
+        for (step, last) in [(0.3, 1.8), (0.25, 1.75)] {
+            let (failure, _) = run(&scenario(&system, &start, scheme.clone(), (step, 20)));
+            let failure = failure.unwrap();
+            assert!((failure.time - last).abs() < 1e-12, "{scheme}: {failure:?}");
+            let reason = &failure.reason;
+            assert!(reason.contains("`system.kinetic`") && reason.contains("coordinate 1"), "{reason}");
+        }
+    }
+}
+
+#[test]
+fn constraints_that_contradict_each_other_are_named() {
+    let of = |constraints: Value, position: Value| {
+        let system = json!({ "mass": [1.0, 1.0], "potential": "q1", "constraints": constraints });
+        refusal(&system, &json!({ "position": position, "project": true }))
+    };
+    // Two circles about one point; a circle and a line beside it; a number that is not 0.
+    for (constraints, index, phrase) in [
+        (json!(["q0^2 + q1^2 - 1", "q0^2 + q1^2 - 4"]), 1, "contradicts those before it"),
+        (json!(["q0 - q1", "2*q0 - 2*q1 + 3"]), 1, "where they hold it is 2.99"),
+        (json!(["q0^2 + q1^2 - 1", "q0 - 5"]), 1, "no position on the constraints"),
+    ] {
+        let (key, message) = of(constraints, json!([0.6, 0.7]));
+        assert_eq!(key, format!("system.constraints[{index}]"), "{message}");
+        assert!(message.contains(phrase), "{message}");
+        assert!(!message.contains("mass"), "{message}");
+    }
+    // The same length twice is redundant, not a contradiction.
+    let (_, message) = of(json!(["q0^2 + q1^2 - 1", "3*q0^2 + 3*q1^2 - 3"]), json!([0.6, 0.8]));
+    assert!(message.contains("redundant"), "{message}");
+}
+
+/// ωh = 0.5 is a turn of 28°, ωh = 30 one of 172°.
+#[test]
+fn a_motion_that_turns_beyond_a_right_angle_in_a_step_says_so() {
+    let start = json!({ "position": [1.0], "velocity": [0.0] });
+    for system in [
+        json!({ "mass": [1.0], "potential": "5000*q0^2" }),
+        json!({ "kinetic": "0.5*v0^2 + 3*q0*v0", "potential": "5000*q0^2" }),
+    ] {
+        for (step, phrase) in [(0.005, None), (0.015, None), (0.025, Some("103°")), (0.3, Some("172°"))] {
+            let (failure, notes) = run(&scenario(&system, &start, json!({ "kind": "energy" }), (step, 200)));
+            assert_eq!(failure, None);
+            let told = notes.iter().any(|note| {
+                note.contains("right angle") && phrase.is_none_or(|phrase| note.contains(phrase))
+            });
+            assert_eq!(told, phrase.is_some(), "h = {step}: {notes:?}");
+        }
+    }
+    // A fast spring that carries little of the energy may turn as it likes.
+    let system = json!({ "mass": [1.0, 1.0], "potential": "0.5*q0^2 + 5000*q1^2" });
+    let slow = json!({ "position": [1.0, 1e-4], "velocity": [0.0, 0.0] });
+    assert_eq!(
+        run(&scenario(&system, &slow, json!({ "kind": "energy" }), (0.1, 200))).1,
+        Vec::<String>::new()
+    );
+}
