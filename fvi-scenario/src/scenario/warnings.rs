@@ -19,13 +19,36 @@ impl Scenario {
         let growing = self.growing_warning();
         let lowering = self.lowering_warning();
         let jumps = self.jumps_warning();
+        let default = self.default_order_warning();
         let of_starting = starting.into_iter().chain(growing).chain(lowering);
         let start = self.start_warning();
         let further = start.into_iter().chain(jumps).chain(self.off_grid_warning());
         let amended = self.system.damping.iter().enumerate().flat_map(|(index, term)| {
             term.notes().iter().map(move |note| format!("system.damping[{index}].kernel: {note}"))
         });
-        of_starting.chain(singular).chain(amended).chain(further).chain(self.equal_steps_warning()).collect()
+        of_starting
+            .chain(default)
+            .chain(singular)
+            .chain(amended)
+            .chain(further)
+            .chain(self.equal_steps_warning())
+            .collect()
+    }
+
+    /// Warns of a scheme of high order beside a memory of order 2 that nobody asked for.
+    fn default_order_warning(&self) -> Option<String> {
+        let descriptor = self.scheme_descriptor();
+        let degree = if descriptor.is_variational { descriptor.unknowns } else { 1 };
+        let is_asked = self.document().has("convolution") || self.automatic.is_some();
+        let is_low = self.convolution.family == ConvolutionFamily::Bdf { order: 2 };
+        let acts = self.system.damping.iter().any(|term| term.transfer.exponent() != Some(0.0));
+        (degree > 1 && is_low && acts && !is_asked).then(|| {
+            format!(
+                "convolution: without this table the memory has order 2, and so has the motion, by a scheme of order {}; \
+                 `family` = \"gauss\" has the scheme's order, `order` up to 6 that of backward differentiation",
+                2 * degree
+            )
+        })
     }
 
     /// Warns of starting weights that their exponents do not determine.

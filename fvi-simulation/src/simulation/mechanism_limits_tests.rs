@@ -182,3 +182,26 @@ fn a_motion_that_turns_beyond_a_right_angle_in_a_step_says_so() {
         Vec::<String>::new()
     );
 }
+
+/// Without `[convolution]` the memory of a scheme of order 4 has order 2; nobody may miss that.
+#[test]
+fn a_memory_of_lower_order_than_its_scheme_says_so_where_nobody_asked_for_it() {
+    let warnings = |scheme: Value, convolution: Option<Value>, order: f64| {
+        let mut whole = json!({
+            "system": { "mass": [1.0], "damping": [{ "order": order, "coefficient": [1.0] }] },
+            "initial": { "position": [1.0] },
+            "scheme": scheme,
+            "time": { "step": 0.1, "steps": 3 },
+        });
+        if let Some(convolution) = convolution {
+            whole["convolution"] = convolution;
+        }
+        let warnings = Scenario::from_value(&whole).unwrap().warnings();
+        warnings.iter().any(|warning| warning.starts_with("convolution: ") && warning.contains("order 2"))
+    };
+    assert!(warnings(galerkin(2), None, 0.5));
+    assert!(!warnings(galerkin(1), None, 0.5));
+    assert!(!warnings(galerkin(2), Some(json!({ "order": 2 })), 0.5));
+    assert!(!warnings(galerkin(2), Some(json!({ "family": "gauss" })), 0.5));
+    assert!(!warnings(json!({ "kind": "collocation" }), None, 0.5));
+}
