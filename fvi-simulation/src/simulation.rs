@@ -31,6 +31,8 @@ mod massless;
 mod massless_tests;
 mod mechanism;
 #[cfg(test)]
+mod mechanism_accuracy_tests;
+#[cfg(test)]
 mod mechanism_limits_tests;
 #[cfg(test)]
 mod mechanism_tests;
