@@ -78,7 +78,6 @@ features! {
     NotGalerkin: "a scheme other than Galerkin's", "scheme.kind",
         |s| on(!matches!(s.scheme, Scheme::Galerkin { .. } | Scheme::Energy));
     Energy: "the energy scheme", "scheme.kind", |s| on(s.scheme == Scheme::Energy);
-    Kinetic: "a kinetic energy in words", "system.kinetic", |s| on(s.system.kinetic.is_some());
     Projected: "a start that is moved onto constraints", "initial.project", |s| on(s.initial.project);
     Unconstrained: "a system without constraints", "system", |s| on(s.system.constraints.is_empty());
     RiemannLiouville: "damping of Riemann and Liouville's form, or of order 0", "system.damping[{i}]",
