@@ -380,8 +380,8 @@ where
     G: Mechanics<T, Y>,
     D: Damping<T, Y>,
 {
-    /// Solves the equations of a linear system by factors kept from step to step, and leaves the forces at the
-    /// solution.
+    /// Solves the equations of a linear system by factors kept from step to step, and leaves the forces at
+    /// the solution.
     #[inline(always)]
     fn solve_linear<E: Equations<T, X::Block>>(
         &mut self,
@@ -394,8 +394,8 @@ where
             self.residual::<E>(increments, residual, None);
         } else {
             self.residual(increments, residual, Some((&mut *matrix, None)));
-            // With several nodes a symmetric perturbation of the matrix is not one of the mass alone: no inertia
-            // is given.
+            // With several nodes a symmetric perturbation of the matrix is not one of the mass alone: no
+            // inertia is given.
             let inertia = (T::zero(), self.mechanics.mass());
             matrix.keep(&mut kept.solver, inertia).map_err(|_| StepError::SingularJacobian)?;
             let stays = self.damping.is_none_or(|damping| damping.leading_is_constant());
@@ -403,8 +403,8 @@ where
         }
         self.correct(increments, residual, matrix, &kept.solver);
         self.forces::<E>(increments, None);
-        // The rounding error of the solver is the same at every step, so that it would accumulate to growth or
-        // decay. A second correction, with the forces that are needed anyway, removes it.
+        // The rounding error of the solver is the same at every step, so that it would accumulate to growth
+        // or decay. A second correction, with the forces that are needed anyway, removes it.
         self.balance(increments, residual);
         if matrix.is_unsettled(&kept.solver, increments, self.position, residual) {
             self.correct(increments, residual, matrix, &kept.solver);
@@ -420,7 +420,8 @@ where
         Ok(())
     }
 
-    /// Solves the equations by Newton's method: how many iterations it took, and whether it leaves a residual.
+    /// Solves the equations by Newton's method: how many iterations it took, and whether it leaves a
+    /// residual.
     #[inline(always)]
     fn solve_nonlinear<E: Equations<T, X::Block>>(
         &mut self,

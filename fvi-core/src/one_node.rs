@@ -225,8 +225,8 @@ where
         self.balance(increments, residual);
         matrix.solve_kept(&kept.solver, residual);
         take_off(increments, residual);
-        // The rounding error of the solver is the same at every step, so that it would accumulate to growth or
-        // decay. A second correction, with the force that is needed anyway, removes it.
+        // The rounding error of the solver is the same at every step, so that it would accumulate to growth
+        // or decay. A second correction, with the force that is needed anyway, removes it.
         self.evaluate(increments, false);
         if !matrix.is_solved_at_once(&kept.solver) {
             self.balance(increments, residual);

@@ -1,5 +1,5 @@
-//! Cortex-M: instructions counted by SysTick, which QEMU's `-icount` drives: 1.6 ticks of 25 MHz per instruction of 64
-//! ns.
+//! Cortex-M: instructions counted by SysTick, which QEMU's `-icount` drives: 1.6 ticks of 25 MHz per
+//! instruction of 64 ns.
 
 use cortex_m::Peripherals;
 use cortex_m::peripheral::SYST;

@@ -218,8 +218,8 @@ impl Plant {
         }
     }
 
-    /// The plant with all its dead time, the last coefficient of the denominator 1; `None` where it is no quotient of
-    /// polynomials with more poles than zeros.
+    /// The plant with all its dead time, the last coefficient of the denominator 1; `None` where it is no
+    /// quotient of polynomials with more poles than zeros.
     pub(super) fn quotient(&self) -> Option<Quotient> {
         let of = |numerator: Vec<f64>, denominator: Vec<f64>, within: f64| {
             let last = *denominator.last()?;

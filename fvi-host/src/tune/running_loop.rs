@@ -8,8 +8,9 @@
 //! q̇_i = q_{i+1} ,   q̇_{n−1} = u(t − L) + w − Σ a_i q_i ,   y = Σ c_i q_i
 //! ```
 //!
-//! with the output u of the controller and a load w behind the dead time. Its motion from sample to sample is computed by
-//! collocation (Radau IIA of order 5), by as many steps as bring it within [`EXACT`] of the exponential of its matrix.
+//! with the output u of the controller and a load w behind the dead time. Its motion from sample to sample is
+//! computed by collocation (Radau IIA of order 5), by as many steps as bring it within [`EXACT`] of the
+//! exponential of its matrix.
 
 use super::Plant;
 use fvi_fft::sums::max_or_nan;
@@ -138,11 +139,13 @@ impl Running {
     }
 }
 
-/// The fewest steps of a sample, a power of two, for which the motion of the chain is within [`EXACT`] of the exact one,
-/// and its error; [`MOST`] where they do not suffice. `None` if the motion leaves the numbers in a sample.
+/// The fewest steps of a sample, a power of two, for which the motion of the chain is within [`EXACT`] of the
+/// exact one, and its error; [`MOST`] where they do not suffice. `None` if the motion leaves the numbers in a
+/// sample.
 fn parts(denominator: &[f64], sample: f64) -> Option<(u32, f64)> {
     let count = denominator.len() - 1;
-    // In units of the fastest time, so that the numbers of a vector are of one size; the last one is the input.
+    // In units of the fastest time, so that the numbers of a vector are of one size; the last one is the
+    // input.
     let unit = (0..count)
         .map(|i| libm::pow(denominator[i].abs(), 1.0 / (count - i) as f64))
         .fold(0.0, max_or_nan);

@@ -75,8 +75,8 @@ impl PlantFormula {
         self.dead_time
     }
 
-    /// The formula as N(s)/D(s) e^{−Ls}: coefficients of the polynomials N and D from s⁰ on, and L; `None` if it is
-    /// not of this kind, or of a degree beyond 64.
+    /// The formula as N(s)/D(s) e^{−Ls}: coefficients of the polynomials N and D from s⁰ on, and L; `None` if
+    /// it is not of this kind, or of a degree beyond 64.
     pub fn quotient(&self) -> Option<Quotient> {
         Quotient::of(self.expression.root())
     }

@@ -288,8 +288,9 @@ impl Held {
         }
     }
 
-    /// Refuses coordinates that neither stiffness nor damping holds. A damper without an unrelaxed modulus holds
-    /// over short steps whatever the stiffness is, which right sides that are no gradient have of any size.
+    /// Refuses coordinates that neither stiffness nor damping holds. A damper without an unrelaxed modulus
+    /// holds over short steps whatever the stiffness is, which right sides that are no gradient have of any
+    /// size.
     fn check_hold(&self, scenario: &Scenario) -> Result<(), InputError> {
         let h = scenario.time.step;
         let s = if h > 0.0 && h.is_finite() { h.recip() } else { 1.0 };
@@ -301,7 +302,7 @@ impl Held {
             let mut factor = if value > 0.0 && value.is_finite() { value } else { 1.0 };
             if term.transfer.unrelaxed().is_none() {
                 let own = block.iter().filter(|(row, column, entry)| row == column && *entry > 0.0);
-                let least = own.map(|(_, _, entry)| *entry).fold(f64::INFINITY, f64::min);
+                let least = -own.map(|(_, _, entry)| -entry).fold(f64::NEG_INFINITY, max_or_nan);
                 factor = factor.max(2.0 * largest / least);
             }
             entries.extend(block.into_iter().map(|(row, column, entry)| (row, column, factor * entry)));

@@ -159,7 +159,8 @@ fn roots_of_sizes_are_followed_through_zero() {
     }
 }
 
-/// A root of what begins at 0 keeps ten digits: smaller tolerances are told so, others and smooth starts are not.
+/// A root of what begins at 0 keeps ten digits: smaller tolerances are told so, others and smooth starts are
+/// not.
 #[test]
 fn infinite_slopes_at_the_start_are_told_where_they_limit_the_accuracy() {
     let place = Workplace::new();

@@ -753,8 +753,8 @@ fn held(pole: f64, x: f64, u: f64, t: f64) -> f64 {
     (pole * t).exp() * x + u * (pole * t).exp_m1() / pole
 }
 
-/// Each measured value of a run is that of the plant's modes under the outputs that the run says it had: slow and stiff
-/// plants, dead times between two samples, plants by their formula.
+/// Each measured value of a run is that of the plant's modes under the outputs that the run says it had: slow
+/// and stiff plants, dead times between two samples, plants by their formula.
 #[test]
 fn the_plant_of_a_loop_moves_as_its_modes_do() {
     for (plant, sample, crossover, dead_time, modes) in [

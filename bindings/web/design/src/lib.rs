@@ -164,8 +164,8 @@ extern "C" fn tick(setpoint: f64, measured: f64) -> f64 {
     })
 }
 
-/// The response of the law, as it ticks, to the measured value at ω in radians per unit of time: address of its
-/// real and imaginary parts, with the sign of r − y; null if it has none.
+/// The response of the law, as it ticks, to the measured value at ω in radians per unit of time: address of
+/// its real and imaginary parts, with the sign of r − y; null if it has none.
 #[unsafe(no_mangle)]
 extern "C" fn response(omega: f64) -> *const f64 {
     enter(|room| {
@@ -186,8 +186,8 @@ extern "C" fn response(omega: f64) -> *const f64 {
     })
 }
 
-/// Source of the controller for firmware in Rust, in single precision and without an end; false if it is refused.
-/// It is in [`text`], as the reason is.
+/// Source of the controller for firmware in Rust, in single precision and without an end; false if it is
+/// refused. It is in [`text`], as the reason is.
 #[unsafe(no_mangle)]
 extern "C" fn source() -> bool {
     enter(|room| {
