@@ -1,4 +1,4 @@
-//! Errors of mechanisms at given steps: sixteen systems, the same motion by angles and by places, fractional
+//! Errors of mechanisms at given steps: fifteen systems, the same motion by angles and by places, fractional
 //! and Prony dampers, Gauss methods of order 4 and 6.
 
 use super::motion::Motion;

@@ -1,8 +1,7 @@
-//! A fractional PID controller for the design page: its ticks and response by fvi-core, its constants for
-//! firmware by fvi-fft.
+//! A fractional PID controller for the design page: its ticks and response by fvi-core, its tables by fvi-fft.
 //!
 //! JavaScript writes the numbers of [`Settings`] at [`settings`], calls [`begin`] and then [`tick`], or
-//! [`response`], or [`source`], and reads numbers at [`answer`] and text at [`text`].
+//! [`response`], and reads the reason of a refusal at [`text`].
 
 use std::cell::RefCell;
 
@@ -11,8 +10,8 @@ use fvi_core::{
     PidSettings, Real,
 };
 use fvi_fft::Aligned;
-use fvi_fft::exponentials::controller_source::{ControllerTables, controller_source};
-use fvi_fft::exponentials::exponential_table::{ENDLESS, ExponentialKernel, SMALLEST_TOLERANCE};
+use fvi_fft::exponentials::controller_source::ControllerTables;
+use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 
 /// Numbers that JavaScript writes, in this order.
 #[derive(Clone, Copy, Default)]
@@ -122,7 +121,7 @@ extern "C" fn settings_len() -> usize {
     size_of::<Settings>() / size_of::<f64>()
 }
 
-/// Address of the text of the last [`source`] or of the last refusal.
+/// Address of the text of the last refusal.
 #[unsafe(no_mangle)]
 extern "C" fn text() -> *const u8 {
     enter(|room| room.text.as_ptr())
@@ -183,19 +182,5 @@ extern "C" fn response(omega: f64) -> *const f64 {
                 std::ptr::null()
             }
         }
-    })
-}
-
-/// Source of the controller for firmware in Rust, in single precision and without an end; false if it is
-/// refused. It is in [`text`], as the reason is.
-#[unsafe(no_mangle)]
-extern "C" fn source() -> bool {
-    enter(|room| {
-        let made = room.settings.law::<f32>().map_err(|error| error.to_string()).and_then(|law| {
-            controller_source("controller", law.settings(), ENDLESS, 1e-7).map_err(|error| error.to_string())
-        });
-        let is_made = made.is_ok();
-        room.text = made.unwrap_or_else(|reason| reason);
-        is_made
     })
 }
