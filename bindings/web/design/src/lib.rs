@@ -1,4 +1,5 @@
-//! A fractional PID controller for the design page: its ticks and response by fvi-core, its tables by fvi-fft.
+//! A fractional PID controller for the design page: its ticks and response by fvi-core, its tables by
+//! fvi-fft.
 //!
 //! JavaScript writes the numbers of [`Settings`] at [`settings`], calls [`begin`] and then [`tick`], or
 //! [`response`], and reads the reason of a refusal at [`text`].
