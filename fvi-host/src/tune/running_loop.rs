@@ -48,8 +48,7 @@ impl Running {
     /// What a scenario with these keys cannot use; or if the plant is no quotient of polynomials.
     pub(super) fn read(value: &Value<'_>, plant: &Plant, sample: f64) -> Result<Self, InputError> {
         if plant.quotient().is_none() {
-            let allowed =
-                "a quotient of polynomials in s with more poles than zeros and one dead time: others run as scenarios";
+            let allowed = "a quotient of polynomials in s with more poles than zeros and one dead time: others run as scenarios";
             let with = "this plant".to_owned();
             return Err(value.key_error(Problem::Incompatible { with, allowed: allowed.to_owned() }));
         }
@@ -146,9 +145,8 @@ fn parts(denominator: &[f64], sample: f64) -> Option<(u32, f64)> {
     let count = denominator.len() - 1;
     // In units of the fastest time, so that the numbers of a vector are of one size; the last one is the
     // input.
-    let unit = (0..count)
-        .map(|i| libm::pow(denominator[i].abs(), 1.0 / (count - i) as f64))
-        .fold(0.0, max_or_nan);
+    let unit =
+        (0..count).map(|i| libm::pow(denominator[i].abs(), 1.0 / (count - i) as f64)).fold(0.0, max_or_nan);
     let unit = if unit > 0.0 { unit } else { sample.recip() };
     let mut matrix = DMatrix::zeros(count + 1, count + 1);
     for i in 0..count {

@@ -145,10 +145,7 @@ impl Quotient {
                     _ => return None,
                 };
                 let whole = exponent.dead_time == 0.0;
-                whole.then(|| Self {
-                    dead_time: -slope / last,
-                    ..Self::number(libm::exp(constant / last))
-                })
+                whole.then(|| Self { dead_time: -slope / last, ..Self::number(libm::exp(constant / last)) })
             }
             _ => None,
         }
@@ -427,11 +424,8 @@ mod tests {
             ("1/(1 + 1/s)", &[0.0, 1.0], &[1.0, 1.0], 0.0),
             ("(s + 2)^-2", &[1.0], &[4.0, 4.0, 1.0], 0.0),
         ] {
-            let known = Quotient {
-                numerator: numerator.to_vec(),
-                denominator: denominator.to_vec(),
-                dead_time,
-            };
+            let known =
+                Quotient { numerator: numerator.to_vec(), denominator: denominator.to_vec(), dead_time };
             assert_eq!(read(text).unwrap().quotient(), Some(known), "{text}");
         }
         for text in ["1/(s^0.5 + 1)", "1/(s + 1) + exp(-s)/(s + 2)", "tanh(s)/s", "1/(s + exp(-s))"] {

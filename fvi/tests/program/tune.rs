@@ -758,7 +758,13 @@ fn held(pole: f64, x: f64, u: f64, t: f64) -> f64 {
 #[test]
 fn the_plant_of_a_loop_moves_as_its_modes_do() {
     for (plant, sample, crossover, dead_time, modes) in [
-        ("gain = 3.13\ntime_constant = 43.0\ndead_time = 5.0", 0.1, 0.08, 5.0, vec![(-1.0 / 43.0, 3.13 / 43.0)]),
+        (
+            "gain = 3.13\ntime_constant = 43.0\ndead_time = 5.0",
+            0.1,
+            0.08,
+            5.0,
+            vec![(-1.0 / 43.0, 3.13 / 43.0)],
+        ),
         (
             "poles = [-0.5, -800.0]\ngain = 400.0",
             0.1,
