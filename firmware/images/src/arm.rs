@@ -36,8 +36,3 @@ impl Counter {
         (ticks * 5 / 8).saturating_sub(self.overhead)
     }
 }
-
-/// The stack pointer.
-pub(crate) fn stack_pointer() -> usize {
-    cortex_m::register::msp::read() as usize
-}

@@ -1,8 +1,8 @@
-//! Output, program end and measurement, common to the images. What differs between processors is in `arm` and
-//! `riscv`.
+//! Output, program end and measurement, common to the images. What differs between processors is in `arm`,
+//! `riscv` and `stack`.
 #![no_std]
 
-#[cfg(target_arch = "arm")]
+#[cfg(all(target_arch = "arm", not(feature = "cycles")))]
 #[path = "arm.rs"]
 mod processor;
 #[cfg(target_arch = "riscv32")]

@@ -23,11 +23,3 @@ impl Counter {
         (minstret::read() as u32).wrapping_sub(before).saturating_sub(self.overhead)
     }
 }
-
-/// The stack pointer.
-pub(crate) fn stack_pointer() -> usize {
-    let pointer;
-    // SAFETY: reads a register.
-    unsafe { core::arch::asm!("mv {}, sp", out(reg) pointer, options(nomem, nostack, preserves_flags)) };
-    pointer
-}

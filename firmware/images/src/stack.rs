@@ -1,8 +1,6 @@
 //! Stack use by painting: memory below the stack pointer is filled with a pattern, and afterwards searched
 //! for the part that is unchanged.
 
-use crate::processor::stack_pointer;
-
 const PATTERN: u32 = 0x5afe_57ac;
 
 /// Number of bytes painted below the stack pointer.
@@ -27,4 +25,17 @@ pub fn used_by(work: impl FnOnce()) -> usize {
         .take_while(|&address| unsafe { (address as *const u32).read_volatile() } == PATTERN)
         .count();
     PAINTED - 4 * untouched + SPARED
+}
+
+#[cfg(target_arch = "arm")]
+fn stack_pointer() -> usize {
+    cortex_m::register::msp::read() as usize
+}
+
+#[cfg(target_arch = "riscv32")]
+fn stack_pointer() -> usize {
+    let pointer;
+    // SAFETY: reads a register.
+    unsafe { core::arch::asm!("mv {}, sp", out(reg) pointer, options(nomem, nostack, preserves_flags)) };
+    pointer
 }

@@ -13,8 +13,8 @@ use controllers::integer::{IntegerLaw, integer_with};
 use fvi_core::{
     BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialPid, ExponentialSum, Fixed,
     FixedDirect, FractionalIntegral, FractionalOperator, FractionalPid, Galerkin, Integrator, Kernel, Mass,
-    Memory, NoForce, NodeGalerkin, Overflow, ParameterError, PidLaw, Quadratic, RungeKutta, Scheme, Start, System, Tiled,
-    VariableStepMemory, monic_bdf_table_f32,
+    Memory, NoForce, NodeGalerkin, Overflow, ParameterError, PidLaw, Quadratic, RungeKutta, Scheme, Start,
+    System, Tiled, VariableStepMemory, monic_bdf_table_f32,
 };
 use images::spread::Spread;
 use images::stack::used_by;
