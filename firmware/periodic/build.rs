@@ -21,10 +21,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     // Weights within 10⁻⁷, without an end.
     let source = controller_source("axis", &settings, ENDLESS, 1e-7)?;
-    fs::write(Path::new(&env::var("OUT_DIR")?).join("axis.rs"), source)?;
+    let out = env::var("OUT_DIR")?;
+    fs::write(Path::new(&out).join("axis.rs"), source)?;
     println!("cargo::rerun-if-changed=build.rs");
     // The memory map of the processor.
-    println!("cargo::rerun-if-changed=../images/memory.x");
-    println!("cargo::rustc-link-search={}/../images", env!("CARGO_MANIFEST_DIR"));
+    let map = "../images/memory/arm.x";
+    println!("cargo::rerun-if-changed={map}");
+    fs::copy(map, Path::new(&out).join("memory.x"))?;
+    println!("cargo::rustc-link-search={out}");
     Ok(())
 }
