@@ -829,6 +829,7 @@ fn what_the_loop_cannot_have_is_named() {
         (problem("poles = [-1.0]\nzeros = [-2.0]", "end = 3.0"), "plant.poles"),
         (problem("poles = [[-1.0, 0.0]]", "end = 3.0"), "plant.poles"),
         (problem("transfer = \"1/(s^1.5 + 1)\"", "end = 3.0"), "a quotient of polynomials in s"),
+        (problem("frequency = 1e6\ndamping = 1e-7", "end = 3.0"), "moves too fast for samples of 0.1"),
     ] {
         place.write("plant.toml", &problem);
         let output = place.fvi(&["tune", "plant.toml", "--out", "out"]);
