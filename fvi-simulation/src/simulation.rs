@@ -74,6 +74,7 @@ use fvi_scenario::scenario::{self, DampedAt, Feature, Past, ReportedMomentum, Sc
 use gyroscopic::Gyroscopic;
 use massless::Placed;
 use mechanism::TypedMechanism;
+pub use mechanism::velocities;
 use momentum_offset::MomentumOffset;
 use nalgebra::DMatrix;
 use piece::{Piece, WithinStep};

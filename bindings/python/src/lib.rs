@@ -21,6 +21,7 @@ mod studies;
 mod sweep;
 mod terms;
 mod tune;
+mod velocities;
 mod watch;
 mod weights;
 
@@ -58,6 +59,8 @@ mod _fvi {
     use super::sweep::{Ledger, Sweep, vector_units};
     #[pymodule_export]
     use super::tune::tune;
+    #[pymodule_export]
+    use super::velocities::velocities;
     #[pymodule_export]
     use super::weights::weights;
     use pyo3::prelude::*;

@@ -291,7 +291,7 @@ impl System {
     }
 
     /// a(q₀) of the momentum M v + a at the start; empty where it is zero.
-    pub fn linear_momentum(&self) -> &[f64] {
+    pub(super) fn linear_momentum(&self) -> &[f64] {
         &self.linear_momentum
     }
 

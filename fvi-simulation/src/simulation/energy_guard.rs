@@ -2,11 +2,11 @@
 
 use crate::column::{highest, lowest};
 use crate::model::tape::CompiledForce;
-use crate::model::{AnySpace, Loads, Model, RoughForces, without_dampers};
+use crate::model::{Loads, Mechanism, RoughForces, without_dampers};
 use crate::simulation::GridState;
 use crate::simulation::stability;
 use crate::simulation::step_batch::StepBatch;
-use fvi_core::{Mechanics, NodalRule};
+use fvi_core::{Lagrangian, NodalRule};
 use fvi_fft::dense;
 use fvi_fft::transfer::TransferFunction;
 use fvi_scenario::language::expression::Moment;
@@ -52,7 +52,7 @@ type Push = (Vec<f64>, TransferFunction, f64);
 /// L of the sums of |m_ij| over rows is used instead: M ≤ L, so that ½ pᵀL⁻¹p is a lower bound of T. The
 /// energy is computed only if that bound alone exceeds the limit.
 ///
-/// The mass at the start is not that of a mechanism elsewhere: T is E − U there, speeds are 2T/Σ|p|, and a
+/// The mass at the start is not that of a mechanism elsewhere: T is E + L(q, 0) there, speeds are 2T/Σ|p|, and a
 /// motion without damping and forces warns when its energy has changed in either direction. Constraints do no
 /// work, and the work of a mechanism's memories is never negative.
 pub struct EnergyGuard {
@@ -61,8 +61,8 @@ pub struct EnergyGuard {
     inverse_mass: SymmetricMatrix,
     /// True if the inverse is that of the larger, diagonal mass instead of the system's.
     is_lumped: bool,
-    /// U of a mechanism.
-    potential: Option<Box<Model<f64>>>,
+    /// The mechanism, whose energy at rest is the potential.
+    potential: Option<Box<Mechanism<f64>>>,
     /// Forces that the initial state exerts through the memory.
     pushes: Vec<Push>,
     first_energy: f64,
@@ -112,7 +112,7 @@ impl EnergyGuard {
         if !scenario.cases.is_empty() || scenario.equation.is_some() {
             return Self::blind();
         }
-        let mut potential = potential_of_mechanism(scenario);
+        let mut potential = resting(scenario);
         // Zero for coordinates without mass.
         let inverse = |mass: f64| if mass == 0.0 { 0.0 } else { mass.recip() };
         let inverse_mass = match &scenario.system.mass {
@@ -547,19 +547,18 @@ fn exerted_by_start(scenario: &Scenario, start: &GridState, velocity: &[f64]) ->
     (pushes, springs)
 }
 
-/// U of a mechanism, without its dampers; `None` for other systems.
-fn potential_of_mechanism(scenario: &Scenario) -> Option<Box<Model<f64>>> {
+/// The mechanism without its dampers; `None` for other systems.
+fn resting(scenario: &Scenario) -> Option<Box<Mechanism<f64>>> {
     if !scenario.system.is_mechanism() {
         return None;
     }
     // The simulation has made the same model.
-    Model::new(&without_dampers(scenario)).ok().map(Box::new)
+    Mechanism::new(&without_dampers(scenario)).ok().map(Box::new)
 }
 
-/// U at a position.
-fn height(potential: &mut Model<f64>, position: &[f64]) -> f64 {
-    let still = vec![0.0; position.len()];
-    Mechanics::<f64, AnySpace>::energy(potential, &position.to_vec(), &still)
+/// The energy at rest, −L(q, 0): U, less what L has beside it without a velocity, as in a rotating frame.
+fn height(mechanism: &mut Mechanism<f64>, position: &[f64]) -> f64 {
+    mechanism.energy(position, &vec![0.0; position.len()])
 }
 
 /// A velocity, and a velocity-dependent force there.

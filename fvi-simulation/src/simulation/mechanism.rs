@@ -9,7 +9,7 @@ use super::{GridState, Stepper, in_double};
 use crate::model::{Mechanism, Switched, coefficient_of, vector};
 use fvi_core::{
     DamperRow, GaussLobatto, Instant, Lagrangian, MechanismError, MechanismIntegrator, RelaxationTable,
-    Relaxing, StateError, StateReader, StateWriter, Stateful, StepError, max_or_nan, min_or_nan,
+    Relaxing, Second, StateError, StateReader, StateWriter, Stateful, StepError, max_or_nan, min_or_nan,
 };
 use fvi_fft::dense;
 use fvi_fft::exponentials::relaxation_table::{relaxation_table, relaxation_table_derivative};
@@ -231,26 +231,54 @@ fn is_singular(scenario: &Scenario) -> bool {
     least <= 1e-12 * size
 }
 
-/// The velocity with M v + Cᵀλ = p₀ − a and C v = 0, where the mass is regular for what the constraints
-/// allow.
+/// The velocity at the start, where the mass is regular for what the constraints allow.
 fn velocity_on_constraints(scenario: &Scenario) -> Option<Vec<f64>> {
-    let SymmetricMatrix::Dense(mass) = &scenario.system.mass else { return None };
     let mut system = Mechanism::<f64>::new(scenario).ok()?;
-    let (n, m) = (scenario.coordinates(), scenario.system.constraints.len());
+    velocity_of(&mut system, &scenario.initial.position, &scenario.initial.momentum)
+}
+
+/// The velocity with M(q)v + Cᵀλ = p − a(q) and C v = 0, a(q) = L_v(q, 0); `None` if there is none.
+fn velocity_of(system: &mut Mechanism<f64>, position: &[f64], momentum: &[f64]) -> Option<Vec<f64>> {
+    let (n, m) = (system.coordinates(), system.constraints());
+    let (still, now) = (vec![0.0; n], Instant::in_step(0.0, 0.5, 0.0));
+    let [mut mass, mut coupling, mut stiffness, mut resistance] = [(); 4].map(|()| vec![0.0; n * n]);
+    let matrices = Second {
+        mass: &mut mass,
+        coupling: &mut coupling,
+        stiffness: &mut stiffness,
+        resistance: &mut resistance,
+    };
+    system.second(now, position, &still, matrices);
     let (mut values, mut jacobian) = (vec![0.0; m], vec![0.0; m * n]);
-    system.constrain(&scenario.initial.position, &mut values, &mut jacobian);
+    system.constrain(position, &mut values, &mut jacobian);
     let jacobian = DMatrix::from_row_slice(m, n, &jacobian);
     let mut saddle = DMatrix::zeros(n + m, n + m);
-    saddle.view_mut((0, 0), (n, n)).copy_from(mass);
+    saddle.view_mut((0, 0), (n, n)).copy_from(&DMatrix::from_row_slice(n, n, &mass));
     saddle.view_mut((n, 0), (m, n)).copy_from(&jacobian);
     saddle.view_mut((0, n), (n, m)).copy_from(&jacobian.transpose());
+    let (mut linear, mut force) = (still.clone(), still.clone());
+    system.first(now, position, &still, &mut linear, &mut force);
     let mut moving = DVector::zeros(n + m);
-    let linear = scenario.system.linear_momentum();
-    for (place, (p, a)) in moving.iter_mut().zip(scenario.initial.momentum.iter().zip(linear)) {
+    for (place, (p, a)) in moving.iter_mut().zip(momentum.iter().zip(&linear)) {
         *place = p - a;
     }
     let solved = dense::inverse(saddle)? * moving;
     Some(solved.iter().take(n).copied().collect())
+}
+
+/// The velocities of a mechanism at positions with these momenta, N numbers a row: those with
+/// M(q)v + Cᵀλ = p − a(q) and C v = 0; NaN where there are none.
+///
+/// # Errors
+/// If the scenario is no mechanism that can be made.
+pub fn velocities(scenario: &Scenario, positions: &[f64], momenta: &[f64]) -> Result<Vec<f64>, InputError> {
+    let mut system = Mechanism::<f64>::new(scenario).map_err(|error| super::bad_mass(scenario, &error))?;
+    let n = system.coordinates().max(1);
+    let rows = positions.chunks_exact(n).zip(momenta.chunks_exact(n));
+    let of_row = |(position, momentum): (&[f64], &[f64])| {
+        velocity_of(&mut system, position, momentum).unwrap_or_else(|| vec![f64::NAN; n])
+    };
+    Ok(rows.flat_map(of_row).collect())
 }
 
 /// Refuses mechanisms whose full matrices would be too large.

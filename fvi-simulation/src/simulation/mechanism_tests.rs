@@ -638,3 +638,21 @@ fn an_element_along_elongations_is_its_potential_in_words() {
     assert!(distance(&found, &exact) < 1e-12, "{found:?} {exact:?}");
     assert!(distance(&slopes, &exact_slopes) < 1e-12, "{slopes:?} {exact_slopes:?}");
 }
+
+/// In a frame that turns, L has a part without velocities: E − U is negative at the start, and the guard of
+/// energies compares with the energy at rest in the frame.
+#[test]
+fn a_motion_in_a_rotating_frame_is_not_stopped_for_its_energy() {
+    let rotating = json!({
+        "kinetic": "0.5*(v0 - 3*q1)^2 + 0.5*(v1 + 3*q0)^2", "potential": "15*(hypot(q0, q1) - 0.6)^2"
+    });
+    let turning = json!({ "position": [0.8, 0.1], "velocity": [0.5, -1.5] });
+    let [seen, _] = end_of(&scenario(&rotating, turning, 3, (2.0, 400)), Precision::Double);
+    // The same from outside.
+    let still = json!({ "mass": [1.0, 1.0], "potential": "15*(hypot(q0, q1) - 0.6)^2" });
+    let moving = json!({ "position": [0.8, 0.1], "velocity": [0.5 - 0.3, -1.5 + 2.4] });
+    let [there, _] = end_of(&scenario(&still, moving, 3, (2.0, 400)), Precision::Double);
+    let (sine, cosine) = 6.0_f64.sin_cos();
+    let turned = [cosine * seen[0] - sine * seen[1], sine * seen[0] + cosine * seen[1]];
+    assert!(distance(&turned, &there) < 1e-9, "{turned:?} {there:?}");
+}

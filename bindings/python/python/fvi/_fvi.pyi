@@ -38,6 +38,7 @@ __all__ = [
     "run_in",
     "tune",
     "vector_units",
+    "velocities",
     "weights",
 ]
 
@@ -148,6 +149,7 @@ def derivative(
     engine: str | None,
 ) -> _Array: ...
 def kernel_facts(kernel: dict[str, Any]) -> tuple[float, float, str | None]: ...
+def velocities(source: Any, positions: _Array, momenta: _Array) -> _Array: ...
 def weights(
     family: str,
     order: int,

@@ -225,14 +225,19 @@ class Result:
     def v(self) -> FloatArray:
         """Velocities M⁻¹p, shape (K, N); NaN at coordinates without mass, whose velocity does not follow from the momentum.
 
+        With a `kinetic` energy in words they are those with ∂L/∂v(q, v) = p, on the constraints.
+
         Raises
         ------
         InputError
             If some coordinates were chosen and the mass couples them with others.
         """
+        scenario = self.summary.get("scenario", {})
+        if scenario.get("system", {}).get("kinetic") is not None:
+            return self._velocities_of_mechanism(scenario)
         mass = self._mass
         if mass is None:
-            mass = self.summary.get("scenario", {}).get("system", {}).get("mass")
+            mass = scenario.get("system", {}).get("mass")
         if mass is None or isinstance(mass, str):
             raise InputError("v: the mass is in a file that the result does not hold; solve with it yourself", "v", repr(mass))
         if hasattr(mass, "content"):
@@ -262,6 +267,16 @@ class Result:
             velocities = np.asarray(np.linalg.solve(mass + np.diag(massless.astype(np.float64)), self.p.T).T)
         velocities[:, massless] = np.nan
         return velocities
+
+    def _velocities_of_mechanism(self, scenario: dict[str, Any]) -> FloatArray:
+        start = scenario["initial"]
+        if self.q.shape[1] != len(start["position"]):
+            message = "v: the mass couples coordinates, and some were left out of the result: choose all `coordinates`"
+            raise InputError(message, "v", str(self.p.shape))
+        system = {key: scenario["system"][key] for key in ("kinetic", "parameters", "constraints") if scenario["system"].get(key)}
+        initial = {key: start[key] for key in ("position", "momentum")}
+        keys = {"system": system, "initial": initial, "time": {"step": 1.0, "steps": 1}}
+        return np.asarray(_fvi.velocities(("result", ".", keys, {}), np.ascontiguousarray(self.q), np.ascontiguousarray(self.p)))
 
     def __call__(self, t: Any) -> FloatArray:
         """Positions between the rows, by cubic Hermite interpolation of positions and velocities.
