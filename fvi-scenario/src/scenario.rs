@@ -94,7 +94,7 @@ pub use waves::Waves;
 
 use crate::language::document::{Document, Table};
 use crate::language::expression::Moment;
-use crate::language::{InputError, Problem};
+use crate::language::{InputError, Problem, number_at, put};
 use equation::RightSides;
 use fvi_core::min_or_nan;
 use fvi_fft::dense;
@@ -519,6 +519,25 @@ impl Scenario {
     /// The file it was read from.
     pub fn document(&self) -> &Document {
         &self.document
+    }
+
+    /// The number at a path of its file, such as `system.damping[0].order`; `None` if there is none.
+    ///
+    /// # Errors
+    /// If the file is not readable any more.
+    pub fn number(&self, path: &str) -> Result<Option<f64>, InputError> {
+        Ok(number_at(&self.document.values()?, path))
+    }
+
+    /// The scenario with another number at a path of its file.
+    ///
+    /// # Errors
+    /// If there is no such path, or the number is not allowed there.
+    pub fn with_number(&self, path: &str, number: f64) -> Result<Self, InputError> {
+        let mut values = self.document.values()?;
+        put(&mut values, path, toml::Value::Float(number))
+            .map_err(|reason| self.error_at(path, Problem::Unusable { reason }))?;
+        Self::from_document(self.document.with_values(&values))
     }
 
     /// Number of coordinates N.

@@ -75,8 +75,16 @@ impl<T: Real, D: Dampers<T>, S: AsRef<[D]> + AsMut<[D]>> Dampers<T> for DamperRo
         }
     }
 
-    fn excess(&self, velocities: &[T], excess: &mut [T]) {
-        each(self.as_slice(), velocities, excess, D::excess);
+    fn excess(&self, [start, slope]: [&[T]; 2], excess: &mut [T]) {
+        let mut rest = slope;
+        let mut own_slope = |count| {
+            let own = part(rest, count);
+            rest = part_from(rest, count);
+            own
+        };
+        each(self.as_slice(), start, excess, |dampers, start, excess| {
+            dampers.excess([start, own_slope(dampers.elongations())], excess);
+        });
     }
 
     fn sudden(&self, velocities: &[T], forces: &mut [T]) {
@@ -93,7 +101,7 @@ fn each<T, D: Dampers<T>>(
     dampers: &[D],
     mut velocities: &[T],
     mut out: &mut [T],
-    write: impl Fn(&D, &[T], &mut [T]),
+    mut write: impl FnMut(&D, &[T], &mut [T]),
 ) {
     for dampers in dampers {
         let count = dampers.elongations();

@@ -20,13 +20,13 @@ use crate::space::parts_mut;
 use crate::system::{Approach, Instant};
 
 /// Kind of the saved state.
-const TAG: [u8; 4] = *b"mech";
+const TAG: [u8; 4] = *b"mecG";
 
 /// The same for discrete gradients.
-const CONSERVING_TAG: [u8; 4] = *b"mecE";
+const CONSERVING_TAG: [u8; 4] = *b"mecD";
 
 /// The same of a Lagrangian whose mass depends on the position.
-const POLARISED_TAG: [u8; 4] = *b"mecL";
+const POLARISED_TAG: [u8; 4] = *b"mecP";
 
 /// Largest |c| and |C v|, relative to the sizes that they are made of, with which a motion may begin.
 const ON_CONSTRAINTS: f64 = 1e-8;
@@ -47,10 +47,11 @@ const MOST_CORRECTIONS: usize = 50;
 /// q₁ = q₀ + h Σ b_i V_i ,      p₁ = p₀ + h Σ b_i Y_i − h Σ_{j≤s} b̃_j C(Q̃_j)ᵀ Λ_j  with  C(q₁) v₁ = 0
 /// ```
 ///
-/// Positions have order 2s, and c and C v vanish at grid points to rounding. With a constant mass, a
+/// Positions have order 2s, at most 6 − 2β for a kernel that grows like s^β, β < 1, if elongations move at the
+/// start, and 8 − 2β if not, or if β > 1; c and C v vanish at grid points to rounding. With a constant mass, a
 /// quadratic potential and linear constraints the energy changes by the work of forces and dampers exactly.
-/// Momenta with the [excess](Dampers::excess) of the memory's impulse have order 2s for kernels that grow no
-/// faster than s. Without constraints and with L = ½vᵀMv − U it is Gauss collocation of Hamilton's equations,
+/// Momenta with the [excess](Dampers::excess) of the memory's impulse have order 2s, at most 8 − 4β, from
+/// rest and for β > 1 at most 10 − 4β. Without constraints and with L = ½vᵀMv − U it is Gauss collocation of Hamilton's equations,
 /// the Galerkin scheme of degree s with s Gauss points \[MW\].
 ///
 /// `B` is a buffer of [`numbers`](MechanismIntegrator::numbers), `P` one of
@@ -203,8 +204,9 @@ struct Carried<'a, T> {
     velocity: &'a mut [T],
     /// First guess of the unknowns of the next step.
     guess: &'a mut [T],
-    /// W₀, and the dampers' forces at the present grid point.
+    /// W₀, the slope of W there, and the dampers' forces at the present grid point.
     start: &'a mut [T],
+    slope: &'a mut [T],
     tensions: &'a mut [T],
     /// V of the last step, for positions inside it.
     solution: &'a mut [T],
@@ -213,7 +215,7 @@ struct Carried<'a, T> {
 impl StepShape {
     /// Numbers that are carried.
     const fn carried(self) -> usize {
-        5 * self.n + self.unknowns() + 2 * self.e + self.s * self.n
+        5 * self.n + self.unknowns() + 3 * self.e + self.s * self.n
     }
 }
 
@@ -232,6 +234,7 @@ fn carried<T>(shape: StepShape, mut buffer: &mut [T]) -> (Carried<'_, T>, &mut [
         velocity: take(n),
         guess: take(shape.unknowns()),
         start: take(e),
+        slope: take(e),
         tensions: take(e),
         solution: take(s * n),
     };
@@ -537,6 +540,7 @@ where
         }
         carried.position_rest.fill(T::zero());
         carried.momentum_rest.fill(T::zero());
+        carried.slope.fill(T::zero());
         carried.guess.fill(T::zero());
         for stage in carried.guess.chunks_exact_mut(n.max(1)).take(s) {
             copy(stage, carried.velocity);
@@ -588,6 +592,9 @@ where
 
     fn make(&mut self, length: T, end: T, input: &[T]) -> Result<u32, StepError> {
         let (time, shape) = (self.time(), self.shape);
+        if self.steps == 0 {
+            self.look_at_start(input);
+        }
         self.dampers.begin_step(length)?;
         if let Gradients::Discrete { is_polarised } = self.gradients {
             return self.conserve((time, length), input, is_polarised);
@@ -685,7 +692,7 @@ where
     /// The dampers' forces at the present grid point, continued from the nodes of the last step.
     pub fn tensions(&self) -> &[T] {
         let StepShape { n, e, .. } = self.shape;
-        from(self.numbers.as_ref(), 5 * n + self.shape.unknowns() + e, e)
+        from(self.numbers.as_ref(), 5 * n + self.shape.unknowns() + 2 * e, e)
     }
 
     /// The energy L_vᵀ v − L of the scheme's state.
@@ -726,15 +733,15 @@ where
     }
 
     /// Writes p_k + Π Gᵀ δ_k, where δ is the [excess](Dampers::excess) of the memory's impulse and Π the
-    /// projection onto momenta that keep the constraints: it has the order of the positions. Returns false,
-    /// with the scheme's momentum, if there is no such projection.
+    /// projection onto momenta that keep the constraints. Returns false, with the scheme's momentum, if there
+    /// is no such projection.
     pub fn write_momentum(&mut self, momentum: &mut [T]) -> bool {
         let (instant, shape) = (self.now(), self.shape);
         let (carried, work) = carried(shape, self.numbers.as_mut());
         let mut room = StepBuffers::new(shape, work);
         copy(momentum, carried.momentum);
         let excess = parts_mut(room.tensions, shape.e).0;
-        self.dampers.excess(carried.start, excess);
+        self.dampers.excess([carried.start, carried.slope], excess);
         if excess.iter().all(|&number| number == T::zero()) {
             return true;
         }
@@ -758,9 +765,38 @@ where
         true
     }
 
-    /// Writes the multipliers λ of the constraints at the present grid point, from the accelerations that
-    /// keep them: the constraint forces are −Cᵀλ. Returns false if they are not determined.
-    pub fn write_multipliers(&mut self, multipliers: &mut [T]) -> bool {
+    /// Sets the slope of W = G v at the start, for the force that is held over the first step; zero where
+    /// the accelerations are not determined.
+    fn look_at_start(&mut self, input: &[T]) {
+        let StepShape { n, e, .. } = self.shape;
+        let is_known = self.accelerate(input);
+        let (carried, room, system, _) = self.split();
+        let (position, velocity) = (&*carried.position, &*carried.velocity);
+        let (jacobian, turning) = (parts_mut(room.jacobians, e * n).0, parts_mut(room.turning, e * n).0);
+        system.elongate(position, jacobian);
+        room.values.fill(T::zero());
+        let idle = parts_mut(room.curvature, n * n).0;
+        let none = parts_mut(room.tensions, e).0;
+        none.fill(T::zero());
+        system.turn(position, velocity, none, turning, idle);
+        let rows = jacobian.chunks_exact(n.max(1)).zip(turning.chunks_exact(n.max(1)));
+        for (slope, (row, turned)) in carried.slope.iter_mut().zip(rows) {
+            *slope = dot(row, from(room.residual, 0, n)) + dot(turned, velocity);
+        }
+        if !(is_known && all_finite(carried.slope)) {
+            carried.slope.fill(T::zero());
+        }
+    }
+
+    /// The slope of W = G v at the start, after the first step.
+    pub fn slope(&self) -> &[T] {
+        let StepShape { n, e, .. } = self.shape;
+        from(self.numbers.as_ref(), 5 * n + self.shape.unknowns() + e, e)
+    }
+
+    /// Writes the accelerations that keep the constraints at the present grid point under a force, and the
+    /// multipliers λ, to the residual. Returns false if they are not determined.
+    fn accelerate(&mut self, input: &[T]) -> bool {
         let (instant, shape) = (self.now(), self.shape);
         let StepShape { n, m, e, .. } = shape;
         let (carried, mut room, system, pivots) = self.split();
@@ -768,6 +804,7 @@ where
         let (position, velocity) = (&*carried.position, &*carried.velocity);
         let (momentum, force) = (parts_mut(room.momenta, n).0, parts_mut(room.forces, n).0);
         system.first(instant, position, velocity, momentum, force);
+        force.iter_mut().zip(input).for_each(|(force, &input)| *force += input);
         let jacobian = parts_mut(room.jacobians, e * n).0;
         system.elongate(position, jacobian);
         add_transposed(-T::one(), jacobian, carried.tensions, force);
@@ -785,7 +822,15 @@ where
             let sum = bent.fold(T::zero(), |sum, (bent, &v)| sum + bent * v);
             room.residual.iter_mut().skip(n + index).take(1).for_each(|place| *place = -sum);
         }
-        let solved = solve_saddle(shape, room, pivots).is_ok();
+        solve_saddle(shape, room, pivots).is_ok()
+    }
+
+    /// Writes the multipliers λ of the constraints at the present grid point, from the accelerations that
+    /// keep them: the constraint forces are −Cᵀλ. Returns false if they are not determined.
+    pub fn write_multipliers(&mut self, multipliers: &mut [T]) -> bool {
+        let StepShape { n, m, .. } = self.shape;
+        let solved = self.accelerate(&[]);
+        let (_, room, ..) = self.split();
         multipliers.iter_mut().zip(from(room.residual, n, m)).for_each(|(place, &found)| *place = found);
         solved
     }

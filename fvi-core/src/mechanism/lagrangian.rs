@@ -138,9 +138,9 @@ pub trait Dampers<T> {
     /// Stores the velocities of a step.
     fn push(&mut self, velocities: &[T]);
 
-    /// Writes δ_e, by which the impulse of the discrete memory of a constant velocity `start` exceeds that of
-    /// the kernel: known from the lengths of the steps alone.
-    fn excess(&self, start: &[T], excess: &mut [T]);
+    /// Writes δ_e, by which the impulse of the discrete memory of the velocities W₀ + Ẇ₀t, given as W₀ and Ẇ₀,
+    /// exceeds that of the kernel: known from the lengths of the steps alone.
+    fn excess(&self, start: [&[T]; 2], excess: &mut [T]);
 
     /// Writes the forces that velocities have at once, before any time has passed.
     fn sudden(&self, velocities: &[T], forces: &mut [T]);
@@ -171,7 +171,7 @@ impl<T: Real> Dampers<T> for () {
 
     fn push(&mut self, _: &[T]) {}
 
-    fn excess(&self, _: &[T], excess: &mut [T]) {
+    fn excess(&self, _: [&[T]; 2], excess: &mut [T]) {
         excess.fill(T::zero());
     }
 

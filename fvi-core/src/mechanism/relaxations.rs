@@ -10,7 +10,7 @@ use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, finge
 use crate::space::{part, part_from, part_mut, parts_mut};
 
 /// Kind of the saved state.
-const TAG: [u8; 4] = *b"rlax";
+const TAG: [u8; 4] = *b"relx";
 
 /// Relative amount by which a step may be shorter than the shortest, or end after the horizon: rounding.
 const SLACK: f64 = 1e-6;
@@ -272,34 +272,39 @@ impl<T: Real, C: AsRef<[T]>, B: AsRef<[T]> + AsMut<[T]>> Relaxing<T, C, B> {
                 *pair = [sum, change - (sum - y)];
             }
         }
+        let negligible = T::SMALLEST_NORMAL / T::EPSILON;
         for (block, pair) in parts.operators.chunks_exact(stride).zip(parts.remainders.as_chunks_mut::<2>().0)
         {
             let decays = part_from(block, 2 * stages);
             let [exact, gap] = *pair;
-            // R Π R − e^{−x} e^{−λt}, with the difference of the two factors known to its own digits.
-            *pair = [exact * at(decays, 1), gap * (T::one() - at(decays, 0)) + exact * at(decays, 2)];
+            // R Π R − e^{−x} e^{−λt}, with the difference of the two factors known to its own digits. Numbers
+            // that processors are slow with are as good as none.
+            let next = [exact * at(decays, 1), gap * (T::one() - at(decays, 0)) + exact * at(decays, 2)];
+            *pair = next.map(|number| if number.abs() < negligible { T::zero() } else { number });
         }
         self.elapsed += length;
     }
 
-    /// Writes δ_a = Σ_b ρ_ab W_b Σ_j c_j/λ_j² (Π R(−hλ_j) − e^{−λ_jt}) for the constant velocities W: by so
-    /// much the impulse of the discrete memory exceeds that of the kernel. Zero for d = 2, whose samples have
-    /// no such part.
-    pub fn excess(&self, velocities: &[T], excess: &mut [T]) {
+    /// Writes δ_a = Σ_b ρ_ab Σ_j c_j (W_b/λ_j² − Ẇ_b/λ_j³) (Π R(−hλ_j) − e^{−λ_jt}) for velocities W + Ẇt at the
+    /// start: by so much the impulse of the discrete memory exceeds that of the kernel. For d = 2, whose samples
+    /// are W(t) − W, it is Σ_j c_j Ẇ_b/λ_j² (Π R(−hλ_j) − e^{−λ_jt}).
+    pub fn excess(&self, [start, slope]: [&[T]; 2], excess: &mut [T]) {
         let [_, _, remainders, ..] = self.parts();
-        let mut sum = 0.0;
-        if !self.table.is_inertial {
-            let tables = self.table.rates.as_ref().iter().zip(self.table.coefficients.as_ref());
-            for ((&rate, &c), pair) in tables.zip(remainders.as_chunks::<2>().0) {
-                let (rate, [_, gap]) = (rate.to_f64(), *pair);
-                // Below, the difference is smaller than its rounding error.
-                if self.is_resolved(rate) {
-                    sum += c.to_f64() / rate * (gap.to_f64() / rate);
-                }
+        let [mut second, mut third] = [0.0; 2];
+        let tables = self.table.rates.as_ref().iter().zip(self.table.coefficients.as_ref());
+        for ((&rate, &c), pair) in tables.zip(remainders.as_chunks::<2>().0) {
+            let (rate, [_, gap]) = (rate.to_f64(), *pair);
+            // Below, the difference is smaller than its rounding error.
+            if self.is_resolved(rate) {
+                let part = c.to_f64() / rate * (gap.to_f64() / rate);
+                second += part;
+                third += part / rate;
             }
         }
+        let [of_start, of_slope] = if self.table.is_inertial { [0.0, second] } else { [second, -third] };
         for (a, place) in excess.iter_mut().enumerate().take(self.count) {
-            *place = T::of(sum) * self.coupled(a, |b| at(velocities, b));
+            *place = T::of(of_start) * self.coupled(a, |b| at(start, b))
+                + T::of(of_slope) * self.coupled(a, |b| at(slope, b));
         }
     }
 
@@ -350,18 +355,20 @@ fn parts_from_split<T>(numbers: &[T], count: usize) -> (&[T], &[T]) {
 
 impl<T: Real, C: AsRef<[T]>, B: AsRef<[T]> + AsMut<[T]>> Stateful for Relaxing<T, C, B> {
     fn state_bytes(&self) -> usize {
-        header_bytes(3) + 8 + self.carried() * T::BYTES
+        header_bytes(3) + 16 + self.carried() * T::BYTES
     }
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 3>(TAG, &self.shape())?;
         to.count(self.elapsed.to_bits())?;
+        to.count(self.length.to_bits())?;
         let [operators, leading, ..] = self.parts();
         to.numbers(part_from(self.numbers.as_ref(), operators.len() + leading.len()))
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         from.header::<T, 3>(TAG, &self.shape())?;
+        from.count()?;
         from.count()?;
         from.skip::<T>(self.carried())
     }
@@ -370,6 +377,11 @@ impl<T: Real, C: AsRef<[T]>, B: AsRef<[T]> + AsMut<[T]>> Stateful for Relaxing<T
         self.check_state(&mut from.clone())?;
         from.header::<T, 3>(TAG, &self.shape())?;
         self.elapsed = f64::from_bits(from.count()?);
+        // The length of the last step, which the excess depends on.
+        let length = f64::from_bits(from.count()?);
+        if length != self.length && length > 0.0 && length.is_finite() {
+            self.settle(length);
+        }
         let [operators, leading, ..] = self.parts();
         let kept = operators.len() + leading.len();
         let (_, state) = parts_mut(self.numbers.as_mut(), kept);
@@ -480,8 +492,8 @@ impl<T: Real, C: AsRef<[T]>, B: AsRef<[T]> + AsMut<[T]>> Dampers<T> for Relaxing
         Self::push(self, velocities);
     }
 
-    fn excess(&self, velocities: &[T], excess: &mut [T]) {
-        Self::excess(self, velocities, excess);
+    fn excess(&self, start: [&[T]; 2], excess: &mut [T]) {
+        Self::excess(self, start, excess);
     }
 
     fn sudden(&self, velocities: &[T], forces: &mut [T]) {

@@ -52,7 +52,7 @@ pub(super) struct StepBuffers<'a, T> {
     pub(super) tensions: &'a mut [T],
     /// G and vᵀ∂²g at the nodes.
     pub(super) jacobians: &'a mut [T],
-    turning: &'a mut [T],
+    pub(super) turning: &'a mut [T],
     /// L_vv, ∂L_v/∂q, ∂(L_q + F)/∂q, ∂(L_q + F)/∂v at the nodes.
     pub(super) mass: &'a mut [T],
     pub(super) coupling: &'a mut [T],

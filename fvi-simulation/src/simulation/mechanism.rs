@@ -220,6 +220,39 @@ pub(super) fn integrator<T: Elementary>(scenario: &Scenario) -> Result<Integrato
     .map_err(|error| refused(scenario, &error))
 }
 
+/// The slope of W = G v at the start; `None` where the scenario cannot begin.
+fn start_slope(scenario: &Scenario) -> Option<Vec<f64>> {
+    let mut integrator = integrator::<f64>(scenario).ok()?;
+    let input = scenario.input.as_ref().and_then(|input| input.at_step(0)).unwrap_or(&[]).to_vec();
+    integrator.step(&input).ok()?;
+    Some(integrator.slope().to_vec())
+}
+
+/// The derivative of the slope of W at the start by a number of the scenario, from the slopes at values a
+/// little beside it: of what momenta are corrected by, few digits matter.
+pub(super) fn start_slope_derivative(scenario: &Scenario, path: &str) -> Result<Vec<f64>, InputError> {
+    let unknown = || {
+        let reason = "the accelerations at the start are not known for values beside it".to_owned();
+        scenario.error_at(path, Problem::Unusable { reason })
+    };
+    let value = scenario.number(path)?.ok_or_else(unknown)?;
+    let change = if value == 0.0 { 1e-5 } else { 1e-5 * value.abs() };
+    let at = |value: f64| {
+        let changed = scenario.with_number(path, value).ok()?;
+        Some((value, start_slope(&changed)?))
+    };
+    // At the end of a range of values one side is enough.
+    let (below, above) = (at(value - change), at(value + change));
+    let (below, above) = match (below, above) {
+        (Some(below), Some(above)) => (below, above),
+        (Some(below), None) => (below, at(value).ok_or_else(unknown)?),
+        (None, Some(above)) => (at(value).ok_or_else(unknown)?, above),
+        (None, None) => return Err(unknown()),
+    };
+    let length = above.0 - below.0;
+    Ok(above.1.iter().zip(&below.1).map(|(above, below)| (above - below) / length).collect())
+}
+
 /// True for a kinetic energy in words whose mass at the start has no inverse, to rounding.
 fn is_singular(scenario: &Scenario) -> bool {
     let (Some(_), SymmetricMatrix::Dense(mass)) = (&scenario.system.kinetic, &scenario.system.mass) else {

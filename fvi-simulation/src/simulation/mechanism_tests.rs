@@ -647,12 +647,60 @@ fn a_motion_in_a_rotating_frame_is_not_stopped_for_its_energy() {
         "kinetic": "0.5*(v0 - 3*q1)^2 + 0.5*(v1 + 3*q0)^2", "potential": "15*(hypot(q0, q1) - 0.6)^2"
     });
     let turning = json!({ "position": [0.8, 0.1], "velocity": [0.5, -1.5] });
-    let [seen, _] = end_of(&scenario(&rotating, turning, 3, (2.0, 400)), Precision::Double);
+    let [seen, _] = end_of(&scenario(&rotating, turning, 3, (2.0, 400)), Precision::F64);
     // The same from outside.
     let still = json!({ "mass": [1.0, 1.0], "potential": "15*(hypot(q0, q1) - 0.6)^2" });
     let moving = json!({ "position": [0.8, 0.1], "velocity": [0.5 - 0.3, -1.5 + 2.4] });
-    let [there, _] = end_of(&scenario(&still, moving, 3, (2.0, 400)), Precision::Double);
+    let [there, _] = end_of(&scenario(&still, moving, 3, (2.0, 400)), Precision::F64);
     let (sine, cosine) = 6.0_f64.sin_cos();
     let turned = [cosine * seen[0] - sine * seen[1], sine * seen[0] + cosine * seen[1]];
     assert!(distance(&turned, &there) < 1e-9, "{turned:?} {there:?}");
+}
+
+/// What a Gauss method does to fast relaxations at the start, whose share in the momentum is taken off: with
+/// the velocity of an elongation there, and with its acceleration.
+#[test]
+fn momenta_from_rest_have_the_order_of_positions_for_every_order_of_damping() {
+    for (order, degree, rate) in [(0.5, 3, 0.0), (0.8, 3, 0.0), (0.8, 2, 0.7), (1.2, 3, 0.7), (1.4, 2, 0.7)] {
+        let system = json!({
+            "kinetic": "0.5*v0^2", "potential": "-9.81*cos(q0)",
+            "damping": [{ "order": order, "coefficient": 0.5, "along": "q0" }],
+        });
+        let after = |degree, steps| {
+            let start = json!({ "position": [1.0], "velocity": [rate] });
+            end_of(&scenario(&system, start, degree, (2.0, steps)), Precision::F64).concat()
+        };
+        let exact = after(4, 960);
+        let errors = [60, 120].map(|steps| distance(&after(degree, steps)[1..], &exact[1..]));
+        let found = (errors[0] / errors[1]).log2();
+        assert!((found - 2.0 * degree as f64).abs() < 0.3, "{order}, {degree}: {errors:?}, order {found}");
+    }
+}
+
+/// Where a run goes on, its momentum is that of the run before.
+#[test]
+fn a_restored_mechanism_shows_the_momentum_that_it_had() {
+    for scheme in [json!({ "kind": "galerkin", "degree": 2 }), json!({ "kind": "energy" })] {
+        let of = Scenario::from_value(&json!({
+            "system": {
+                "mass": [1.0], "potential": "q0^4",
+                "damping": [{ "order": 0.5, "coefficient": 0.4, "along": "sin(q0)" }],
+            },
+            "initial": { "position": [1.0], "velocity": [0.5] },
+            "scheme": scheme,
+            "time": { "step": 0.05, "steps": 20 },
+        }))
+        .unwrap();
+        let made = || Simulation::new(&of, Precision::F64).unwrap();
+        let (mut first, mut again) = (made(), made());
+        let mut state = Motion::start(&of, Precision::F64).unwrap().state().clone();
+        (0..20).for_each(|_| {
+            first.step(&[]).unwrap();
+        });
+        first.read(&mut state);
+        again.restore(&first.save().unwrap()).unwrap();
+        let shown = state.momentum.clone();
+        again.read(&mut state);
+        assert_eq!(state.momentum, shown, "{scheme}");
+    }
 }

@@ -6,7 +6,9 @@ use super::mechanism_step::{
 };
 use super::{Differentiated, SINGULAR};
 use crate::model::{Mechanism, coefficient_of, damped_coordinates};
-use crate::simulation::mechanism::{Element, Integrator, Row, damper, dampers, integrator};
+use crate::simulation::mechanism::{
+    Element, Integrator, Row, damper, dampers, integrator, start_slope_derivative,
+};
 use fvi_core::{
     Dampers, GaussLobatto, Instant, Lagrangian, StateError, StateReader, StateWriter, Stateful, max_or_nan,
 };
@@ -47,8 +49,9 @@ struct OfParameter {
     explicit: Explicit,
     position: Vec<f64>,
     momentum: Vec<f64>,
-    /// δW₀.
+    /// δW₀, and that of the slope of W there.
     start: Vec<f64>,
+    slope: Vec<f64>,
     /// The derivative of the momentum that is shown.
     shown: Vec<f64>,
     /// Z ∗ δW.
@@ -126,8 +129,8 @@ impl OfMechanism {
         made.start_rates(&mut start);
         made.memory.begin(&start);
         made.first_rates.clone_from(&start);
-        for (index, Parameter { what, .. }) in parameters.iter().enumerate() {
-            let parameter = made.parameter(what, &start).map_err(|error| match error {
+        for (index, Parameter { what, path }) in parameters.iter().enumerate() {
+            let parameter = made.parameter((what, path), &start).map_err(|error| match error {
                 Refusal::Input(error) => error,
                 Refusal::Start(reason) => {
                     let path = format!("sensitivity.parameters[{index}]");
@@ -152,7 +155,7 @@ impl OfMechanism {
         add(1.0, &elongating, self.integrator.velocity(), rates);
     }
 
-    fn parameter(&mut self, what: &Quantity, start: &[f64]) -> Result<OfParameter, Refusal> {
+    fn parameter(&mut self, (what, path): (&Quantity, &str), start: &[f64]) -> Result<OfParameter, Refusal> {
         let mut explicit = Explicit::new(&self.scenario, what);
         let [position, velocity] = self.begin(what, &mut explicit)?;
         let [n, _, e] = self.shape();
@@ -178,7 +181,11 @@ impl OfMechanism {
             change.begin(&start[*first..]);
         }
         let shown = momentum.clone();
-        Ok(OfParameter { explicit, position, momentum, start: rates, shown, memory, changes })
+        let slope = match self.shows_own_momentum() {
+            true => vec![0.0; e],
+            false => start_slope_derivative(&self.scenario, path)?,
+        };
+        Ok(OfParameter { explicit, position, momentum, start: rates, slope, shown, memory, changes })
     }
 
     /// δq and δv at the start, on the constraints.
@@ -401,18 +408,24 @@ impl OfMechanism {
         Ok(())
     }
 
+    /// True if the momenta that are shown are those of the scheme.
+    fn shows_own_momentum(&self) -> bool {
+        self.scenario.output.momentum != ReportedMomentum::Mean || self.shape()[2] == 0
+    }
+
     /// The derivatives of the momenta with the excess of the dampers' impulse, where these are shown.
     fn show(&mut self) {
         let [n, m, e] = self.shape();
         for parameter in &mut self.parameters {
             parameter.shown.clone_from(&parameter.momentum);
         }
-        if self.scenario.output.momentum != ReportedMomentum::Mean || e == 0 {
+        if self.shows_own_momentum() {
             return;
         }
         let position = self.integrator.position().to_vec();
         let mut excess = vec![0.0; e];
-        self.memory.excess(&self.first_rates, &mut excess);
+        let first_slopes = self.integrator.slope().to_vec();
+        self.memory.excess([&self.first_rates, &first_slopes], &mut excess);
         let (mut elongating, mut bent, mut idle) = (vec![0.0; e * n], vec![0.0; n * n], vec![0.0; e * n]);
         self.system.elongate(&position, &mut elongating);
         // −Σ δ ∂²g.
@@ -421,17 +434,19 @@ impl OfMechanism {
         add_transposed(1.0, &elongating, &excess, &mut kick);
         let Some(saddle) = Saddle::new(&mut self.system, &position, [&kick, &vec![0.0; m]]) else { return };
         for parameter in &mut self.parameters {
-            let OfParameter { explicit, position: change, start, shown, memory, changes, .. } = parameter;
-            let mut slope = vec![0.0; e];
-            memory.excess(start, &mut slope);
+            let OfParameter { explicit, position: change, start, slope, shown, memory, changes, .. } =
+                parameter;
+            let mut pushed = vec![0.0; e];
+            memory.excess([start, slope], &mut pushed);
             for (first, of_change) in changes {
                 let mut own = vec![0.0; of_change.elongations()];
-                Dampers::excess(of_change, &self.first_rates[*first..], &mut own);
-                add_vector(1.0, &own, &mut slope[*first..]);
+                let begun = [&self.first_rates[*first..], &first_slopes[*first..]];
+                Dampers::excess(of_change, begun, &mut own);
+                add_vector(1.0, &own, &mut pushed[*first..]);
             }
             let (mut parts, mut top) = (vec![0.0; e * n], vec![0.0; n]);
             explicit.elongate(&position, &mut parts);
-            add_transposed(1.0, &elongating, &slope, &mut top);
+            add_transposed(1.0, &elongating, &pushed, &mut top);
             add_transposed(1.0, &parts, &excess, &mut top);
             add(-1.0, &bent, change, &mut top);
             let [_, pulled] = saddle.slope(explicit, change, (top.clone(), vec![0.0; m]));
