@@ -27,7 +27,11 @@ pub struct Unsolved {
 const ACCEPTED: f64 = 1e-13;
 const ROUNDS: usize = 4;
 
+/// Products of the elimination after which it is asked whether to go on.
+const BETWEEN_QUESTIONS: usize = 200_000;
+
 /// The factors L and U of one matrix, in the order of elimination: U has the pattern of Lᵀ.
+#[derive(Debug)]
 struct Factors {
     pivots: Vec<Complex<f64>>,
     lower: Vec<Vec<Complex<f64>>>,
@@ -74,24 +78,32 @@ impl ComplexSolver {
         values: &[Complex<f64>],
         vector: &mut [Complex<f64>],
     ) -> Result<(), Unsolved> {
-        let factors = self.factor(pattern, values);
-        let wanted = vector.to_vec();
-        vector.fill(Complex::ZERO);
-        let mut residual = wanted.clone();
-        let mut size = f64::INFINITY;
-        for _ in 0..ROUNDS {
-            self.substitute(&factors, &mut residual);
-            vector.iter_mut().zip(&residual).for_each(|(x, more)| *x += *more);
-            size = backward_error(pattern, values, vector, &wanted, &mut residual);
-            if size <= 4.0 * f64::EPSILON {
-                break;
-            }
+        match self.factored(pattern, values.to_vec(), &mut || false) {
+            Some(factored) => factored.solve(vector),
+            None => Err(Unsolved { residual: f64::NAN }),
         }
-        // A residual that is not a number is refused too.
-        if size <= ACCEPTED { Ok(()) } else { Err(Unsolved { residual: size }) }
     }
 
-    fn factor(&self, pattern: &Pattern, values: &[Complex<f64>]) -> Factors {
+    /// The matrix with its factors, for several solutions. `stopped` is asked now and then during the
+    /// elimination, after a millisecond or so; `None` if it says so.
+    #[doc(hidden)]
+    pub fn factored<'a>(
+        &'a self,
+        pattern: &'a Pattern,
+        values: Vec<Complex<f64>>,
+        stopped: &mut dyn FnMut() -> bool,
+    ) -> Option<ComplexFactored<'a>> {
+        let factors = self.factor(pattern, &values, stopped)?;
+        Some(ComplexFactored { solver: self, pattern, values, factors })
+    }
+
+    fn factor(
+        &self,
+        pattern: &Pattern,
+        values: &[Complex<f64>],
+        stopped: &mut dyn FnMut() -> bool,
+    ) -> Option<Factors> {
+        let mut products = 0;
         let size = self.order.len();
         let mut pivots = vec![Complex::ZERO; size];
         let mut lower: Vec<Vec<Complex<f64>>> = vec![Vec::new(); size];
@@ -112,6 +124,7 @@ impl ComplexSolver {
             for (from, index) in std::mem::take(&mut waiting[column]) {
                 let (before, first) = (from as usize, index as usize);
                 let rows = &self.below[before][first..];
+                products += rows.len();
                 let (left, right) = (lower[before][first], upper[before][first]);
                 let pairs = lower[before][first..].iter().zip(&upper[before][first..]);
                 for (&at, (below, beside)) in rows.iter().zip(pairs) {
@@ -120,6 +133,12 @@ impl ComplexSolver {
                 }
                 if let Some(&next) = rows.get(1) {
                     waiting[next as usize].push((from, index + 1));
+                }
+            }
+            if products > BETWEEN_QUESTIONS {
+                products = 0;
+                if stopped() {
+                    return None;
                 }
             }
             // Row and column both include the diagonal entry.
@@ -136,7 +155,7 @@ impl ComplexSolver {
                 waiting[next as usize].push((column as u32, 0));
             }
         }
-        Factors { pivots, lower, upper }
+        Some(Factors { pivots, lower, upper })
     }
 
     fn substitute(&self, factors: &Factors, vector: &mut [Complex<f64>]) {
@@ -155,6 +174,45 @@ impl ComplexSolver {
         for (&row, x) in self.order.iter().zip(x) {
             vector[row as usize] = x;
         }
+    }
+}
+
+/// A matrix with its factors.
+#[doc(hidden)]
+#[derive(Debug)]
+pub struct ComplexFactored<'a> {
+    solver: &'a ComplexSolver,
+    pattern: &'a Pattern,
+    values: Vec<Complex<f64>>,
+    factors: Factors,
+}
+
+impl ComplexFactored<'_> {
+    /// Replaces `vector` by the solution.
+    ///
+    /// # Errors
+    /// [`Unsolved`], as [`ComplexSolver::solve`].
+    pub fn solve(&self, vector: &mut [Complex<f64>]) -> Result<(), Unsolved> {
+        let Self { solver, pattern, values, factors } = self;
+        let wanted = vector.to_vec();
+        vector.fill(Complex::ZERO);
+        let mut residual = wanted.clone();
+        let mut size = f64::INFINITY;
+        for _ in 0..ROUNDS {
+            solver.substitute(factors, &mut residual);
+            vector.iter_mut().zip(&residual).for_each(|(x, more)| *x += *more);
+            size = backward_error(pattern, values, vector, &wanted, &mut residual);
+            if size <= 4.0 * f64::EPSILON {
+                break;
+            }
+        }
+        // A residual that is not a number is refused too.
+        if size <= ACCEPTED { Ok(()) } else { Err(Unsolved { residual: size }) }
+    }
+
+    /// The pivots, whose product is the determinant.
+    pub fn pivots(&self) -> &[Complex<f64>] {
+        &self.factors.pivots
     }
 }
 
@@ -229,6 +287,37 @@ mod tests {
         for (x, known) in vector.iter().zip(&known) {
             assert!((x - known).l1_norm() < 1e-12, "{x} is not {known}");
         }
+    }
+
+    #[test]
+    fn the_determinant_of_a_small_matrix() {
+        // det [2i 1 0; 1 3 −1; 0 −1 1] = 2i·(3 − 1) − 1 = −1 + 4i.
+        let pattern = Pattern::new(3, vec![(0, 0), (1, 1), (2, 2), (0, 1), (1, 0), (1, 2), (2, 1)]);
+        let mut values = vec![Complex::ZERO; pattern.len()];
+        let mut set = |row, column, re, im| values[pattern.slot(row, column)] = Complex::new(re, im);
+        set(0, 0, 0.0, 2.0);
+        set(1, 1, 3.0, 0.0);
+        set(2, 2, 1.0, 0.0);
+        for (row, column, entry) in [(0, 1, 1.0), (1, 0, 1.0), (1, 2, -1.0), (2, 1, -1.0)] {
+            set(row, column, entry, 0.0);
+        }
+        let solver = ComplexSolver::new(&pattern);
+        let found = solver.factored(&pattern, values, &mut || false);
+        let found: Complex<f64> = found.unwrap().pivots().iter().product();
+        assert!((found - Complex::new(-1.0, 4.0)).l1_norm() < 1e-14, "{found}");
+    }
+
+    #[test]
+    fn elimination_is_given_up_when_asked() {
+        let (pattern, values) = grid(60);
+        let solver = ComplexSolver::new(&pattern);
+        let mut asked = 0;
+        let mut stopped = || {
+            asked += 1;
+            asked == 2
+        };
+        assert!(solver.factored(&pattern, values, &mut stopped).is_none());
+        assert_eq!(asked, 2);
     }
 
     #[test]

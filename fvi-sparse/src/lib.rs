@@ -30,6 +30,8 @@ mod separator;
 mod solve;
 
 pub use analysis::Analysis;
+#[doc(hidden)]
+pub use complex::ComplexFactored;
 pub use complex::{ComplexSolver, Unsolved};
 pub use factor::{Factor, FactorError};
 pub use pattern::Pattern;
