@@ -438,6 +438,21 @@ impl TransferFunction {
         self.form.numbers()
     }
 
+    /// Of a kernel that is a table over time up to T, the same with the table up to T/2; `None` for others.
+    #[doc(hidden)]
+    pub fn halved(&self) -> Option<Self> {
+        if self.form() != relaxation::FORM {
+            return None;
+        }
+        let rows: Vec<(f64, f64)> = self.numbers().chunks_exact(2).map(|row| (row[0], row[1])).collect();
+        let half = 0.5 * rows.last()?.0;
+        let rows = &rows[..rows.partition_point(|&(time, _)| time <= half)];
+        let decay = self.parameters().into_iter().find(|(name, _)| *name == "decay");
+        let decay = decay.and_then(|(_, values)| values.first().copied());
+        let shorter = relaxation::Relaxation::new("", rows, decay).of_matrix();
+        (rows.len() > 1).then(|| Self::formula(Arc::new(shorter)).ok())?
+    }
+
     /// Numbers that identify it: equal keys have equal weights.
     pub fn key(&self) -> Vec<u64> {
         form::key(&*self.form)

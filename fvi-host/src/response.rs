@@ -12,7 +12,7 @@ use fvi_fft::transfer::laplace::{creep, relaxation, whole};
 use fvi_scenario::language::InputError;
 use fvi_scenario::language::memory_limit::{OutOfMemory, check_capacity};
 use fvi_scenario::scenario::Scenario;
-use fvi_simulation::simulation::response::{Linearised, SystemPole};
+use fvi_simulation::simulation::response::{Linearised, MOST_MODES, SystemMode, SystemPole};
 use serde::Serialize;
 use std::f64::consts::PI;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -37,14 +37,34 @@ pub struct ResponseOptions {
     pub output: usize,
     /// The point about which the system is linearised; without it the initial position.
     pub position: Option<Vec<f64>>,
+    /// Angular frequencies near which modes are sought; none are without them.
+    pub near: Vec<f64>,
+    /// Number of modes near each of them.
+    pub modes: usize,
+    /// False: without the response of the discrete scheme.
+    pub discrete: bool,
 }
 
 /// Default number of frequencies.
 pub const POINTS: usize = 400;
 
+/// Default number of modes near a frequency.
+pub const MODES: usize = 6;
+
 impl Default for ResponseOptions {
     fn default() -> Self {
-        Self { from: None, to: None, points: POINTS, omega: None, input: 0, output: 0, position: None }
+        Self {
+            from: None,
+            to: None,
+            points: POINTS,
+            omega: None,
+            input: 0,
+            output: 0,
+            position: None,
+            near: Vec::new(),
+            modes: MODES,
+            discrete: true,
+        }
     }
 }
 
@@ -63,6 +83,8 @@ pub struct Response {
     pub discrete: Result<Vec<Complex<f64>>, String>,
     /// Poles with Im s ≥ 0, in ascending order of |s|; otherwise why they are left out.
     pub poles: Result<Vec<SystemPole>, String>,
+    /// The modes near each of the frequencies asked for, in their order, each with that frequency.
+    pub modes: Vec<(f64, SystemMode)>,
     /// Curves of the kernel of each damping term.
     pub kernels: Vec<KernelCurves>,
     /// Warnings.
@@ -198,6 +220,55 @@ pub fn respond(
     }
     let omega = frequencies(scenario, options)?;
     let linearised = Linearised::new(scenario, position)?;
+    let mut warnings = warnings_of(&linearised);
+    let all = omega.len().saturating_add(options.near.len().saturating_mul(options.modes));
+    let modes = modes_near(&linearised, options, stop, &mut |done| progress(done, all))?;
+    warnings.extend(options.near.iter().filter_map(|near| few_modes(*near, &modes, options.modes)));
+    let highest = PI / scenario.time.step * (1.0 + 1e-12);
+    let before = all - omega.len();
+    let (response, discrete) =
+        curves(&linearised, &omega, highest, options, stop, &mut |done| progress(before + done, all))?;
+    progress(all, all);
+    let poles = linearised.poles();
+    if (poles.is_ok() || !modes.is_empty() && !linearised.has_tables_over_time())
+        && let Some(kernel) = linearised.kernel_of_unknown_poles()
+    {
+        warnings.push(format!(
+            "poles.csv and modes.csv may be incomplete: the kernel {kernel} may itself have poles, which cancel those of the system \
+             in the counts of the argument principle; those of quotients of polynomials in s, as damping terms of their \
+             own, are known"
+        ));
+    }
+    let known: Vec<_> = omega.iter().copied().zip(response.iter().copied()).collect();
+    let resonances: Vec<f64> = poles.iter().flatten().map(|pole| pole.place.im).collect();
+    let known = if options.omega.is_some() { &[] } else { &known[..] };
+    // Systems whose poles are computed are small, and a frequency costs little.
+    let most = if resonances.is_empty() { known.len() } else { 8 * known.len() };
+    let between = sharp::between(known, &resonances, most, |omega| {
+        let mut stopped = || {
+            progress(all, all);
+            stop.load(Ordering::Relaxed)
+        };
+        if stopped() {
+            return Err(ResponseError::Stopped);
+        }
+        let column = linearised.response_unless(omega, options.input, &mut stopped);
+        Ok(column.map_err(|reason| unsolved(reason, stop))?[options.output])
+    })?;
+    let times: Vec<f64> = omega.iter().rev().map(|omega| omega.recip()).collect();
+    let terms = linearised.kernels().iter();
+    let kernels = terms.map(|transfer| KernelCurves {
+        name: transfer.to_string(),
+        moduli: omega.iter().map(|&omega| whole(transfer, Complex::new(0.0, omega))).collect(),
+        creep: times.iter().map(|&time| creep(transfer, time)).collect(),
+        relaxation: times.iter().map(|&time| relaxation(transfer, time)).collect(),
+        times: times.clone(),
+    });
+    Ok(Response { response, between, discrete, poles, modes, kernels: kernels.collect(), warnings, omega })
+}
+
+/// What the linearisation itself gives reason to warn of.
+fn warnings_of(linearised: &Linearised) -> Vec<String> {
     let mut warnings = Vec::new();
     if linearised.is_at_a_kink() {
         warnings.push(
@@ -214,56 +285,93 @@ pub fn respond(
             "a kernel is given by weights w_n: its K(iω) is the sum of w_n e^(-iωnh), for frequencies up to π/h = {highest}"
         ));
     }
-    let highest = PI / scenario.time.step * (1.0 + 1e-12);
+    warnings
+}
+
+/// That there are fewer modes near a frequency than were asked for.
+fn few_modes(near: f64, modes: &[(f64, SystemMode)], wanted: usize) -> Option<String> {
+    let there = match modes.iter().filter(|(own, _)| *own == near).count() {
+        found if found >= wanted => return None,
+        1 => "there is 1 mode".to_owned(),
+        found => format!("there are {found} modes"),
+    };
+    Some(format!("near ω = {near} {there}, not {wanted}: no other is in the disc about iω that is searched"))
+}
+
+/// H(ω) at the frequencies, and that of the scheme up to the highest one that its step tells, or why there is
+/// none.
+type Curves = (Vec<Complex<f64>>, Result<Vec<Complex<f64>>, String>);
+
+fn curves(
+    linearised: &Linearised,
+    omega: &[f64],
+    highest: f64,
+    options: &ResponseOptions,
+    stop: &AtomicBool,
+    progress: &mut dyn FnMut(usize),
+) -> Result<Curves, ResponseError> {
     let mut response = Vec::with_capacity(omega.len());
-    let mut discrete =
-        linearised.without_discrete_response().map_or_else(|| Ok(Vec::new()), |r| Err(r.to_owned()));
+    let mut discrete = match linearised.without_discrete_response() {
+        None if options.discrete => Ok(Vec::new()),
+        None => Err(NOT_ASKED.to_owned()),
+        Some(reason) => Err(reason.to_owned()),
+    };
     for (index, &omega_k) in omega.iter().enumerate() {
-        if stop.load(Ordering::Relaxed) {
+        let mut stopped = || {
+            progress(index);
+            stop.load(Ordering::Relaxed)
+        };
+        if stopped() {
             return Err(ResponseError::Stopped);
         }
-        let column = linearised.response(omega_k, options.input).map_err(ResponseError::Unsolved)?;
-        response.push(column[options.output]);
+        let column = linearised.response_unless(omega_k, options.input, &mut stopped);
+        response.push(column.map_err(|reason| unsolved(reason, stop))?[options.output]);
         if let (Ok(values), true) = (&mut discrete, omega_k <= highest) {
-            match linearised.discrete_response(omega_k, options.input) {
+            match linearised.discrete_response_unless(omega_k, options.input, &mut stopped) {
                 Ok(column) => values.push(column[options.output]),
+                Err(reason) if stop.load(Ordering::Relaxed) => return Err(unsolved(reason, stop)),
                 Err(reason) => discrete = Err(reason),
             }
         }
-        progress(index + 1, omega.len());
     }
-    let poles = linearised.poles();
-    if poles.is_ok()
-        && let Some(kernel) = linearised.kernel_of_unknown_poles()
-    {
-        warnings.push(format!(
-            "poles.csv may be incomplete: the kernel {kernel} may itself have poles, which cancel those of the system \
-             in the counts of the argument principle; those of quotients of polynomials in s, as damping terms of their \
-             own, are known"
-        ));
+    Ok((response, discrete))
+}
+
+/// Why a response of the scheme is left out that nobody wants.
+const NOT_ASKED: &str = "it was not asked for";
+
+/// The error of equations that were left unsolved.
+fn unsolved(reason: String, stop: &AtomicBool) -> ResponseError {
+    if stop.load(Ordering::Relaxed) { ResponseError::Stopped } else { ResponseError::Unsolved(reason) }
+}
+
+/// The modes near the frequencies of the request; `progress` receives how many are done.
+fn modes_near(
+    linearised: &Linearised,
+    options: &ResponseOptions,
+    stop: &AtomicBool,
+    progress: &mut dyn FnMut(usize),
+) -> Result<Vec<(f64, SystemMode)>, ResponseError> {
+    let mut modes = Vec::new();
+    if options.near.is_empty() {
+        return Ok(modes);
     }
-    let known: Vec<_> = omega.iter().copied().zip(response.iter().copied()).collect();
-    let resonances: Vec<f64> = poles.iter().flatten().map(|pole| pole.place.im).collect();
-    let known = if options.omega.is_some() { &[] } else { &known[..] };
-    // Systems whose poles are computed are small, and a frequency costs little.
-    let most = if resonances.is_empty() { known.len() } else { 8 * known.len() };
-    let between = sharp::between(known, &resonances, most, |omega| {
-        if stop.load(Ordering::Relaxed) {
-            return Err(ResponseError::Stopped);
+    if !(1..=MOST_MODES).contains(&options.modes) {
+        return Err(refused("modes", options.modes as f64, "from 1 to 200"));
+    }
+    for (index, &near) in options.near.iter().enumerate() {
+        if !(near > 0.0 && near.is_finite()) {
+            return Err(refused("near", near, "positive and finite"));
         }
-        let column = linearised.response(omega, options.input).map_err(ResponseError::Unsolved)?;
-        Ok(column[options.output])
-    })?;
-    let times: Vec<f64> = omega.iter().rev().map(|omega| omega.recip()).collect();
-    let terms = linearised.kernels().iter();
-    let kernels = terms.map(|transfer| KernelCurves {
-        name: transfer.to_string(),
-        moduli: omega.iter().map(|&omega| whole(transfer, Complex::new(0.0, omega))).collect(),
-        creep: times.iter().map(|&time| creep(transfer, time)).collect(),
-        relaxation: times.iter().map(|&time| relaxation(transfer, time)).collect(),
-        times: times.clone(),
-    });
-    Ok(Response { response, between, discrete, poles, kernels: kernels.collect(), warnings, omega })
+        let mut stopped = || {
+            progress(index * options.modes);
+            stop.load(Ordering::Relaxed)
+        };
+        let found = linearised.modes(near, options.modes, &mut stopped);
+        let found = found.map_err(|reason| unsolved(format!("modes near ω = {near}: {reason}"), stop))?;
+        modes.extend(found.into_iter().map(|mode| (near, mode)));
+    }
+    Ok(modes)
 }
 
 /// The record of a response, `response.json`.
@@ -277,6 +385,10 @@ struct Summary<'a> {
     frequencies: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     poles: Option<usize>,
+    #[serde(skip_serializing_if = "<[f64]>::is_empty")]
+    near: &'a [f64],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    modes: Option<usize>,
     /// Results that were left out, with the reasons.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     left_out: Vec<String>,
@@ -292,7 +404,9 @@ impl Response {
             ("response_discrete.csv", self.discrete.as_ref().err()),
             ("poles.csv", self.poles.as_ref().err()),
         ];
-        let reasons = reasons.into_iter().filter_map(|(file, reason)| Some(format!("{file}: {}", reason?)));
+        let reasons =
+            reasons.into_iter().filter(|(_, reason)| reason.is_none_or(|reason| reason != NOT_ASKED));
+        let reasons = reasons.filter_map(|(file, reason)| Some(format!("{file}: {}", reason?)));
         let active = self.kernels.iter().enumerate().filter(|(_, kernel)| kernel.creep.is_none());
         let active = active.map(|(term, kernel)| {
             format!(
@@ -301,6 +415,33 @@ impl Response {
             )
         });
         reasons.chain(active).collect()
+    }
+
+    /// `modes.csv`, and `mode_shapes.csv` with a row for each coordinate.
+    fn mode_files(&self) -> Vec<(String, String)> {
+        if self.modes.is_empty() {
+            return Vec::new();
+        }
+        let has_tables = self.modes.iter().any(|(_, mode)| mode.of_tables.is_some());
+        let more = if has_tables { ",of_tables" } else { "" };
+        let mut text = format!("near,re,im,frequency,damping,residual{more}\n");
+        for (near, mode) in &self.modes {
+            let numbers =
+                [*near, mode.place.re, mode.place.im, mode.frequency(), mode.damping(), mode.residual];
+            let numbers: Vec<f64> = numbers.into_iter().chain(mode.of_tables).collect();
+            append_row(&mut text, &numbers);
+        }
+        let names = (0..self.modes.len()).map(|k| format!(",re{k},im{k}")).collect::<String>();
+        let mut shapes = format!("coordinate{names}\n");
+        for coordinate in 0..self.modes[0].1.shape.len() {
+            let parts = self.modes.iter().flat_map(|(_, mode)| {
+                let entry = mode.shape[coordinate];
+                [entry.re, entry.im]
+            });
+            let numbers: Vec<f64> = std::iter::once(coordinate as f64).chain(parts).collect();
+            append_row(&mut shapes, &numbers);
+        }
+        vec![("modes.csv".to_owned(), text), ("mode_shapes.csv".to_owned(), shapes)]
     }
 
     /// Writes the files of a response.
@@ -314,7 +455,9 @@ impl Response {
         directory: &OutputDirectory,
     ) -> Result<(), FileError> {
         remove(&directory.join("response.json"))?;
-        for name in ["response_between.csv", "response_discrete.csv", "poles.csv"] {
+        for name in
+            ["response_between.csv", "response_discrete.csv", "poles.csv", "modes.csv", "mode_shapes.csv"]
+        {
             remove(&directory.join(name))?;
         }
         let mut files =
@@ -337,6 +480,7 @@ impl Response {
             }
             files.push(("poles.csv".to_owned(), text));
         }
+        files.extend(self.mode_files());
         for (term, kernel) in self.kernels.iter().enumerate() {
             let moduli = complex_table("omega,storage,loss", &self.omega, &kernel.moduli);
             files.push((format!("moduli_{term}.csv"), moduli));
@@ -374,6 +518,8 @@ impl Response {
             position: options.position.as_ref().unwrap_or(&scenario.initial.position),
             frequencies: self.omega.len(),
             poles: self.poles.as_ref().ok().map(Vec::len),
+            near: &options.near,
+            modes: (!options.near.is_empty()).then_some(self.modes.len()),
             left_out: self.left_out(),
             warnings: &self.warnings,
             files: &names,

@@ -4,7 +4,7 @@ use crate::documents::Source;
 use crate::errors::{Failure, guarded};
 use crate::run::read;
 use crate::watch::Watch;
-use fvi_host::response::{Complex, POINTS, ResponseError, ResponseOptions, respond};
+use fvi_host::response::{Complex, MODES, POINTS, ResponseError, ResponseOptions, respond};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// The response of a scenario: one dictionary of lists.
 #[pyfunction]
 #[pyo3(signature = (source, *, omega = None, from_omega = None, to_omega = None, points = None, input = 0, output = 0,
-                    position = None))]
+                    position = None, near = None, modes = None, discrete = true))]
 #[expect(clippy::too_many_arguments, reason = "the keywords of the function")]
 pub(crate) fn response<'py>(
     py: Python<'py>,
@@ -24,6 +24,9 @@ pub(crate) fn response<'py>(
     input: usize,
     output: usize,
     position: Option<Vec<f64>>,
+    near: Option<Vec<f64>>,
+    modes: Option<usize>,
+    discrete: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
     let found = py.detach(|| {
         guarded(|| {
@@ -36,6 +39,9 @@ pub(crate) fn response<'py>(
                 input,
                 output,
                 position,
+                near: near.unwrap_or_default(),
+                modes: modes.unwrap_or(MODES),
+                discrete,
             };
             let stop = AtomicBool::new(false);
             let mut watch = Watch::new(None);
@@ -73,6 +79,17 @@ pub(crate) fn response<'py>(
         .ok()
         .map(|poles| poles.iter().map(|pole| (pole.place.re, pole.place.im)).collect::<Vec<_>>());
     record.set_item("poles", poles)?;
+    let modes = PyList::empty(py);
+    for (near, mode) in &found.modes {
+        let entry = PyDict::new(py);
+        entry.set_item("near", near)?;
+        entry.set_item("s", (mode.place.re, mode.place.im))?;
+        entry.set_item("shape", pairs(&mode.shape))?;
+        entry.set_item("residual", mode.residual)?;
+        entry.set_item("of_tables", mode.of_tables)?;
+        modes.append(entry)?;
+    }
+    record.set_item("modes", modes)?;
     let kernels = PyList::empty(py);
     for kernel in &found.kernels {
         let entry = PyDict::new(py);

@@ -32,6 +32,9 @@ pub struct Relaxation {
     notes: Vec<String>,
 }
 
+/// Name of the form in files.
+pub(super) const FORM: &str = "relaxation";
+
 /// Number of rows from which weights come from one transform, with errors relative to the first weight, in
 /// place of a power series for every row, with errors relative to each weight.
 const MANY: usize = 65;
@@ -362,7 +365,7 @@ impl Formula for Relaxation {
     }
 
     fn form(&self) -> &'static str {
-        "relaxation"
+        FORM
     }
 
     fn parameters(&self) -> Vec<(&'static str, f64)> {

@@ -2,6 +2,7 @@
 
 mod discrete;
 mod mechanism;
+mod modes;
 mod poles;
 
 use super::stability::characteristic::log_determinant;
@@ -14,6 +15,9 @@ use fvi_fft::transfer::TransferFunction;
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Feature, Scenario, Scheme};
 use fvi_sparse::{ComplexSolver, Pattern};
+#[doc(hidden)]
+pub use modes::MOST_MODES;
+pub use modes::SystemMode;
 use nalgebra::{Complex, DMatrix};
 pub use poles::SystemPole;
 use std::sync::Arc;
@@ -196,16 +200,31 @@ impl Linearised {
     /// # Errors
     /// A message, if the equations have no accurate solution: at a resonance without damping.
     pub fn response(&self, omega: f64, input: usize) -> Result<Vec<Complex<f64>>, String> {
+        self.response_unless(omega, input, &mut || false)
+    }
+
+    /// The same. `stopped` is asked now and then during the elimination of sparse equations; if it says so,
+    /// the equations are left unsolved, with an error.
+    ///
+    /// # Errors
+    /// As [`response`](Self::response).
+    #[doc(hidden)]
+    pub fn response_unless(
+        &self,
+        omega: f64,
+        input: usize,
+        stopped: &mut dyn FnMut() -> bool,
+    ) -> Result<Vec<Complex<f64>>, String> {
         if let Some(highest) = self.highest().filter(|highest| omega > highest * (1.0 + 1e-12)) {
             return Err(format!(
                 "no response at ω = {omega}: a kernel is given by weights, which tell it up to π/h = {highest}"
             ));
         }
-        self.at(omega, input).ok_or_else(|| unsolved(omega))
+        self.at(omega, input, stopped).ok_or_else(|| unsolved(omega))
     }
 
     /// (−ω²M + K + Σ_m ρ_m K_m(iω))⁻¹, a column of it.
-    fn at(&self, omega: f64, input: usize) -> Option<Vec<Complex<f64>>> {
+    fn at(&self, omega: f64, input: usize, stopped: &mut dyn FnMut() -> bool) -> Option<Vec<Complex<f64>>> {
         let s = Complex::new(0.0, omega);
         let one = |entry: Complex<f64>| DMatrix::from_element(1, 1, entry);
         let factors = SchemeFactors {
@@ -215,7 +234,7 @@ impl Linearised {
             load: vec![Complex::new(1.0, 0.0)],
             answer: 0,
         };
-        self.solve(&factors, input)
+        self.solve(&factors, input, stopped)
     }
 
     /// The same for the discrete scheme at its step h, for 0 < ω ≤ π/h: q_k = H_h(ω) e^{iωt_k} under the
@@ -225,18 +244,38 @@ impl Linearised {
     /// A message, if the equations have no accurate solution, or the scheme has no such response, as on
     /// different steps.
     pub fn discrete_response(&self, omega: f64, input: usize) -> Result<Vec<Complex<f64>>, String> {
+        self.discrete_response_unless(omega, input, &mut || false)
+    }
+
+    /// The same, as [`response_unless`](Self::response_unless).
+    ///
+    /// # Errors
+    /// As [`discrete_response`](Self::discrete_response).
+    #[doc(hidden)]
+    pub fn discrete_response_unless(
+        &self,
+        omega: f64,
+        input: usize,
+        stopped: &mut dyn FnMut() -> bool,
+    ) -> Result<Vec<Complex<f64>>, String> {
         let scheme = self.scheme.as_ref().map_err(Clone::clone)?;
         let found = match scheme {
-            StepEquations::Gauss(modes) => self.of_modes(modes, omega, input),
-            _ => scheme.factors(self.step, omega).and_then(|factors| self.solve(&factors, input)),
+            StepEquations::Gauss(modes) => self.of_modes(modes, omega, input, stopped),
+            _ => scheme.factors(self.step, omega).and_then(|factors| self.solve(&factors, input, stopped)),
         };
         found.ok_or_else(|| unsolved(omega))
     }
 
-    fn of_modes(&self, modes: &GaussModes, omega: f64, input: usize) -> Option<Vec<Complex<f64>>> {
+    fn of_modes(
+        &self,
+        modes: &GaussModes,
+        omega: f64,
+        input: usize,
+        stopped: &mut dyn FnMut() -> bool,
+    ) -> Option<Vec<Complex<f64>>> {
         let mut sum = Vec::new();
         for (frequency, weight) in modes.at(self.step, omega)? {
-            let column = self.at(frequency, input)?;
+            let column = self.at(frequency, input, stopped)?;
             sum.resize(column.len(), Complex::ZERO);
             sum.iter_mut().zip(column).for_each(|(place, number)| *place += weight * number);
         }
@@ -307,7 +346,12 @@ impl Linearised {
     /// A message, if there are too many coupled coordinates, or zeros are too close to be separated.
     pub fn poles(&self) -> Result<Vec<SystemPole>, String> {
         if self.transfers.iter().any(|transfer| transfer.table().is_some()) {
-            return Err("weights of a file do not tell K(s) to the left of the imaginary axis".to_owned());
+            return Err(OF_WEIGHTS.to_owned());
+        }
+        if self.has_tables_over_time() {
+            return Err("a kernel is a table over time, which tells K(s) to the left of the imaginary axis near given frequencies \
+                        only, as `--near` (in Python `near`) seeks modes"
+                .to_owned());
         }
         let Equations::Dense { mass, stiffness, damping } = &self.equations else {
             return Err(format!(
@@ -337,6 +381,40 @@ impl Linearised {
         Ok(found)
     }
 
+    /// The `count` modes nearest to iω, |s − iω| < 0.999 ω, by their distance, and those that are as near as
+    /// the last of them; fewer if there are no more. They are the zeros of the same determinant, of systems
+    /// of any size, and their number is that of the argument principle. `stopped` is asked now and then; if
+    /// it says so, there is an error.
+    ///
+    /// Kernels that are tables over time up to T are taken as zero, or as their decay, after T; zeros that
+    /// tables up to T/2 would change by more than 10⁻³ of |s| are none, and the disc ends before them.
+    ///
+    /// # Errors
+    /// A message, if the kernels do not tell the modes, or they cannot be separated.
+    pub fn modes(
+        &self,
+        omega: f64,
+        count: usize,
+        stopped: &mut dyn FnMut() -> bool,
+    ) -> Result<Vec<SystemMode>, String> {
+        if self.transfers.iter().any(|transfer| transfer.table().is_some()) {
+            return Err(OF_WEIGHTS.to_owned());
+        }
+        if !(omega > 0.0 && omega.is_finite()) || count == 0 || count > MOST_MODES {
+            return Err(format!(
+                "modes are sought near a positive frequency, 1 to {MOST_MODES} of them; not {count} near ω = {omega}"
+            ));
+        }
+        modes::near(self, omega, count, stopped)
+    }
+
+    /// True if a kernel is a table over time, which tells K(s) to the left of the imaginary axis as far as
+    /// its end tells nothing.
+    #[doc(hidden)]
+    pub fn has_tables_over_time(&self) -> bool {
+        self.transfers.iter().any(|transfer| transfer.halved().is_some())
+    }
+
     /// The displacements of the coordinates for those of the unknowns.
     fn coordinates(&self, unknowns: &[Complex<f64>]) -> Vec<Complex<f64>> {
         let Some([directions, _]) = &self.free else { return unknowns.to_vec() };
@@ -345,7 +423,12 @@ impl Linearised {
     }
 
     /// The response of all coordinates to a force on one of them.
-    fn solve(&self, factors: &SchemeFactors, input: usize) -> Option<Vec<Complex<f64>>> {
+    fn solve(
+        &self,
+        factors: &SchemeFactors,
+        input: usize,
+        stopped: &mut dyn FnMut() -> bool,
+    ) -> Option<Vec<Complex<f64>>> {
         let nodes = factors.load.len();
         let mut vector = vec![Complex::ZERO; nodes * self.size];
         for (node, load) in vector.chunks_exact_mut(self.size).zip(&factors.load) {
@@ -363,14 +446,11 @@ impl Linearised {
                 factors.add_to(&mut matrix, mass, stiffness, damping);
                 solve_complex(&mut matrix, &mut vector)?;
             }
-            Equations::Sparse { pattern, solver, slots } => {
-                let mut values = vec![Complex::ZERO; pattern.len()];
+            Equations::Sparse { pattern, solver, .. } => {
                 let of_matrices = [factors.mass[(0, 0)], factors.stiffness[(0, 0)]].into_iter();
-                let of_matrices = of_matrices.chain(factors.damping.iter().map(|factor| factor[(0, 0)]));
-                for (factor, entries) in of_matrices.zip(slots) {
-                    entries.iter().for_each(|&(slot, entry)| values[slot] += factor * entry);
-                }
-                solver.solve(pattern, &values, &mut vector).ok()?;
+                let of_matrices: Vec<_> =
+                    of_matrices.chain(factors.damping.iter().map(|factor| factor[(0, 0)])).collect();
+                solver.factored(pattern, self.entries(&of_matrices), stopped)?.solve(&mut vector).ok()?;
             }
         }
         Some(self.coordinates(&vector[factors.answer * self.size..][..self.size]))
@@ -387,6 +467,9 @@ impl Linearised {
         &self.transfers
     }
 }
+
+/// Why kernels given by weights have no poles.
+const OF_WEIGHTS: &str = "weights of a file do not tell K(s) to the left of the imaginary axis";
 
 fn unsolved(omega: f64) -> String {
     format!("no solution at ω = {omega}: the system is at a resonance without damping, or too close to one")

@@ -2,7 +2,7 @@
 
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal, warn};
-use fvi_host::response::{POINTS, ResponseError, ResponseOptions, respond};
+use fvi_host::response::{MODES, POINTS, ResponseError, ResponseOptions, respond};
 use fvi_host::results::output_directory::OutputDirectory;
 use fvi_scenario::language::escape::visible_line;
 use fvi_scenario::scenario::Scenario;
@@ -31,6 +31,15 @@ pub(crate) struct ResponseArguments {
     /// The point about which the system is linearised (default: its initial position)
     #[arg(long, value_name = "Q0,Q1,…", value_delimiter = ',', allow_negative_numbers = true)]
     position: Option<Vec<f64>>,
+    /// Angular frequencies near which damped modes are sought, of systems of any size
+    #[arg(long, value_name = "OMEGA,…", value_delimiter = ',', allow_negative_numbers = true)]
+    near: Vec<f64>,
+    /// Number of modes near each of them
+    #[arg(long, value_name = "NUMBER", default_value_t = MODES, requires = "near")]
+    modes: usize,
+    /// Without the response of the discrete scheme, which takes as long as the response itself
+    #[arg(long)]
+    no_discrete: bool,
     /// Where the files go (default: `out/` and the name of the scenario)
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -53,6 +62,9 @@ impl ResponseArguments {
             input: self.input,
             output: self.output,
             position: self.position,
+            near: self.near,
+            modes: self.modes,
+            discrete: !self.no_discrete,
             ..ResponseOptions::default()
         };
         let stop = stop::flag();
@@ -90,6 +102,14 @@ impl ResponseArguments {
                     true => "; no poles but at s = 0".to_owned(),
                     false => format!("; poles at ω = {}{more}", list.join(", ")),
                 };
+            }
+            if !found.modes.is_empty() {
+                let shown = found.modes.iter().take(MOST_SHOWN);
+                let list: Vec<String> = shown
+                    .map(|(_, mode)| format!("{:.6e} (damping {:.3e})", mode.frequency(), mode.damping()))
+                    .collect();
+                let more = if found.modes.len() > MOST_SHOWN { ", …" } else { "" };
+                line += &format!("; modes at ω = {}{more}", list.join(", "));
             }
             terminal::say(&format!("{line}; files in {}\n", directory.path().display()))?;
         }

@@ -1,7 +1,7 @@
 //! `fvi response`: against closed forms, long-time answers of runs, and their decay.
 
 use crate::workplace::{Workplace, text};
-use fvi_fft::sums::max_or_nan;
+use fvi_fft::sums::{max_or_nan, min_or_nan};
 use std::f64::consts::PI;
 use std::fmt::Write;
 use std::fs;
@@ -328,5 +328,63 @@ fn a_response_about_a_kink_of_the_forces_comes_with_a_warning() {
         ("-9.81*cos(q0) + 1e6*exp(3*(q1 - q0))", "0.5,0.7", false),
     ] {
         assert_eq!(warns(potential, position), kink, "{potential} at {position}");
+    }
+}
+
+/// Modes near a frequency are among the poles, with their shapes.
+#[test]
+fn modes_near_a_frequency_are_poles_with_shapes() {
+    let place = Workplace::new();
+    place.write(
+        "s.toml",
+        "[system]\nmass = [1.0, 2.0]\nstiffness = [[3.0, -1.0], [-1.0, 4.0]]\n\
+         [[system.damping]]\norder = 0.6\ncoefficient = [0.3, 0.1]\n[time]\nstep = 0.1\nsteps = 10\n",
+    );
+    let output = place.fvi(&[
+        "response",
+        "s.toml",
+        "--near",
+        "1.3,1.9",
+        "--modes",
+        "1",
+        "--no-discrete",
+        "--out",
+        "out",
+    ]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("modes at ω = "), "{}", text(&output.stdout));
+    assert!(!place.path("out/response_discrete.csv").exists() && output.stderr.is_empty());
+    let table = |name: &str| -> Vec<Vec<f64>> {
+        let text = std::fs::read_to_string(place.path(name)).unwrap();
+        text.lines().skip(1).map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect()
+    };
+    let (modes, poles, shapes) =
+        (table("out/modes.csv"), table("out/poles.csv"), table("out/mode_shapes.csv"));
+    assert_eq!((modes.len(), poles.len(), shapes.len(), shapes[0].len()), (2, 2, 2, 5));
+    for (k, mode) in modes.iter().enumerate() {
+        let nearest = poles
+            .iter()
+            .map(|pole| (pole[0] - mode[1]).hypot(pole[1] - mode[2]))
+            .fold(f64::INFINITY, min_or_nan);
+        assert!(nearest < 1e-12, "{mode:?} {poles:?}");
+        // The first row of (s²M + K + ρ s^0.6) x = 0.
+        let s = nalgebra::Complex::new(mode[1], mode[2]);
+        let x =
+            [0, 1].map(|row: usize| nalgebra::Complex::new(shapes[row][1 + 2 * k], shapes[row][2 + 2 * k]));
+        let residual = (s * s + 3.0 + s.powf(0.6) * 0.3) * x[0] - x[1];
+        assert!(residual.norm() < 1e-12, "{residual}");
+    }
+    // Again without: the files of modes are gone.
+    assert!(place.fvi(&["response", "s.toml", "--out", "out"]).status.success());
+    assert!(!place.path("out/modes.csv").exists() && place.path("out/response_discrete.csv").exists());
+    for (arguments, said) in [
+        (&["--modes", "3"][..], "--near"),
+        (&["--near", "-1"], "near"),
+        (&["--near", "1", "--modes", "0"], "from 1 to 200"),
+        (&["--near", "x"], "--near"),
+    ] {
+        let output = place.fvi(&[&["response", "s.toml", "--out", "other"], arguments].concat());
+        assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+        assert!(text(&output.stderr).contains(said), "{}", text(&output.stderr));
     }
 }

@@ -52,7 +52,7 @@ from fvi._integrate import integrate, integrate_cases
 from fvi._kernel import Kernel
 from fvi._memory import Memory, Operator
 from fvi._model import Model
-from fvi._response import KernelCurves, Response, response
+from fvi._response import KernelCurves, Mode, Response, response
 from fvi._result import Convergence, Extremal, Result, Table, load
 from fvi._run import run, run_cases
 from fvi._runs import Runs
@@ -83,6 +83,7 @@ __all__ = [
     "KernelCurves",
     "Load",
     "Memory",
+    "Mode",
     "Model",
     "Operator",
     "Potential",

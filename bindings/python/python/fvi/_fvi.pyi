@@ -132,6 +132,9 @@ def response(
     input: int = 0,
     output: int = 0,
     position: list[float] | None = None,
+    near: list[float] | None = None,
+    modes: int | None = None,
+    discrete: bool = True,
 ) -> dict[str, Any]: ...
 def fit(
     plan: Any, scenario: Any, progress: Any = None

@@ -79,6 +79,41 @@ class KernelCurves:
         return Picture(axes)
 
 
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """A damped motion x e^{st} without a force, (s²M + K + Σ ρ K(s)) x = 0.
+
+    Attributes
+    ----------
+    s : complex
+        With Im s > 0.
+    shape : ndarray, shape (N,)
+        x, complex, of all coordinates; the largest is 1.
+    near : float
+        The angular frequency near which it was sought.
+    residual : float
+        |(s²M + K + Σ ρ K(s)) x| over the sum of the lengths of its terms.
+    of_tables : float or None
+        Where kernels are tables up to a time T: what tables up to T/2 change of s, relative to |s|.
+    """
+
+    s: complex
+    shape: ComplexArray
+    near: float
+    residual: float
+    of_tables: float | None
+
+    @property
+    def frequency(self) -> float:
+        """|s|, the angular frequency of the corresponding undamped motion."""
+        return abs(self.s)
+
+    @property
+    def damping(self) -> float:
+        """The damping ratio −Re s/|s|."""
+        return -self.s.real / abs(self.s)
+
+
 @dataclass(frozen=True)
 class Response:
     """Frequency response and poles of a scenario.
@@ -102,6 +137,8 @@ class Response:
         Curves of the kernel of each damping term.
     left_out : tuple of str
         Results that were left out, with the reasons.
+    modes : tuple of Mode
+        The damped modes near the frequencies `near`.
     """
 
     omega: FloatArray
@@ -112,6 +149,7 @@ class Response:
     poles: ComplexArray | None
     kernels: tuple[KernelCurves, ...]
     left_out: tuple[str, ...]
+    modes: tuple[Mode, ...] = ()
 
     @property
     def frequency(self) -> FloatArray:
@@ -201,6 +239,9 @@ def response(
     input: int = 0,
     output: int = 0,
     about: Sequence[float] | FloatArray | None = None,
+    near: float | Sequence[float] | FloatArray | None = None,
+    modes: int = 6,
+    discrete: bool = True,
     overrides: Mapping[str, Any] | None = None,
     **keys: Any,
 ) -> Response:
@@ -219,6 +260,13 @@ def response(
         The coordinate on which the force acts, and the one whose displacement is computed.
     about : array, optional
         The point about which the system is linearised; default: the initial position.
+    near : float or array, optional
+        Angular frequencies near which damped modes are sought, of systems of any size: those nearest to iω in the plane of s,
+        in |s − iω| < 0.999 ω, as many as the argument principle counts.
+    modes : int
+        Their number near each of these frequencies.
+    discrete : bool
+        False: without the response of the discrete scheme, which takes as long as the response itself.
     overrides, **keys
         As in `run`.
 
@@ -236,6 +284,9 @@ def response(
     True
     >>> len(found.poles)
     1
+    >>> mode, = fvi.response(oscillator, [1.0], near=2.0, modes=1).modes
+    >>> float(abs(mode.s - found.poles[0])) < 1e-13, complex(mode.shape[0])
+    (True, (1+0j))
     """
     if isinstance(scenario, System) and not {"step", "grid"} & keys.keys():
         # Only the response of the scheme depends on the steps.
@@ -259,6 +310,9 @@ def response(
         input=_arrays.whole("input", input),
         output=_arrays.whole("output", output),
         position=numbers("about", about),
+        near=numbers("near", near),
+        modes=_arrays.whole("modes", modes, 1),
+        discrete=discrete,
     )
 
     def complex_numbers(pairs: list[tuple[float, float]] | None) -> ComplexArray | None:
@@ -288,4 +342,10 @@ def response(
         complex_numbers(record["poles"]),
         tuple(kernels),
         tuple(record["left_out"]),
+        tuple(_mode(entry) for entry in record["modes"]),
     )
+
+
+def _mode(entry: Mapping[str, Any]) -> Mode:
+    shape = np.array(entry["shape"], dtype=np.float64).reshape(-1, 2).view(np.complex128)[:, 0]
+    return Mode(complex(*entry["s"]), shape, entry["near"], entry["residual"], entry["of_tables"])
