@@ -46,3 +46,26 @@ def test_a_start_is_moved_onto_the_constraints_on_request() -> None:
 def test_mass_and_kinetic_are_one_or_the_other() -> None:
     with pytest.raises(fvi.InputError, match="kinetic"):
         fvi.integrate(mass=[1.0], kinetic="0.5*v0^2", position=[1.0], step=0.1, steps=1)
+
+
+def test_velocities_are_those_of_the_momenta_where_the_mass_depends_on_the_position() -> None:
+    moved = fvi.integrate(
+        kinetic="0.5*(1 + q0^2)*v0^2 + 0.4*q0*v0 + 0.5*m*v1^2", parameters={"m": 2.0}, potential="q0^2 + q1^2",
+        position=[1.0, 0.3], velocity=[2.0, -0.5], step=0.02, steps=40, scheme="galerkin", degree=3,
+    )
+    q, p = moved.q, moved.p
+    exact = np.column_stack([(p[:, 0] - 0.4 * q[:, 0]) / (1.0 + q[:, 0] ** 2), p[:, 1] / 2.0])
+    assert np.abs(moved.v - exact).max() < 1e-13
+    assert np.abs(moved.v[0] - [2.0, -0.5]).max() < 1e-14
+    # Slopes of the interpolation between rows.
+    assert np.abs((moved(0.4001) - moved(0.3999)) / 2e-4 - moved.v[20]).max() < 1e-6
+
+
+def test_a_singular_mass_has_the_velocities_that_constraints_allow() -> None:
+    pendulum = fvi.integrate(
+        kinetic="0.5*(q0*v1 - q1*v0)^2", potential="9.81*q1", constraints=["(q0^2 + q1^2 - 1)/2"],
+        position=[1.0, 0.0], velocity=[0.0, 0.7], step=0.02, steps=20,
+    )
+    q, v = pendulum.q, pendulum.v
+    assert np.abs((q * v).sum(axis=1)).max() < 1e-12
+    assert np.abs(np.gradient(q[:, 0], pendulum.t)[5:-5] - v[5:-5, 0]).max() < 2e-3
