@@ -47,12 +47,13 @@ const MOST_CORRECTIONS: usize = 50;
 /// q₁ = q₀ + h Σ b_i V_i ,      p₁ = p₀ + h Σ b_i Y_i − h Σ_{j≤s} b̃_j C(Q̃_j)ᵀ Λ_j  with  C(q₁) v₁ = 0
 /// ```
 ///
-/// Positions have order 2s, at most 6 − 2β for a kernel that grows like s^β, β < 1, if elongations move at the
-/// start, and 8 − 2β if not, or if β > 1; c and C v vanish at grid points to rounding. With a constant mass, a
-/// quadratic potential and linear constraints the energy changes by the work of forces and dampers exactly.
+/// Positions have order 2s, at most 6 − 2β for a kernel that grows like s^β, β < 1, if elongations move at
+/// the start, and 8 − 2β if not, or if β > 1; c and C v vanish at grid points to rounding. With a constant
+/// mass, a quadratic potential and linear constraints the energy changes by the work of forces and dampers
+/// exactly.
 /// Momenta with the [excess](Dampers::excess) of the memory's impulse have order 2s, at most 8 − 4β, from
-/// rest and for β > 1 at most 10 − 4β. Without constraints and with L = ½vᵀMv − U it is Gauss collocation of Hamilton's equations,
-/// the Galerkin scheme of degree s with s Gauss points \[MW\].
+/// rest and for β > 1 at most 10 − 4β. Without constraints and with L = ½vᵀMv − U it is Gauss collocation of
+/// Hamilton's equations, the Galerkin scheme of degree s with s Gauss points \[MW\].
 ///
 /// `B` is a buffer of [`numbers`](MechanismIntegrator::numbers), `P` one of
 /// [`unknowns`](MechanismIntegrator::unknowns) indices. Sources: \[Jay07\], \[HLW\] VI.6; \[BanjaiFerrari22\]
@@ -750,10 +751,11 @@ where
         let kick = parts_mut(room.next, shape.n).0;
         kick.fill(T::zero());
         add_transposed(T::one(), jacobian, excess, kick);
-        form_saddle(&mut self.system, shape, (instant, carried.position, carried.velocity), &mut room);
-        room.residual.fill(T::zero());
-        room.residual.iter_mut().zip(room.next.iter().take(shape.n)).for_each(|(place, &kick)| *place = kick);
         if shape.m > 0 {
+            form_saddle(&mut self.system, shape, (instant, carried.position, carried.velocity), &mut room);
+            room.residual.fill(T::zero());
+            let kick = room.next.iter().take(shape.n);
+            room.residual.iter_mut().zip(kick).for_each(|(place, &kick)| *place = kick);
             if solve_saddle(shape, &mut room, self.pivots.as_mut()).is_err() {
                 return false;
             }

@@ -289,13 +289,13 @@ impl<T: Real, C: AsRef<[T]>, B: AsRef<[T]> + AsMut<[T]>> Relaxing<T, C, B> {
     /// start: by so much the impulse of the discrete memory exceeds that of the kernel. For d = 2, whose samples
     /// are W(t) − W, it is Σ_j c_j Ẇ_b/λ_j² (Π R(−hλ_j) − e^{−λ_jt}).
     pub fn excess(&self, [start, slope]: [&[T]; 2], excess: &mut [T]) {
-        let [_, _, remainders, ..] = self.parts();
+        let ([_, _, remainders, ..], least) = (self.parts(), self.least_resolved());
         let [mut second, mut third] = [0.0; 2];
         let tables = self.table.rates.as_ref().iter().zip(self.table.coefficients.as_ref());
         for ((&rate, &c), pair) in tables.zip(remainders.as_chunks::<2>().0) {
             let (rate, [_, gap]) = (rate.to_f64(), *pair);
             // Below, the difference is smaller than its rounding error.
-            if self.is_resolved(rate) {
+            if rate > least {
                 let part = c.to_f64() / rate * (gap.to_f64() / rate);
                 second += part;
                 third += part / rate;
@@ -308,12 +308,12 @@ impl<T: Real, C: AsRef<[T]>, B: AsRef<[T]> + AsMut<[T]>> Relaxing<T, C, B> {
         }
     }
 
-    /// True if R(−hλ) differs from e^{−hλ} by more than rounding.
-    fn is_resolved(&self, rate: f64) -> bool {
-        let x = self.length * rate;
+    /// The least rate for which R(−hλ) differs from e^{−hλ} by more than rounding.
+    fn least_resolved(&self) -> f64 {
         let constant = [12.0, 720.0, 100_800.0, 25_401_600.0];
-        let constant = constant.get(self.rule.stages().saturating_sub(1)).copied().unwrap_or(1e10);
-        libm::pow(x, (2 * self.rule.stages()) as f64) > constant * T::EPSILON.to_f64()
+        let stages = self.rule.stages();
+        let constant = constant.get(stages.saturating_sub(1)).copied().unwrap_or(1e10);
+        libm::pow(constant * T::EPSILON.to_f64(), 0.5 / stages.max(1) as f64) / self.length
     }
 
     /// The energy stored in the relaxations.
