@@ -138,7 +138,8 @@ pub trait Dampers<T> {
     /// Stores the velocities of a step.
     fn push(&mut self, velocities: &[T]);
 
-    /// Writes δ_e, by which the impulse of the discrete memory of the velocities W₀ + Ẇ₀t, given as W₀ and Ẇ₀,
+    /// Writes δ_e, by which the impulse of the discrete memory of the velocities W₀ + Ẇ₀t, given as W₀ and
+    /// Ẇ₀,
     /// exceeds that of the kernel: known from the lengths of the steps alone.
     fn excess(&self, start: [&[T]; 2], excess: &mut [T]);
 

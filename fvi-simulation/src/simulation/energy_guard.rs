@@ -52,7 +52,8 @@ type Push = (Vec<f64>, TransferFunction, f64);
 /// L of the sums of |m_ij| over rows is used instead: M ≤ L, so that ½ pᵀL⁻¹p is a lower bound of T. The
 /// energy is computed only if that bound alone exceeds the limit.
 ///
-/// The mass at the start is not that of a mechanism elsewhere: T is E + L(q, 0) there, speeds are 2T/Σ|p|, and a
+/// The mass at the start is not that of a mechanism elsewhere: T is E + L(q, 0) there, speeds are 2T/Σ|p|,
+/// and a
 /// motion without damping and forces warns when its energy has changed in either direction. Constraints do no
 /// work, and the work of a mechanism's memories is never negative.
 pub struct EnergyGuard {
