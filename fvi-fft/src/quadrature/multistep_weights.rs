@@ -258,8 +258,9 @@ pub fn derivative_weights(
 /// τγ/h/(1 + τγ/h) = τG/(hH + τG) ,
 /// ```
 ///
-/// divided by 1 − z on increments, where G(1) = 0 makes G/(1 − z) a polynomial. The reciprocal of the
-/// denominator follows from its recurrence, in double-double arithmetic.
+/// divided by 1 − z on increments, where G(1) = 0 makes G/(1 − z) a polynomial. Beyond the degree of the
+/// numerator the weights have the recurrence of the denominator, every sixteenth state of which is computed
+/// in double-double arithmetic.
 fn relaxation_weights(
     time: f64,
     rule: MultistepRule,
@@ -291,21 +292,59 @@ fn relaxation_weights(
     let back: Vec<DoubleDouble> =
         denominator[1..].iter().map(|entry| entry.multiply(first).scale(-1.0)).collect();
     let above: Vec<DoubleDouble> = above.iter().map(|&entry| DoubleDouble::product(time, entry)).collect();
-    // The last coefficients of 1/(hH + τG), the newest first.
-    let mut known = vec![DoubleDouble::ZERO; above.len()];
-    let weight = |n: usize| {
-        let next = match n {
-            0 => first,
-            _ => (back.iter().zip(&known))
-                .fold(DoubleDouble::ZERO, |sum, (entry, known)| sum.add(entry.multiply(*known))),
-        };
+    // The last coefficients of 1/(hH + τG), and the last weights, the newest first.
+    let (mut inverse, mut known) =
+        (vec![DoubleDouble::ZERO; above.len()], vec![DoubleDouble::ZERO; back.len()]);
+    let mut weights = Vec::with_capacity(count);
+    for n in 0..=back.len() {
+        let next = if n == 0 { first } else { dot(&back, &inverse) };
+        inverse.rotate_right(1);
+        inverse[0] = next;
         known.rotate_right(1);
-        known[0] = next;
-        let weight = (above.iter().zip(&known))
-            .fold(DoubleDouble::ZERO, |sum, (entry, known)| sum.add(entry.multiply(*known)));
-        weight.to_f64()
-    };
-    (0..count).map(weight).collect()
+        known[0] = dot(&above, &inverse);
+        weights.push(known[0].to_f64());
+    }
+    weights.resize(count, 0.0);
+    // From here on the weights have the recurrence of the reciprocal.
+    let leap = leap(&back);
+    let back: Vec<f64> = back.iter().map(|entry| entry.to_f64()).collect();
+    for block in weights.get_mut(back.len() + 1..).into_iter().flat_map(|rest| rest.chunks_mut(LEAP)) {
+        let mut near = [0.0; 6];
+        near.iter_mut().zip(&known).for_each(|(near, known)| *near = known.to_f64());
+        if near.iter().all(|number| number.abs() < f64::MIN_POSITIVE) {
+            break;
+        }
+        for weight in block {
+            *weight = back.iter().zip(&near).map(|(entry, known)| entry * known).sum();
+            near.copy_within(..5, 1);
+            near[0] = *weight;
+        }
+        known = leap.iter().map(|row| dot(row, &known)).collect();
+    }
+    weights
+}
+
+/// Terms of a recurrence that are computed in double precision from one state in double-double arithmetic.
+const LEAP: usize = 16;
+
+/// The matrix that takes a state of the recurrence y_n = Σ_k b_k y_{n−1−k}, the newest term first, over
+/// [`LEAP`] terms.
+fn leap(back: &[DoubleDouble]) -> Vec<Vec<DoubleDouble>> {
+    let size = back.len();
+    let unit =
+        |row: usize| (0..size).map(move |k| if k == row { DoubleDouble::ONE } else { DoubleDouble::ZERO });
+    let mut matrix: Vec<Vec<DoubleDouble>> =
+        std::iter::once(back.to_vec()).chain((1..size).map(|row| unit(row - 1).collect())).collect();
+    for _ in 0..LEAP.ilog2() {
+        let column = |k: usize| matrix.iter().map(move |row| row[k]).collect::<Vec<_>>();
+        let columns: Vec<Vec<DoubleDouble>> = (0..size).map(column).collect();
+        matrix = matrix.iter().map(|row| columns.iter().map(|column| dot(row, column)).collect()).collect();
+    }
+    matrix
+}
+
+fn dot(a: &[DoubleDouble], b: &[DoubleDouble]) -> DoubleDouble {
+    a.iter().zip(b).fold(DoubleDouble::ZERO, |sum, (a, b)| sum.add(a.multiply(*b)))
 }
 
 /// 1/x, by one step of Newton's method.
@@ -532,6 +571,36 @@ mod tests {
     use super::*;
     use crate::sums::max_or_nan;
     use fvi_core::BdfOrder;
+
+    #[test]
+    fn the_weights_of_a_relaxation_are_a_geometric_sequence() {
+        let count = 100_000;
+        for (time, step) in [(100.0, 0.01), (0.3, 0.01), (1.0, 1.0), (0.003, 0.01)] {
+            let one = MultistepRule::Bdf(BdfOrder::GRUNWALD_LETNIKOV);
+            let [values, rises] =
+                [false, true].map(|on_rises| relaxation_weights(time, one, step, on_rises, count));
+            assert!((values[0] * (step + time) / time - 1.0).abs() < 1e-15);
+            for n in 1..count {
+                let exponent = -(n as f64) * (step / time).ln_1p();
+                let error = 1e-14 + 2e-16 * exponent.abs();
+                let (value, rise) =
+                    (exponent.exp() * step / (step + time), exponent.exp() * time / (step + time));
+                if value > 1e-300 {
+                    assert!((values[n] / value + 1.0).abs() < error, "τ = {time}, n = {n}: {}", values[n]);
+                    assert!((rises[n] / rise - 1.0).abs() < error, "τ = {time}, n = {n}: {}", rises[n]);
+                }
+            }
+            for rule in [1, 2, 3, 4, 5, 6].map(|order| MultistepRule::Bdf(BdfOrder::new(order).unwrap())) {
+                let [values, rises] =
+                    [false, true].map(|on_rises| relaxation_weights(time, rule, step, on_rises, 3000));
+                let sums = partial_sums(&values);
+                for n in 0..3000 {
+                    let error = (sums[n] - rises[n]).abs();
+                    assert!(error < 1e-13, "{rule:?}, τ = {time}, n = {n}: {} {}", sums[n], rises[n]);
+                }
+            }
+        }
+    }
 
     fn forms() -> Vec<TransferFunction> {
         vec![
