@@ -157,12 +157,12 @@ impl Sweep {
             members: None,
         };
         sweep.read_keep(root.optional("keep").map(|value| value.table()).transpose()?.as_ref())?;
-        for (index, (_, value)) in table.entries().iter().enumerate() {
-            sweep.check_axis(index, value)?;
-        }
         if sweep.axes.iter().all(Axis::is_numeric) {
             let paths = sweep.axes.iter().map(|axis| axis.path.as_str());
             sweep.members = Members::new(sweep.base.clone(), paths).ok();
+        }
+        for (index, (_, value)) in table.entries().iter().enumerate() {
+            sweep.check_axis(index, value)?;
         }
         if let Some(value) = root.optional("pictures") {
             for (index, picture) in value.list("a list of pictures, [[pictures]]")?.iter().enumerate() {
@@ -235,10 +235,18 @@ impl Sweep {
             _ => [0.0, 0.5, 1.0].map(|share| (None, axis.at(share))).to_vec(),
         };
         values.dedup_by(|a, b| a.1 == b.1);
+        let first: Vec<toml::Value> = self.axes.iter().map(|axis| axis.value(0)).collect();
         for (element, value) in values {
+            let beside = |other: usize| if other == index { &value } else { &first[other] };
+            let numbers = (0..first.len()).map(|other| axis::number(beside(other)));
+            let numbers = numbers.collect::<Option<Vec<f64>>>();
+            let is_one = |members: &Members| numbers.and_then(|numbers| members.changed(&numbers)).is_some();
+            if self.members.as_ref().is_some_and(is_one) {
+                continue;
+            }
             let mut table = self.values.clone();
             for (other, axis) in self.axes.iter().enumerate() {
-                let value = if other == index { value.clone() } else { axis.value(0) };
+                let value = beside(other).clone();
                 if let Err(reason) = put(&mut table, &axis.path, value) {
                     // The path of another axis is checked with that axis.
                     return if other == index {

@@ -39,10 +39,11 @@ impl Scenario {
     fn default_order_warning(&self) -> Option<String> {
         let descriptor = self.scheme_descriptor();
         let degree = if descriptor.is_variational { descriptor.unknowns } else { 1 };
-        let is_asked = self.document().has("convolution") || self.automatic.is_some();
         let is_low = self.convolution.family == ConvolutionFamily::Bdf { order: 2 };
         let acts = self.system.damping.iter().any(|term| term.transfer.exponent() != Some(0.0));
-        (degree > 1 && is_low && acts && !is_asked).then(|| {
+        // Which reads the file's text again, last.
+        let is_asked = || self.automatic.is_some() || self.document().has("convolution");
+        (degree > 1 && is_low && acts && !is_asked()).then(|| {
             format!(
                 "convolution: without this table the memory has order 2, and so has the motion, by a scheme of order {}; \
                  `family` = \"gauss\" has the scheme's order, `order` up to 6 that of backward differentiation",
