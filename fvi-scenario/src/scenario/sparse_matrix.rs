@@ -429,3 +429,49 @@ impl Serialize for SparseMatrix {
         serializer.collect_seq(self.pattern.rows().map(row))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::language::Document;
+    use crate::scenario::Scenario;
+    use std::fmt::Write as _;
+    use std::path::Path;
+
+    /// A tridiagonal matrix of 200 rows as a Matrix Market file.
+    fn chain(diagonal: f64, beside: f64) -> String {
+        let mut text = "%%MatrixMarket matrix coordinate real symmetric\n200 200 399\n".to_owned();
+        for row in 1..=200 {
+            writeln!(text, "{row} {row} {diagonal}").unwrap();
+            if row > 1 {
+                writeln!(text, "{row} {} {beside}", row - 1).unwrap();
+            }
+        }
+        text
+    }
+
+    #[test]
+    fn matrices_that_are_known_are_not_read_ordered_and_checked_again() {
+        let known = KnownMatrices::default();
+        let read = |damping: f64, load: &str| {
+            let text = format!(
+                "[system]\nmass = \"m.mtx\"\nstiffness = \"k.mtx\"\n\
+                 damping = [{{ order = 0.5, coefficient = \"c.mtx\" }}]\n\
+                 load = [{{ pattern = {{ coordinate = 3 }}, amplitude = \"{load}\" }}]\n\
+                 [output]\ncoordinates = [3]\n[time]\nstep = 0.1\nsteps = 3\n"
+            );
+            let document = Document::new("scenario.toml", Path::new(""), &text)
+                .with_attached("m.mtx", chain(4.0, 1.0))
+                .with_attached("k.mtx", chain(2.0, -1.0))
+                .with_attached("c.mtx", chain(2.0 * damping, -damping));
+            Scenario::knowing(document, &known).unwrap();
+            known.with(|known| {
+                [known.matrices.len(), known.patterns.len(), known.definite.len(), known.semidefinite.len()]
+            })
+        };
+        assert_eq!(read(0.25, "sin(t)"), [3, 1, 1, 1]);
+        assert_eq!(read(0.25, "t"), [3, 1, 1, 1]);
+        // A multiple of a known coefficient is read, and not checked.
+        assert_eq!(read(0.5, "t"), [4, 1, 1, 1]);
+    }
+}
