@@ -88,7 +88,8 @@ pub(crate) fn run<'py>(
                 if let Some(callables) = terms {
                     // Of an equation they act on its unknowns, and on derivatives with names.
                     let unknowns = || scenario.system.names().count();
-                    let size = scenario.equation.as_ref().map_or_else(unknowns, |equation| equation.arguments());
+                    let size =
+                        scenario.equation.as_ref().map_or_else(unknowns, |equation| equation.arguments());
                     let mut terms = PythonTerms::new(callables, size, slot.clone());
                     if resume.is_none() {
                         let (start, position) = (scenario.time.start, &scenario.initial.position[..size]);

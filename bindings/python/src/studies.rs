@@ -68,6 +68,7 @@ pub(crate) fn extremal<'py>(
 
 /// Errors and orders of a scenario over step sizes: one dictionary for each level.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments of the function in Python")]
 pub(crate) fn converge<'py>(
     py: Python<'py>,
     source: Source,

@@ -25,6 +25,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// they name, for sending to other processes.
 type PartsInPython = ((String, String), (String, String), String, Vec<(String, Py<PyBytes>)>);
 
+/// A run made elsewhere: its index, its record, and the trajectory file if it is kept.
+type MadeElsewhere<'py> = (usize, Bound<'py, PyBytes>, Option<Bound<'py, PyBytes>>);
+
 /// A sweep that has been read and checked.
 #[pyclass(frozen, module = "fvi._fvi", name = "Sweep")]
 pub(crate) struct Sweep {
@@ -140,13 +143,13 @@ impl Sweep {
         self.sweep.runs()
     }
 
-    /// Makes runs for another process: index, record, and the trajectory file if it is kept.
+    /// Makes runs for another process.
     fn make_elsewhere<'py>(
         &self,
         py: Python<'py>,
         runs: Vec<usize>,
         scratch: PathBuf,
-    ) -> PyResult<Vec<(usize, Bound<'py, PyBytes>, Option<Bound<'py, PyBytes>>)>> {
+    ) -> PyResult<Vec<MadeElsewhere<'py>>> {
         let made = py.detach(|| {
             guarded(|| {
                 let stop = AtomicBool::new(false);
