@@ -10,13 +10,22 @@ use std::sync::atomic::AtomicBool;
 /// step.
 type Curves = (Vec<[f64; 7]>, Vec<[f64; 4]>);
 
-/// Tunes a controller: `tune.json` as text, `[controller]` as text, and the curves.
+/// Tunes a controller, for the scenario of its plant if that is given: `tune.json` as text, `[controller]` as
+/// text, and the curves.
 #[pyfunction]
-pub(crate) fn tune(py: Python<'_>, source: Source) -> PyResult<(String, String, Curves)> {
+#[pyo3(signature = (source, plant = None))]
+pub(crate) fn tune(
+    py: Python<'_>,
+    source: Source,
+    plant: Option<Source>,
+) -> PyResult<(String, String, Curves)> {
     py.detach(|| {
         guarded(|| {
-            let problem = source.document().and_then(TuningProblem::from_document);
-            let problem = problem.map_err(|error| source.failure(&error))?;
+            let problem = || match &plant {
+                None => TuningProblem::from_document(source.document()?),
+                Some(plant) => TuningProblem::of_scenario(source.document()?, plant.document()?),
+            };
+            let problem = problem().map_err(|error| source.failure(&error))?;
             let found = find(&problem, &AtomicBool::new(false));
             let found = found.map_err(|error| Failure::Failed(error.to_string()))?;
             let record = serde_json::to_string(&found.record(&problem));

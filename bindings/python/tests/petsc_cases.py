@@ -123,6 +123,23 @@ def reference(directory):
 def compare(directory):
     save(f"{directory}/small-{RANKS}.npz", integrate(steps=60, **everything(Beam(WORLD, 20, 3))))
     save(f"{directory}/large-{RANKS}.npz", integrate(**tall(Beam(WORLD, 42, 8))))
+    # The small one again, as a system that every rank has as a whole.
+    given = everything(Beam(PETSc.COMM_SELF, 20, 3), on_one_machine)
+    system = fvi.System(**{name: given.pop(name) for name in ("mass", "stiffness", "damping", "loads", "parameters")})
+    save(f"{directory}/system-{RANKS}.npz", fvi.petsc.integrate(system, steps=60, solver_tolerance=TOLERANCE, **given))
+    for unlike, words in (
+        (fvi.System(mass=np.ones(6), stiffness=np.full(6, 1.0 + RANK)), "stiffness: " if RANKS > 1 else ""),
+        (fvi.System(mass=np.ones(6), potential="q0^4"), "potential: on ranks a system is linear"),
+        (fvi.System(mass=np.ones(6)), "stiffness: missing"),
+        (fvi.System(mass=1.0, stiffness=None), "mass: a number for each"),
+    ):
+        if words:
+            try:
+                fvi.petsc.integrate(unlike, position=0.0, step=0.1, steps=1)
+            except fvi.InputError as error:
+                assert words in str(error), error
+            else:
+                raise AssertionError(words)
 
 
 def run(directory, steps, *how):

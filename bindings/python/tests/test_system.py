@@ -50,9 +50,42 @@ def test_response_fit_and_converge_take_it():
     free = fvi.System(mass=[1.0], stiffness=[4.0])
     table = fvi.converge(free, (4, 6), position=1.0, end=2.0, step=0.1, overrides={"reference": {"position": ["cos(2*t)"]}})
     assert abs(table["position_order"][-1] - 2.0) < 0.1
-    table = fvi.sweep({"scenario": {**one.scenario(), "initial": {"position": [1.0]}, "time": {"step": 0.05, "steps": 10}},
-                       "axes": {"system.damping[0].order": [0.3, 0.6]}})
-    assert len(table["q0"]) == 2
+
+
+def test_it_stands_in_dictionaries():
+    n = 40
+    system = fvi.System(mass=np.ones(n), stiffness=chain(n), damping=fvi.Damping(0.5, 0.1 * chain(n)),
+                        loads=[fvi.Load({"coordinate": 2}, "sin(t)"), fvi.Load(np.ones(n), ([0.0, 1.0], [0.0, 2.0]))])  # fmt: skip
+    scenario = {"system": system, "initial": {"position": 0.1}, "time": {"step": 0.05, "steps": 5}}
+    alone = fvi.integrate(system, position=0.1, step=0.05, steps=5)
+    assert same(fvi.run(scenario), alone) and same(fvi.run(scenario, steps=5), alone)
+    table = fvi.sweep({"scenario": scenario, "axes": {"time.step": [0.05, 0.01]}, "keep": {"quantities": ["last"]}})
+    assert table["q2"][0] == alone.q[-1, 2]
+    with pytest.raises(fvi.InputError, match="needs initial values and steps"):
+        fvi.sweep({"scenario": system, "axes": {"time.step": [0.05, 0.01]}})
+    # With loads, which a response does not ask for.
+    assert np.array_equal(fvi.response(system, [1.0], output=3).response, fvi.response(scenario, [1.0], output=3).response)
+
+
+def test_a_fit_takes_the_loads_of_a_system():
+    given = dict(mass=[1.0], stiffness=[4.0], loads=fvi.Load([1.0], ([0.0, 1.0, 2.0], [0.0, 1.0, 0.0])))
+    more = dict(position=0.0, step=0.05, steps=100)
+    measured = fvi.integrate(fvi.System(**given, damping=fvi.Damping(0.5, [0.1])), **more)
+    found = fvi.fit(fvi.System(**given, damping=fvi.Damping(0.7, [0.1])), ["system.damping[0].order"],
+                    {"t": measured.t, "q0": measured.q[:, 0]}, **more)  # fmt: skip
+    assert abs(found.estimates["system.damping[0].order"] - 0.5) < 1e-8
+    assert np.abs(fvi.run(found.scenario).q - measured.q).max() < 1e-8
+
+
+def test_a_controller_is_tuned_for_a_system():
+    system = fvi.System(mass=[1.0], stiffness=[1.0], damping=fvi.Damping(0.5, [0.3]))
+    loop = {"controller": {"structure": "pid", "sample": 0.01}, "specification": {"crossover": 2.0, "phase_margin": 60.0}}
+    of_formula = fvi.tune({"plant": {"transfer": "1/(s^2 + 0.3*s^0.5 + 1)"}, **loop})
+    for scenario in (system, {"system": system, "time": {"step": 0.01, "steps": 1}}):
+        found = fvi.tune({"plant": {"scenario": scenario, "measures": "q0", "drives": [1.0]}, **loop})
+        assert found.kp == pytest.approx(of_formula.kp, rel=1e-9) and found.mu == pytest.approx(of_formula.mu, rel=1e-9)
+    with pytest.raises(fvi.InputError, match="measures"):
+        fvi.tune({"plant": {"scenario": system, "drives": [1.0]}, **loop})
 
 
 def test_functions_are_part_of_it():
@@ -60,6 +93,8 @@ def test_functions_are_part_of_it():
     more = dict(position=[0.3], step=0.1, steps=5)
     assert same(fvi.integrate(system, **more), fvi.run(system, **more))
     assert system.coordinates is None
+    with pytest.raises(fvi.InputError, match="functions of Python are taken by integrate"):
+        fvi.response(system, [1.0])
 
 
 @pytest.mark.parametrize(

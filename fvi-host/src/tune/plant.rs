@@ -99,11 +99,17 @@ fn polynomial(roots: &[[f64; 2]], last: f64) -> Vec<f64> {
 }
 
 impl Plant {
-    /// Reads `[plant]`; `sample` is the sampling time of a scenario's controller.
+    /// Reads `[plant]`; `scenario` is that of the plant if it has been read already, `sample` the sampling time
+    /// of its controller.
     ///
     /// # Errors
     /// The first invalid entry of the table, or of the scenario that it names.
-    pub fn read(table: &Table<'_>, document: &Document, sample: &Value<'_>) -> Result<Self, InputError> {
+    pub(super) fn read(
+        table: &Table<'_>,
+        document: &Document,
+        scenario: Option<Document>,
+        sample: &Value<'_>,
+    ) -> Result<Self, InputError> {
         let dead_time = table.optional("dead_time").map_or(Ok(0.0), |value| not_negative(&value))?;
         let forms = ["time_constant", "time_constants", "frequency", "poles", "transfer", "scenario"];
         let mut given = forms.iter().filter(|form| table.optional(form).is_some());
@@ -162,7 +168,16 @@ impl Plant {
             }
             _ => {
                 table.allow(&["scenario", "measures", "drives", "position", "dead_time"])?;
-                Kind::Scenario(Box::new(ScenarioPlant::read(table, document, sample, dead_time)?))
+                let of_file = match scenario {
+                    Some(scenario) => scenario,
+                    None => {
+                        let file = table.required("scenario")?;
+                        let name = file.text()?;
+                        Document::read(&document.resolve(name))
+                            .map_err(|error| refused(&file, name, &error))?
+                    }
+                };
+                Kind::Scenario(Box::new(ScenarioPlant::read(table, of_file, sample, dead_time)?))
             }
         };
         Ok(Self { kind, dead_time })
@@ -317,19 +332,21 @@ impl Plant {
     }
 }
 
+/// The refusal of the scenario that a plant names.
+fn refused(file: &Value<'_>, name: &str, error: &InputError) -> InputError {
+    file.error(Problem::Refused { file: name.to_owned(), reason: error.to_string() })
+}
+
 impl ScenarioPlant {
     fn read(
         table: &Table<'_>,
-        document: &Document,
+        of_file: Document,
         sample: &Value<'_>,
         dead_time: f64,
     ) -> Result<Self, InputError> {
         let file = table.required("scenario")?;
         let name = file.text()?;
-        let refused = |error: &InputError| {
-            file.error(Problem::Refused { file: name.to_owned(), reason: error.to_string() })
-        };
-        let of_file = Document::read(&document.resolve(name)).map_err(|error| refused(&error))?;
+        let refused = |error: &InputError| refused(&file, name, error);
         let mut values = of_file.values().map_err(|error| refused(&error))?;
         // `measures` and `drives` are read like the keys of a `[controller]`.
         let mut entries = toml::Table::new();

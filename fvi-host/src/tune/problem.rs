@@ -180,6 +180,19 @@ impl TuningProblem {
     /// # Errors
     /// The first thing in the document that cannot be used, with its place.
     pub fn from_document(document: Document) -> Result<Self, InputError> {
+        Self::with_plant(document, None)
+    }
+
+    /// Checks a problem and the scenario of its plant, both already read; what `plant.scenario` says stands in
+    /// messages only.
+    ///
+    /// # Errors
+    /// The first thing in either that cannot be used, with its place.
+    pub fn of_scenario(document: Document, scenario: Document) -> Result<Self, InputError> {
+        Self::with_plant(document, Some(scenario))
+    }
+
+    fn with_plant(document: Document, scenario: Option<Document>) -> Result<Self, InputError> {
         let (title, plant, controller, specification, relay, running) = document.with_root(|root| {
             root.allow(&["title", "plant", "controller", "specification", "relay", "loop"])?;
             let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
@@ -188,7 +201,7 @@ impl TuningProblem {
             let rule = specification.optional("rule").is_some();
             let structure = Structure::read(&controller, rule)?;
             let plant = root.required("plant")?.table()?;
-            let plant = Plant::read(&plant, &document, &controller.required("sample")?)?;
+            let plant = Plant::read(&plant, &document, scenario, &controller.required("sample")?)?;
             let specification = read_specification(&specification, &structure, &plant)?;
             let relay = match root.optional("relay") {
                 None => None,

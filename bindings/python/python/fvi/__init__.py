@@ -11,7 +11,7 @@ integrated by variational schemes whose memory of the whole past is exact to rou
 `integrate`             a system given by arrays, expressions and functions
 `Model`                 a system that is integrated several times: `Model.run`, and `Model.batch` for
                         many runs on all cores; `Model.gradient` for derivatives by many parameters
-`System`                a system made once, for `integrate`, `Model`, `run`, `response`, `fit` and `converge`
+`System`                a system made once, for all calls that take one
 `run_cases`,            several load cases of a linear system together
 `integrate_cases`
 `solve_fde`             fractional differential equations D^α x = f(t, x)

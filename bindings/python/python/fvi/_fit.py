@@ -21,7 +21,7 @@ from fvi._errors import InputError
 from fvi._result import Picture, labelled, new_axes
 from fvi._run import Progress, check_progress
 from fvi._scenario import Scenario, by_path, put, source
-from fvi._system import scenario_of
+from fvi._system import scenario_of, source_of
 from fvi._types import FloatArray, ScenarioKeys
 
 
@@ -387,7 +387,7 @@ def fit(
     True
     """
     scenario, changed = scenario_of(scenario, keys)
-    given = source(scenario, by_path(overrides, changed))
+    scenario, given = source_of(scenario, by_path(overrides, changed))
     files: dict[str, bytes] = {}
     if isinstance(data, Mapping) or _is_frame(data):
         data = [data]

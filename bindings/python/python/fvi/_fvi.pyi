@@ -141,6 +141,7 @@ def fit(
 ) -> tuple[list[str], int, list[str], str, list[tuple[_Array, str, list[tuple[_Array, _Array, _Array]]]]]: ...
 def tune(
     source: Any,
+    plant: Any = None,
 ) -> tuple[str, str, tuple[list[list[float]], list[list[float]]]]: ...
 def derivative(
     samples: _Array,

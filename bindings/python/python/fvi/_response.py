@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
 from fvi._result import Picture, html_table, labelled, new_axes
-from fvi._scenario import Scenario, by_path, source
-from fvi._system import System, scenario_of
+from fvi._scenario import Scenario, by_path
+from fvi._system import System, scenario_of, source_of
 from fvi._types import FloatArray
 
 ComplexArray = NDArray[np.complex128]
@@ -294,7 +294,7 @@ def response(
             raise InputError("omega: needed for a system without steps", "omega", "None")
         keys = {**keys, "step": np.pi / max(np.max(omega), np.finfo(float).tiny), "steps": 1}
     scenario, keys = scenario_of(scenario, keys)
-    given = source(scenario, by_path(overrides, keys))
+    _, given = source_of(scenario, by_path(overrides, keys))
 
     def numbers(name: str, values: Any) -> list[float] | None:
         if values is None:

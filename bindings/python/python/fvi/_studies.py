@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, cast
+from typing import Any, Unpack, cast
 
 import numpy as np
 
@@ -13,8 +13,8 @@ from fvi._errors import InputError
 from fvi._result import Convergence, Extremal, Table
 from fvi._run import Progress
 from fvi._scenario import Scenario, by_path, source
-from fvi._system import scenario_of
-from fvi._types import Engine
+from fvi._system import scenario_of, source_of
+from fvi._types import ScenarioKeys
 
 
 def converge(
@@ -23,10 +23,9 @@ def converge(
     *,
     intervals: int = 1,
     from_time: float = 0.0,
-    engine: Engine | None = None,
     progress: Progress | None = None,
     overrides: Mapping[str, Any] | None = None,
-    **keys: Any,
+    **keys: Unpack[ScenarioKeys],
 ) -> Convergence:
     """Errors and orders of a scenario over step sizes, as the program `fvi converge` measures them.
 
@@ -40,7 +39,7 @@ def converge(
         Number of intervals of the coarsest grid (level 0); their ends, such as the times of jumps, are points of every grid.
     from_time : float
         Errors count from this time on: next to a singular start they are larger than the order promises.
-    engine, progress, overrides, **keys
+    progress, overrides, **keys
         As in `run`.
 
     Returns
@@ -68,8 +67,10 @@ def converge(
     first, last = (_arrays.whole("levels", level) for level in ends)
     if first > last or last > 40:
         raise InputError(f"levels = {levels}: not allowed; allowed: 0 ≤ first ≤ last ≤ 40", "levels", str(levels))
-    scenario, keys = scenario_of(scenario, keys)
-    given = source(scenario, by_path(overrides, keys))
+    scenario, changed = scenario_of(scenario, keys)
+    changes = by_path(overrides, changed)
+    engine = changes.pop("history.engine", None)
+    _, given = source_of(scenario, changes)
     rows, warning = _fvi.converge(given, first, last, _arrays.whole("intervals", intervals, 1), _arrays.real("from_time", from_time), engine, progress)
     if warning:
         warnings.warn(warning, stacklevel=2)

@@ -14,7 +14,7 @@ from fvi._errors import InputError
 from fvi._result import Table
 from fvi._run import Progress, check_progress
 from fvi._scenario import Scenario, source
-from fvi._system import System
+from fvi._system import System, scenario_of
 from fvi._terms import out_of
 from fvi._types import Precision
 
@@ -35,7 +35,8 @@ def sweep(
     Parameters
     ----------
     sweep : path or dict
-        A sweep file (TOML), or a dictionary with the same keys: `scenario`, a path or a dictionary as in `run`; `axes`, values of
+        A sweep file (TOML), or a dictionary with the same keys: `scenario`, a path or a dictionary as in `run`, whose `system` may
+        be a `System`; `axes`, values of
         the scenario's keys by their paths, as lists, arrays, or ranges such as ``{"from": 0.1, "to": 1.9, "count": 37}``;
         `sampling`; `keep`. A dictionary may contain functions, as in `run`, if the runs are made in this process and `out` is not
         used; only one thread at a time then executes Python code.
@@ -148,11 +149,10 @@ def _plan(given: Scenario, precision: str, local: bool) -> _fvi.Sweep:
             kind = type(given).__name__
             message = f"sweep: a path or a dictionary is needed, not a value of type {kind}"
             raise InputError(message, "sweep", repr(given)) from None
-    scenario = given.get("scenario")
-    if isinstance(scenario, System):
-        raise InputError(
-            'scenario: a system needs initial values and steps: {**system.scenario(), "initial": {...}, "time": {...}}', "scenario", repr(scenario)
-        )
+    scenario, _ = scenario_of(given.get("scenario"), {})
+    if isinstance(given.get("scenario"), System):
+        message = 'scenario: a system needs initial values and steps: {"system": system, "initial": {...}, "time": {...}}'
+        raise InputError(message, "scenario", repr(given["scenario"]))
     if not isinstance(scenario, Mapping):
         return _fvi.Sweep(source(given, {}, "sweep"), None, precision)
     keys = source({**given, "scenario": "a dictionary"}, {}, "sweep")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -9,15 +10,28 @@ import numpy as np
 
 from fvi import _arrays
 from fvi._errors import InputError
-from fvi._scenario import Described, ready
-from fvi._terms import Damping, Element, Force, Function, Load, Potential, damping_of, elements_of, loads_of, terms_of
+from fvi._scenario import Described, ready, source
+from fvi._terms import (
+    Damping,
+    Element,
+    Force,
+    Function,
+    Load,
+    Potential,
+    damping_of,
+    elements_of,
+    loads_of,
+    out_of,
+    terms_of,
+)
 
 
 class System(Described):
     """M q̈ + G q̇ + K q + ∇U(q) + Σ ∇U_e(q) = F(t, q) + Σ f a(t) − Σ ρ D^β q, without initial values and steps.
 
-    Made once and accepted by `integrate` and `Model`, and in place of a scenario by `run`, `response`, `fit` and `converge`; what
-    else they need are keywords: `position`, `step`, `end`, `scheme`, … `scenario()` is the part of a dictionary for `sweep`.
+    Made once and accepted by `integrate`, `Model` and `fvi.petsc.integrate`, and in place of a scenario by `run`, `response`, `fit`
+    and `converge`; what else they need are keywords: `position`, `step`, `end`, `scheme`, … It may also stand in a dictionary, as
+    its `system`, with `initial`, `time`, … beside it, as in the `scenario` of `sweep`, or as the `scenario` of a plant in `tune`.
 
     Parameters
     ----------
@@ -151,18 +165,54 @@ VECTORS = ("position", "momentum", "velocity")
 
 
 def scenario_of(given: Any, keys: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
-    """A scenario and the keywords of a call; for a system its scenario, and vectors at the start with a number for each
-    coordinate."""
-    if not isinstance(given, System):
+    """A scenario and the keywords of a call; for a system, or a dictionary whose `system` is one, the scenario with it, and vectors
+    at the start with a number for each coordinate."""
+    inside = isinstance(given, Mapping) and isinstance(given.get("system"), System)
+    system = given["system"] if inside else given
+    if not isinstance(system, System):
         return given, dict(keys)
-    size = given.coordinates
+    initial = given.get("initial") if inside else None
+    starts = [start for start in (keys, initial) if isinstance(start, Mapping)]
+    size = system.coordinates
     if size is None:
-        size = next((int(np.size(keys[name])) for name in VECTORS if keys.get(name) is not None), 1)
-    changed = dict(keys)
-    for name in VECTORS:
-        if changed.get(name) is not None:
-            changed[name] = _arrays.vector(name, changed[name], size)
-    return given.scenario(size), changed
+        numbers = (start[name] for start in starts for name in VECTORS if start.get(name) is not None)
+        size = next((int(np.size(vector)) for vector in numbers), 1)
+    changed = _spread(keys, size)
+    scenario = system.scenario(size)
+    if inside:
+        output = given.get("output", {})
+        if isinstance(output, Mapping) and (output := {**scenario.get("output", {}), **output}):
+            scenario["output"] = output
+        scenario = {**scenario, **{name: value for name, value in given.items() if name not in ("system", "output")}}
+        if isinstance(initial, Mapping):
+            scenario["initial"] = _spread(initial, size)
+    return scenario, changed
+
+
+def source_of(given: Any, changes: Mapping[str, Any]) -> tuple[Any, Any]:
+    """A scenario without functions that may have objects of the package in it: as it is after the changes of a call, apart from
+    these, and its source for the compiled part."""
+    if not isinstance(given, Mapping):
+        return given, source(given, changes)
+    scenario, functions, files = out_of(given)
+    if functions:
+        key = "event" if any(functions.events) else "system"
+        raise InputError(f"{key}: functions of Python are taken by integrate, run, Model and sweep; here expressions are needed", key)
+    found = source(scenario, changes)
+    found[3].update(files)
+    if "load" in (system := given.get("system") or {}):
+        # Whose records are files otherwise.
+        scenario["system"] = {**scenario["system"], "load": system["load"]}
+    return scenario, found
+
+
+def _spread(start: Mapping[str, Any], size: int) -> dict[str, Any]:
+    """The same with a number for each coordinate in the vectors at the start."""
+    files = (str, os.PathLike, type(None))
+    return {
+        name: _arrays.vector(name, value, size) if name in VECTORS and not isinstance(value, files) else value
+        for name, value in start.items()
+    }
 
 
 def _is_empty(given: Any) -> bool:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fvi import _fvi
 from fvi._result import Picture, html_table, labelled, new_axes
 from fvi._scenario import Scenario, by_path, source
+from fvi._system import System, scenario_of, source_of
 from fvi._types import FloatArray
 
 ComplexArray = NDArray[np.complex128]
@@ -120,7 +121,8 @@ def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None, **key
     Parameters
     ----------
     problem : path or dict
-        A file or a dictionary with its keys: `plant`, `controller`, `specification`.
+        A file or a dictionary with its keys: `plant`, `controller`, `specification`. There `plant.scenario` is a path, a
+        dictionary as in `run`, or a `System`, whose steps are then those of `controller.sample`.
     overrides, **keys
         As in `run`.
 
@@ -144,7 +146,8 @@ def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None, **key
     >>> print(f"{found.kp:.5f} {found.kd / found.kp:.6f} {found.mu:.6f}")
     2.69908 0.619222 0.969410
     """
-    text, controller, (response, steps) = _fvi.tune(source(problem, by_path(overrides, keys)))
+    problem, plant = _with_plant(problem)
+    text, controller, (response, steps) = _fvi.tune(source(problem, by_path(overrides, keys)), plant)
     record = json.loads(text)
     for warning in record["warnings"]:
         warnings.warn(warning, stacklevel=2)
@@ -173,3 +176,16 @@ def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None, **key
         control=times[:, 2],
         load=times[:, 3],
     )
+
+
+def _with_plant(problem: Scenario) -> tuple[Scenario, Any]:
+    """The problem, and the scenario of its plant if that is not a file."""
+    plant = problem.get("plant") if isinstance(problem, Mapping) else None
+    given = plant.get("scenario") if isinstance(plant, Mapping) else None
+    if not isinstance(problem, Mapping) or not isinstance(plant, Mapping) or not isinstance(given, (Mapping, System)):
+        return problem, None
+    controller = problem.get("controller")
+    sample = controller.get("sample") if isinstance(controller, Mapping) else None
+    steps = {"step": sample, "steps": 1} if isinstance(given, System) else {}
+    scenario, changes = scenario_of(given, steps)
+    return {**problem, "plant": {**plant, "scenario": "scenario"}}, source_of(scenario, by_path(None, changes))[1]

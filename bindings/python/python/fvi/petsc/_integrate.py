@@ -19,6 +19,7 @@ from fvi._types import Precision
 from fvi._terms import Damping, Load
 from fvi._result import Result
 from fvi._run import Progress
+from fvi._system import System
 from fvi.petsc import _arguments as given_as
 from fvi.petsc._arguments import Layout
 from fvi.petsc._checkpoint import Checkpoints, Pace, differences
@@ -28,6 +29,7 @@ from fvi.petsc._loads import Loads
 from fvi.petsc._output import Directory, Output, Rows, Snapshots, write_json
 from fvi.petsc._signals import Signals
 from fvi.petsc._step import Stepper
+from fvi.petsc._system import arguments_of
 from fvi.petsc._together import Together, text_of
 
 LEAST_REACH = 1 << 20
@@ -36,7 +38,7 @@ LEAST_REACH = 1 << 20
 
 def integrate(
     mass: Any,
-    stiffness: Any,
+    stiffness: Any = None,
     *,
     position: Any,
     step: float,
@@ -70,9 +72,10 @@ def integrate(
 
     Parameters
     ----------
-    mass : PETSc.Mat or PETSc.Vec
+    mass : PETSc.Mat, PETSc.Vec or System
         M: a symmetric positive definite matrix, or the diagonal of one. It determines the rows of each rank; all other arguments
-        must be distributed in the same way.
+        must be distributed in the same way. Or a `fvi.System`, equal on all ranks of the world, in place of `mass`, `stiffness`,
+        `damping`, `loads` and `parameters`: each rank takes its rows of it. Vectors may then be arrays of N numbers, too.
     stiffness : PETSc.Mat
         K, symmetric. A near null space attached to it (rigid-body modes) is passed to the preconditioner.
     position : PETSc.Vec or float
@@ -139,11 +142,7 @@ def integrate(
     -----
     Every exception is raised on all ranks. If a rank is killed MPI ends the job; checkpoints are kept.
     """
-    candidates = [("mass", mass), ("stiffness", stiffness), ("position", position), ("momentum", momentum), ("velocity", velocity)]
-    # A rank without any PETSc object has no communicator for a common error, and raises at once.
-    together = Together(given_as.communicator(candidates).Dup())
-    run = _Run(
-        together,
+    given: dict[str, Any] = dict(
         mass=mass,
         stiffness=stiffness,
         position=position,
@@ -171,6 +170,12 @@ def integrate(
         resume=resume,
         progress=progress,
     )
+    if isinstance(mass, System):
+        given = arguments_of(mass, {name: value for name, value in given.items() if name != "mass"})
+    candidates = [(name, given[name]) for name in ("mass", "stiffness", "position", "momentum", "velocity")]
+    # A rank without any PETSc object has no communicator for a common error, and raises at once.
+    together = Together(given_as.communicator(candidates).Dup())
+    run = _Run(together, **given)
     try:
         result = run.make()
     finally:
