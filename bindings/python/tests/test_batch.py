@@ -188,3 +188,17 @@ inspect.signature = refused
 model.integrate(), model.run(), model.batch({"q0": [1.0, 2.0]})
 """
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_vectors_at_paths_are_taken_as_a_whole():
+    kernel = fvi.Kernel.prony([1.0, 0.5], [1.0, 0.1])
+    given = dict(mass=[1.0], stiffness=[4.0], position=[1.0], step=0.05, steps=40)
+    model = fvi.Model(**given, damping=fvi.Damping(kernel=kernel, coefficient=[0.3]))
+    name = "damping[0].kernel.strengths"
+    strengths = np.array([[0.8, 0.7], [1.0, 0.5], [0.2, 2.0]])
+    runs = model.batch({name: strengths})
+    for run, of_run in zip(runs, strengths):
+        alone = fvi.integrate(**given, damping=fvi.Damping(kernel=fvi.Kernel.prony(of_run, [1.0, 0.1]), coefficient=[0.3]))
+        assert (run.q == alone.q).all() and (model.run({name: of_run}).q == alone.q).all()
+    with pytest.raises(fvi.InputError, match="shape"):
+        model.run({name: [1.0, 2.0, 3.0]})

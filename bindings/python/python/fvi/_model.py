@@ -20,7 +20,7 @@ from fvi._integrate import _arguments, _integrated, _scenario, as_it_is, describ
 from fvi._result import Result, ending
 from fvi._run import Progress, check_progress, finish, raise_with, result_of
 from fvi._runs import Runs, runs_of
-from fvi._scenario import SHORT_NAMES, Ready, put, ready
+from fvi._scenario import SHORT_NAMES, Ready, places_of, put, ready
 from fvi._system import System
 from fvi._terms import Damping
 from fvi._types import FloatArray
@@ -130,8 +130,7 @@ class Model:
         Parameters
         ----------
         parameters : mapping, optional
-            Numbers by their names or paths, as in `batch`, one each; for a vector such as ``"position"`` as many as there are
-            coordinates.
+            Numbers by their names or paths, as in `batch`, one each; for a vector such as ``"position"`` all of its numbers.
         check : bool
             Whether a step that fails raises `StepError`.
 
@@ -184,8 +183,8 @@ class Model:
             The numbers that differ, R for R runs, or one for all: by the name of a parameter of the expressions, as ``"k"``; by
             that of a coordinate, momentum or velocity at the start, ``"q0"``, ``"p0"``, ``"v0"``; or by a path,
             ``"damping[0].order"``, ``"damping[0].coefficient[0]"``, ``"parameters.k"``, ``"position[0]"``, ``"mass[0]"``,
-            ``"time.step"``, or any other number of the scenario. For ``"position"``, ``"momentum"`` and ``"velocity"`` R rows of N
-            numbers.
+            ``"time.step"``, or any other number of the scenario. For vectors, ``"position"``, ``"momentum"``, ``"velocity"`` or a
+            path such as ``"damping[0].kernel.strengths"``, R rows of their numbers.
         jobs : int, optional
             Threads; default: one for each core. Functions of Python run on one.
         check : bool
@@ -386,9 +385,10 @@ class Model:
         paths: list[str] = []
         counts: list[int | None] = []
         for path in moving:
-            if path in VECTORS:
-                counts.append(size)
-                paths += [f"{path}[{index}]" for index in range(size)]
+            count = size if path in VECTORS else _several_at(source[2], path)
+            if count is not None:
+                counts.append(count)
+                paths += [f"{path}[{index}]" for index in range(count)]
             else:
                 counts.append(None)
                 paths.append(path)
@@ -476,6 +476,18 @@ def _vector_of(source: Any, key: str) -> Any:
 
     value = source[2]["initial"][key]
     return np.load(io.BytesIO(source[3][value])) if isinstance(value, str) else value
+
+
+def _several_at(keys: Mapping[str, Any], path: str) -> int | None:
+    """How many numbers the scenario has at a path; None for one, and where there is none."""
+    place: Any = keys
+    for step in places_of(path):
+        try:
+            place = place[step]
+        except (KeyError, IndexError, TypeError):
+            return None
+    several = isinstance(place, list) and len(place) > 1 and all(isinstance(entry, (int, float)) for entry in place)
+    return len(place) if several else None
 
 
 def _columns(arrays: Mapping[str, FloatArray], counts: list[int | None]) -> tuple[FloatArray, dict[str, FloatArray]]:

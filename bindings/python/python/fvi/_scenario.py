@@ -219,8 +219,8 @@ def ready(name: str, given: Any, size: int | None) -> Any:
     return matrix
 
 
-def put(scenario: dict[str, Any], path: str, value: Any) -> None:
-    """Sets the value at a path such as ``system.damping[0].order``."""
+def places_of(path: str) -> list[str | int]:
+    """The keys and indices of a path such as ``system.damping[0].order``."""
     steps: list[str | int] = []
     for part in path.split("."):
         match = re.fullmatch(r"([^\[\]]+)((?:\[\d+\])*)", part)
@@ -228,6 +228,12 @@ def put(scenario: dict[str, Any], path: str, value: Any) -> None:
             raise InputError(f"{path}: not the path of a key, such as system.damping[0].order", path)
         steps.append(match[1])
         steps.extend(int(index) for index in re.findall(r"\d+", match[2]))
+    return steps
+
+
+def put(scenario: dict[str, Any], path: str, value: Any) -> None:
+    """Sets the value at a path such as ``system.damping[0].order``."""
+    steps = places_of(path)
     place: Any = scenario
     for step, following in zip(steps, steps[1:]):
         if isinstance(step, str) and isinstance(place, dict) and isinstance(following, str):
