@@ -14,8 +14,8 @@ ELEMENTS, LENGTH, SPEED = 2000, 1.0, 1.0
 def main() -> None:
     h = LENGTH / ELEMENTS
     ones = np.ones(ELEMENTS)
-    stiffness = SPEED**2 / h * sp.diags([-ones[1:], np.append(2 * ones[1:], 1.0), -ones[1:]], [-1, 0, 1], format="csr")
-    mass = h / 6 * sp.diags([ones[1:], np.append(4 * ones[1:], 2.0), ones[1:]], [-1, 0, 1], format="csr")
+    stiffness = SPEED**2 / h * sp.spdiags([-ones, np.append(2 * ones[1:], 1.0), -ones], [-1, 0, 1], ELEMENTS, ELEMENTS, format="csr")
+    mass = h / 6 * sp.spdiags([ones, np.append(4 * ones[1:], 2.0), ones], [-1, 0, 1], ELEMENTS, ELEMENTS, format="csr")
     pulse = lambda t: np.sin(np.pi * t / 0.2) ** 2 if t < 0.2 else 0.0
     bar = fvi.Model(mass=mass, stiffness=stiffness, position=np.zeros(ELEMENTS), step=2e-3, end=2.2, coordinates=[ELEMENTS // 2, ELEMENTS - 1],
                     loads=fvi.Load({"coordinate": ELEMENTS - 1}, pulse))  # fmt: skip

@@ -12,10 +12,10 @@ OMEGA, TURN = 2.0, 0.05
 
 def main() -> None:
     # In the frame of the ground, M q̈ + 2 TURN J q̇ + ω² q = 0 for turns that are slow beside ω.
-    pendulum = dict(mass=[1.0, 1.0], stiffness=[OMEGA**2, OMEGA**2], gyroscopic=2 * TURN * np.array([[0.0, -1.0], [1.0, 0.0]]),
-                    position=[1.0, 0.0], step=0.005, end=40.0)  # fmt: skip
-    for name, more in (("free", {}), ("damped", dict(damping=fvi.Damping(order=0.5, coefficient=[0.02, 0.02])))):
-        r = fvi.integrate(**pendulum, **more)
+    turning = 2 * TURN * np.array([[0.0, -1.0], [1.0, 0.0]])
+    pendulum = fvi.System(mass=[1.0, 1.0], stiffness=[OMEGA**2, OMEGA**2], gyroscopic=turning)
+    for name, damping in (("free", []), ("damped", [fvi.Damping(order=0.5, coefficient=[0.02, 0.02])])):
+        r = fvi.integrate(pendulum, damping=damping, position=[1.0, 0.0], step=0.005, end=40.0)
         # The plane of the last swing.
         last = r.q[-int(2 * np.pi / OMEGA / 0.005) :]
         farthest = last[np.argmax(np.sum(last**2, axis=1))]

@@ -3,6 +3,8 @@
     python going_on.py
 """
 
+from typing import Any
+
 import numpy as np
 
 import fvi
@@ -10,7 +12,9 @@ import fvi
 
 def main() -> None:
     damper = fvi.Damping(order=0.4, coefficient=[1.5])
-    system = dict(mass=[1.0], stiffness=[1.0], damping=damper, force=lambda t: [np.sin(0.3 * t)], step=0.02, engine="block-fft")
+    system: dict[str, Any] = dict(
+        mass=[1.0], stiffness=[1.0], damping=damper, force=lambda t: [np.sin(0.3 * t)], step=0.02, engine="block-fft"
+    )
     first = fvi.integrate(**system, position=[1.0], steps=500)
     second = fvi.integrate(continue_from=first, steps=500)
     whole = fvi.integrate(**system, position=[1.0], steps=1000)

@@ -3,6 +3,8 @@
     python held_before.py
 """
 
+from typing import Any
+
 import numpy as np
 
 import fvi
@@ -16,7 +18,7 @@ def stretched(hold: float):
 
 
 def main() -> None:
-    link = dict(mass=[1.0], stiffness=[1.0], damping=fvi.Damping(order=0.5, coefficient=[2.0]), step=0.01, end=30.0)
+    link: dict[str, Any] = dict(mass=[1.0], stiffness=[1.0], damping=fvi.Damping(order=0.5, coefficient=[2.0]), step=0.01, end=30.0)
     swing = {}
     for hold in (1.0, 10.0, 100.0):
         r = fvi.integrate(**link, position=[STRETCH], past=stretched(hold))

@@ -3,6 +3,8 @@
     python lattice.py
 """
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sp
 
@@ -25,7 +27,8 @@ def gradient(q):
 
 ENDS = np.full(N, 2 * COUPLING)
 ENDS[[0, -1]] = COUPLING
-BONDS = sp.diags([np.full(N - 1, -COUPLING), ENDS, np.full(N - 1, -COUPLING)], [-1, 0, 1], format="csr")
+BESIDE = np.full(N, -COUPLING)
+BONDS = sp.spdiags([BESIDE, ENDS, BESIDE], [-1, 0, 1], N, N, format="csr")
 
 
 def hessian(q):
@@ -38,14 +41,15 @@ def main() -> None:
     sharp = x / np.sqrt(1 - v**2)
     kink = 4 * np.arctan(np.exp(sharp))
     speed = -2 * v / np.sqrt(1 - v**2) / np.cosh(sharp)
-    chain = dict(mass=np.ones(N), potential=fvi.Potential(energy, gradient, hessian), position=kink, velocity=speed, step=0.1, steps=800, every=100)
-    free = fvi.integrate(**chain)
+    chain = fvi.System(mass=np.ones(N), potential=fvi.Potential(energy, gradient, hessian))
+    motion: dict[str, Any] = dict(position=kink, velocity=speed, step=0.1, steps=800, every=100)
+    free = fvi.integrate(chain, **motion)
     assert free.summary["solver"]["kind"] == "sparse"
     middle = lambda r: np.array([np.interp(np.pi, q, np.arange(N)) for q in r.q])
     way = (middle(free)[-1] - middle(free)[0]) / np.sqrt(COUPLING)
     print(f"free: the kink has gone {way:.2f} in 80 units of time, {v * 80:.2f} at its speed")
     assert abs(way - v * 80) < 1.0
-    damped = fvi.integrate(**chain, damping=fvi.Damping(order=0.5, coefficient=np.full(N, 0.05)))
+    damped = fvi.integrate(chain, **motion, damping=fvi.Damping(order=0.5, coefficient=np.full(N, 0.05)))
     way = (middle(damped)[-1] - middle(damped)[0]) / np.sqrt(COUPLING)
     print(f"with a half-order damper at every pendulum: {way:.2f}")
     assert 0.0 < way < 0.9 * v * 80

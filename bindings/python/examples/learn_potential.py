@@ -4,12 +4,14 @@ The motion is that of a pendulum with a damper of order 1/2, so that the coeffic
 it swings.
 """
 
+from typing import Any
+
 import numpy as np
 from scipy.optimize import minimize
 
 import fvi
 
-motion = dict(mass=[1.0], damping=fvi.Damping(0.5, 0.15), position=[1.2], step=0.05, steps=300)
+motion: dict[str, Any] = dict(mass=[1.0], damping=fvi.Damping(0.5, 0.15), position=[1.2], step=0.05, steps=300)
 data = fvi.integrate(**motion, potential="1 - cos(q0)").q
 names = ["a", "b", "c"]
 model = fvi.Model(**motion, potential="a*q0^2 + b*q0^4 + c*q0^6", parameters={"a": 0.4, "b": 0.0, "c": 0.0})

@@ -3,13 +3,15 @@
     python resonance.py
 """
 
+from typing import Any
+
 import numpy as np
 
 import fvi
 
 
 def main() -> None:
-    scenario = {
+    scenario: dict[str, Any] = {
         "system": {
             "mass": [1.0],
             "potential": fvi.Potential(lambda q: 0.5 * q @ q + 0.1 * np.sum(q**4), lambda q: q + 0.4 * q**3),

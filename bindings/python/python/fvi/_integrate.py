@@ -34,7 +34,7 @@ from fvi._terms import (
     terms_of,
     with_loads,
 )
-from fvi._types import OutputKeys, Precision
+from fvi._types import OutputKeys, Precision, Real, Whole
 
 
 def integrate(
@@ -42,12 +42,12 @@ def integrate(
     *,
     mass: Any = None,
     position: ArrayLike | None = None,
-    step: float | None = None,
-    steps: int | None = None,
-    end: float | None = None,
+    step: Real | None = None,
+    steps: Whole | None = None,
+    end: Real | None = None,
     momentum: ArrayLike | None = None,
     velocity: ArrayLike | None = None,
-    start: float | None = None,
+    start: Real | None = None,
     past: Any = None,
     continue_from: Result | None = None,
     stiffness: Any = None,
@@ -58,7 +58,7 @@ def integrate(
     loads: Load | Iterable[Load] = (),
     elements: Element | Iterable[Element] = (),
     events: Event | Mapping[str, Any] | Iterable[Event | Mapping[str, Any]] = (),
-    parameters: Mapping[str, float] | None = None,
+    parameters: Mapping[str, Real] | None = None,
     precision: Precision = "f64",
     check: bool = True,
     progress: Progress | None = None,

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
+Whole = int | np.integer[Any]
+Real = float | np.floating[Any] | np.integer[Any]
 
 Precision = Literal["f64", "f32"]
 Engine = Literal["direct", "block-fft", "real-time", "exponential-sum", "exponential-sum-core", "any-step"]
@@ -22,41 +24,41 @@ class OutputKeys(TypedDict, total=False):
 
     title: str | None
     scheme: Literal["low-order", "galerkin", "collocation", "energy", "explicit-euler", "implicit-euler", "auto"] | None
-    kappa: float | None
-    degree: int | None
+    kappa: Real | None
+    degree: Whole | None
     quadrature: Literal["gauss", "lobatto"] | None
-    points: int | None
+    points: Whole | None
     convolution: Literal["bdf", "radau-iia", "lobatto-iiic", "gauss", "trapezoidal"] | None
     symbol: Literal["trapezoidal"] | None
-    order: int | None
-    stages: int | None
+    order: Whole | None
+    stages: Whole | None
     at: Literal["nodes", "main-nodes"] | None
     starting: ArrayLike | None
     engine: Engine | None
-    tolerance: float | None
-    horizon: int | None
-    capacity: int | None
+    tolerance: Real | None
+    horizon: Whole | None
+    capacity: Whole | None
     overflow: Literal["stop", "forget"] | None
     states: Precision | None
-    threads: int | None
-    every: int | None
+    threads: Whole | None
+    every: Whole | None
     coordinates: ArrayLike | range | slice | None
     snapshots: Any
     times: ArrayLike | None
     memory_energy: bool | None
     labels: Sequence[str] | None
     units: Mapping[str, str] | None
-    picture: Mapping[str, float] | None
+    picture: Mapping[str, Real] | None
     grid: Literal["uniform", "graded", "geometric", "adaptive"] | ArrayLike | None
     must_hit: ArrayLike | None
     allow_unstable: bool | None
     energy_guard: Literal["stop", "warn", "ignore"] | None
-    exponent: float | None
-    first: float | None
-    ratio: float | None
-    longest: float | None
-    shortest: float | None
-    scale: float | None
+    exponent: Real | None
+    first: Real | None
+    ratio: Real | None
+    longest: Real | None
+    shortest: Real | None
+    scale: Real | None
     sensitivities: Sequence[str] | None
 
 
@@ -68,8 +70,8 @@ class ScenarioKeys(OutputKeys, total=False):
     velocity: ArrayLike | None
     past: Any
     project: bool | None
-    start: float | None
-    step: float | None
-    steps: int | None
-    end: float | None
-    parameters: Mapping[str, float] | None
+    start: Real | None
+    step: Real | None
+    steps: Whole | None
+    end: Real | None
+    parameters: Mapping[str, Real] | None
