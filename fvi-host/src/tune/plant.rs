@@ -99,8 +99,8 @@ fn polynomial(roots: &[[f64; 2]], last: f64) -> Vec<f64> {
 }
 
 impl Plant {
-    /// Reads `[plant]`; `scenario` is that of the plant if it has been read already, `sample` the sampling time
-    /// of its controller.
+    /// Reads `[plant]`; `scenario` is that of the plant if it has been read already, `sample` the sampling
+    /// time of its controller.
     ///
     /// # Errors
     /// The first invalid entry of the table, or of the scenario that it names.

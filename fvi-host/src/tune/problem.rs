@@ -183,8 +183,8 @@ impl TuningProblem {
         Self::with_plant(document, None)
     }
 
-    /// Checks a problem and the scenario of its plant, both already read; what `plant.scenario` says stands in
-    /// messages only.
+    /// Checks a problem and the scenario of its plant, both already read; what `plant.scenario` says stands
+    /// in messages only.
     ///
     /// # Errors
     /// The first thing in either that cannot be used, with its place.
