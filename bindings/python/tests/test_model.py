@@ -74,6 +74,8 @@ def test_a_model_keeps_the_arrays_it_was_given_and_refuses_what_integrate_does()
         model.integrate(stiffness=membrane(14))
     with pytest.raises(fvi.InputError, match="position"):
         fvi.Model(mass=[1.0], step=0.1, steps=1).integrate()
+    with pytest.raises(fvi.InputError, match="did you mean stiffness"):
+        fvi.Model(mass=[1.0], stifness=[4.0])
     velocity = fvi.Model(mass=[1.0], position=[0.0], momentum=[1.0], step=0.1, steps=1).integrate(velocity=[2.0])
     assert velocity.p[0, 0] == 2.0
 

@@ -20,7 +20,7 @@ from fvi._integrate import _arguments, _integrated, _scenario, as_it_is, describ
 from fvi._result import Result, ending
 from fvi._run import Progress, check_progress, finish, raise_with, result_of
 from fvi._runs import Runs, runs_of
-from fvi._scenario import SHORT_NAMES, Ready, places_of, put, ready
+from fvi._scenario import SHORT_NAMES, Ready, by_path, places_of, put, ready
 from fvi._system import System
 from fvi._terms import Damping
 from fvi._types import FloatArray
@@ -95,6 +95,8 @@ class Model:
         mass = arguments.pop("mass", mass) if system is not None else mass
         if mass is None:
             raise InputError("mass: needed by a model", "mass", "None")
+        # Misspelt names are told here and not by the first call.
+        by_path(None, {name: value for name, value in arguments.items() if name not in DEFAULTS}, tuple(DEFAULTS))
         mass = ready("mass", mass, None)
         self._size: int | None = None if mass.shape == (1,) else mass.shape[0]
         self._arguments = self._taken({"mass": mass, **arguments})
