@@ -50,10 +50,10 @@ const MOST_CORRECTIONS: usize = 50;
 /// Positions have order 2s, at most 6 − 2β for a kernel that grows like s^β, β < 1, if elongations move at
 /// the start, and 8 − 2β if not, or if β > 1; c and C v vanish at grid points to rounding. With a constant
 /// mass, a quadratic potential and linear constraints the energy changes by the work of forces and dampers
-/// exactly.
-/// Momenta with the [excess](Dampers::excess) of the memory's impulse have order 2s, at most 8 − 4β, from
-/// rest and for β > 1 at most 10 − 4β. Without constraints and with L = ½vᵀMv − U it is Gauss collocation of
-/// Hamilton's equations, the Galerkin scheme of degree s with s Gauss points \[MW\].
+/// exactly. Momenta with the [excess](Dampers::excess) of the memory's impulse have order 2s, at most 6 − 2β
+/// and 8 − 4β if elongations move at the start, and 8 − 2β if not. Without constraints and with
+/// L = ½vᵀMv − U it is Gauss collocation of Hamilton's equations, the Galerkin scheme of degree s with s
+/// Gauss points \[MW\].
 ///
 /// `B` is a buffer of [`numbers`](MechanismIntegrator::numbers), `P` one of
 /// [`unknowns`](MechanismIntegrator::unknowns) indices. Sources: \[Jay07\], \[HLW\] VI.6; \[BanjaiFerrari22\]

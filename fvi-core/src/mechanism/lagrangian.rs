@@ -139,8 +139,7 @@ pub trait Dampers<T> {
     fn push(&mut self, velocities: &[T]);
 
     /// Writes δ_e, by which the impulse of the discrete memory of the velocities W₀ + Ẇ₀t, given as W₀ and
-    /// Ẇ₀,
-    /// exceeds that of the kernel: known from the lengths of the steps alone.
+    /// Ẇ₀, exceeds that of the kernel: known from the lengths of the steps alone.
     fn excess(&self, start: [&[T]; 2], excess: &mut [T]);
 
     /// Writes the forces that velocities have at once, before any time has passed.

@@ -286,10 +286,8 @@ impl<T: Real, C: AsRef<[T]>, B: AsRef<[T]> + AsMut<[T]>> Relaxing<T, C, B> {
     }
 
     /// Writes δ_a = Σ_b ρ_ab Σ_j c_j (W_b/λ_j² − Ẇ_b/λ_j³) (Π R(−hλ_j) − e^{−λ_jt}) for velocities W + Ẇt at
-    /// the
-    /// start: by so much the impulse of the discrete memory exceeds that of the kernel. For d = 2, whose
-    /// samples
-    /// are W(t) − W, it is Σ_j c_j Ẇ_b/λ_j² (Π R(−hλ_j) − e^{−λ_jt}).
+    /// the start: by so much the impulse of the discrete memory exceeds that of the kernel. For d = 2, whose
+    /// samples are W(t) − W, it is Σ_j c_j Ẇ_b/λ_j² (Π R(−hλ_j) − e^{−λ_jt}).
     pub fn excess(&self, [start, slope]: [&[T]; 2], excess: &mut [T]) {
         let ([_, _, remainders, ..], least) = (self.parts(), self.least_resolved());
         let [mut second, mut third] = [0.0; 2];

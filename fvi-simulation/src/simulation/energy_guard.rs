@@ -53,9 +53,8 @@ type Push = (Vec<f64>, TransferFunction, f64);
 /// energy is computed only if that bound alone exceeds the limit.
 ///
 /// The mass at the start is not that of a mechanism elsewhere: T is E + L(q, 0) there, speeds are 2T/Σ|p|,
-/// and a
-/// motion without damping and forces warns when its energy has changed in either direction. Constraints do no
-/// work, and the work of a mechanism's memories is never negative.
+/// and a motion without damping and forces warns when its energy has changed in either direction. Constraints
+/// do no work, and the work of a mechanism's memories is never negative.
 pub struct EnergyGuard {
     reaction: OnEnergyGrowth,
     start: f64,

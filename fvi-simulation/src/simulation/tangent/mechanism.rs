@@ -24,8 +24,7 @@ use nalgebra::DMatrix;
 /// motion
 ///
 /// ```text
-/// δQ_i = δq + h Σ_j a_ij δV_j ,   δW_i = G_i δV_i + V_iᵀ∂²g δQ_i + ∂_θG_i V_i ,   δf = Z(∂_h) δW + ∂_θZ(∂_h)
-/// W
+/// δQ_i = δq + h Σ_j a_ij δV_j ,   δW_i = G_i δV_i + V_iᵀ∂²g δQ_i + ∂_θG_i V_i ,   δf = Z(∂_h) δW + ∂_θZ(∂_h) W
 /// δY_i = ∂_q(L_q + F) δQ_i + ∂_v(L_q + F) δV_i + ∂_θ(L_q + F) − G_iᵀ δf_i − (f_i·∂²g) δQ_i − ∂_θG_iᵀ f_i
 /// δI_j = (Λ_j·∂²c) δQ̃_j + C_jᵀ δΛ_j + ∂_θC_jᵀ Λ_j
 /// 0 = L_vq δQ_i + L_vv δV_i + ∂_θL_v − δp − h Σ_j a_ij δY_j + h Σ_{j<s} â_ij δI_j
