@@ -69,3 +69,24 @@ def test_a_singular_mass_has_the_velocities_that_constraints_allow() -> None:
     q, v = pendulum.q, pendulum.v
     assert np.abs((q * v).sum(axis=1)).max() < 1e-12
     assert np.abs(np.gradient(q[:, 0], pendulum.t)[5:-5] - v[5:-5, 0]).max() < 2e-3
+
+
+@pytest.mark.parametrize("mass", [1.0, [1.0, 1.0]])
+def test_a_scenario_as_a_dictionary_asks_for_a_projection_with_a_flag(mass: object) -> None:
+    scenario = {
+        "system": {"mass": mass, "constraints": ["q0^2 + q1^2 - 1"]},
+        "initial": {"position": [1.2, 0.9], "project": True},
+        "time": {"step": 0.1, "steps": 1},
+    }
+    assert abs((fvi.run(scenario).q[0] ** 2).sum() - 1) < 1e-14
+
+
+def test_a_model_has_a_kinetic_energy_in_place_of_a_mass() -> None:
+    system = dict(kinetic="0.5*(1 + a*q0^2)*v0^2", potential="q0^2", position=[1.0], velocity=[0.5], step=0.02, steps=50)
+    model = fvi.Model(**system, parameters={"a": 0.3})
+    expected = fvi.integrate(**system, parameters={"a": 0.5})
+    for found in (model.integrate(parameters={"a": 0.5}), model.run({"a": 0.5})):
+        assert (found.q == expected.q).all() and (found.p == expected.p).all()
+    assert (model.batch({"a": np.array([0.3, 0.5])}).q[1] == expected.q).all()
+    with pytest.raises(fvi.InputError, match="kinetic"):
+        fvi.Model(potential="q0^2")

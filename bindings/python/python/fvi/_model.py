@@ -66,7 +66,7 @@ class Model:
     system : System, optional
         The system, in place of the arguments that describe it.
     mass : array_like or sparse matrix
-        As in `integrate`.
+        As in `integrate`; without it there is `kinetic`.
     **arguments
         Other arguments of `integrate`, as defaults for its calls.
 
@@ -93,13 +93,16 @@ class Model:
         self._compiled: dict[tuple[str, ...], _Known] = {}
         arguments = described_by(system, arguments)
         mass = arguments.pop("mass", mass) if system is not None else mass
-        if mass is None:
-            raise InputError("mass: needed by a model", "mass", "None")
         # Misspelt names are told here and not by the first call.
         by_path(None, {name: value for name, value in arguments.items() if name not in DEFAULTS}, tuple(DEFAULTS))
-        mass = ready("mass", mass, None)
-        self._size: int | None = None if mass.shape == (1,) else mass.shape[0]
-        self._arguments = self._taken({"mass": mass, **arguments})
+        self._size: int | None = None
+        if mass is not None:
+            mass = ready("mass", mass, None)
+            self._size = None if mass.shape == (1,) else mass.shape[0]
+            arguments["mass"] = mass
+        elif arguments.get("kinetic") is None:
+            raise InputError("mass: needed by a model, unless there is `kinetic`", "mass", "None")
+        self._arguments = self._taken(arguments)
 
     def integrate(self, **changes: Any) -> Result:
         """Integrates it.

@@ -441,7 +441,7 @@ def out_of(scenario: Mapping[str, Any]) -> tuple[dict[str, Any], Functions, File
     size = int(shape[0]) if shape else len(system["mass"]) if isinstance(system["mass"], (list, tuple)) else None
     if isinstance(initial, Mapping) and size is not None:
         spread = {
-            key: np.full(size, float(value)) if isinstance(value, (int, float, np.number)) else value
+            key: np.full(size, float(value)) if isinstance(value, (int, float, np.number)) and not isinstance(value, bool) else value
             for key, value in initial.items()
         }
         initial = scenario["initial"] = spread
