@@ -34,6 +34,7 @@ mod mechanism;
 mod mechanism_accuracy_tests;
 #[cfg(test)]
 mod mechanism_limits_tests;
+mod mechanism_state;
 #[cfg(test)]
 mod mechanism_tests;
 mod memory_energy;
@@ -75,6 +76,8 @@ use gyroscopic::Gyroscopic;
 use massless::Placed;
 use mechanism::TypedMechanism;
 pub use mechanism::velocities;
+#[doc(hidden)]
+pub use mechanism_state::MechanismState;
 use momentum_offset::MomentumOffset;
 use nalgebra::DMatrix;
 use piece::{Piece, WithinStep};

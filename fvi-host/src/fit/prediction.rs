@@ -12,7 +12,7 @@ use fvi_scenario::language::{InputError, put};
 use fvi_scenario::scenario::{KnownMatrices, Quantity, Scenario};
 use fvi_simulation::model::Model as System;
 use fvi_simulation::simulation::motion::Motion;
-use fvi_simulation::simulation::{GridState, Precision};
+use fvi_simulation::simulation::{GridState, MechanismState, Precision};
 use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -488,17 +488,51 @@ fn size(free: &Free, value: f64) -> f64 {
     value.abs().max(typical)
 }
 
+/// What tells velocities and energies of states.
+enum Told {
+    Straight(Box<System<f64>>),
+    Mechanism(Box<MechanismState>),
+}
+
+impl Told {
+    fn new(scenario: &Scenario) -> Result<Self, NoPrediction> {
+        if scenario.is_mechanism() {
+            return Ok(Self::Mechanism(Box::new(MechanismState::new(scenario)?)));
+        }
+        let made = System::new(scenario).map_err(|error| NoPrediction::Refused(error.to_string()))?;
+        Ok(Self::Straight(Box::new(made)))
+    }
+
+    /// The velocity, NaN where the momentum does not tell it.
+    fn velocity(&mut self, position: &[f64], momentum: &[f64], velocity: &mut [f64]) {
+        match self {
+            Self::Straight(system) => system.velocity(momentum, velocity),
+            Self::Mechanism(mechanism) => match mechanism.velocity(position, momentum) {
+                Some(found) => velocity.copy_from_slice(&found),
+                None => velocity.fill(f64::NAN),
+            },
+        }
+    }
+
+    fn energy(&mut self, position: &[f64], momentum: &[f64]) -> f64 {
+        match self {
+            Self::Straight(system) => system.energy(&position.to_vec(), &momentum.to_vec()),
+            Self::Mechanism(mechanism) => mechanism.energy(position, momentum).unwrap_or(f64::NAN),
+        }
+    }
+}
+
 /// A system with a changed value of one parameter, and the change.
-type OtherRun = (System<f64>, f64);
+type OtherRun = (Told, f64);
 
 /// Quantities derived from a state (velocity, energy), and their derivatives with respect to the parameters.
 struct Derived {
-    system: System<f64>,
+    system: Told,
     /// For each parameter, the entries (row, column) of the mass matrix that it is; empty for other
     /// parameters.
     mass_changes: Vec<Vec<(usize, usize)>>,
-    /// For each parameter, if energies are needed: the systems with a slightly larger and a slightly smaller
-    /// value of it, with the changes.
+    /// For each parameter, if energies or velocities of a mechanism are needed: the systems with a slightly
+    /// larger and a slightly smaller value of it, with the changes.
     beside: Vec<[OtherRun; 2]>,
     tells_velocity: bool,
     tells_energy: bool,
@@ -523,11 +557,10 @@ impl Derived {
         needs: &[Need],
     ) -> Result<Self, NoPrediction> {
         let size = scenario.coordinates();
-        let made = |scenario: &Scenario| {
-            System::<f64>::new(scenario).map_err(|error| NoPrediction::Refused(error.to_string()))
-        };
         let tells = |wanted: fn(&Observed) -> bool| needs.iter().any(|need| wanted(&need.what));
         let tells_energy = tells(|what| *what == Observed::Energy);
+        let tells_velocity = tells(|what| matches!(what, Observed::Velocity(_) | Observed::Acceleration(_)));
+        let differs = tells_energy || (tells_velocity && scenario.is_mechanism());
         let parameters = scenario.sensitivity.iter().flat_map(|asked| &asked.parameters);
         let mass_changes = parameters.map(|parameter| match parameter.what {
             Quantity::Mass(row, column) if row == column => vec![(row, column)],
@@ -537,7 +570,7 @@ impl Derived {
         let mass_changes: Vec<_> = mass_changes.collect();
         let mut beside = Vec::new();
         for &parameter in by {
-            if !tells_energy {
+            if !differs {
                 break;
             }
             // Where the system is invalid on one side, as beyond the largest order, the one at the point is
@@ -549,22 +582,22 @@ impl Derived {
                 match predictions
                     .scenario(record, &beside, &[])
                     .map_err(NoPrediction::from)
-                    .and_then(|s| made(&s))
+                    .and_then(|s| Told::new(&s))
                 {
                     Ok(system) => Ok((system, change)),
-                    Err(_) => Ok((made(scenario)?, 0.0)),
+                    Err(_) => Ok((Told::new(scenario)?, 0.0)),
                 }
             };
             beside.push([other(change)?, other(-change)?]);
         }
-        let tells_velocity = tells(|what| matches!(what, Observed::Velocity(_) | Observed::Acceleration(_)));
-        if let (true, Some(row)) = (tells_velocity, scenario.system.massless().first()) {
+        let massless = if scenario.is_mechanism() { Vec::new() } else { scenario.system.massless() };
+        if let (true, Some(row)) = (tells_velocity, massless.first()) {
             let reason =
                 format!("system.mass: coordinate {row} has no mass, so that no momentum tells its velocity");
             return Err(NoPrediction::Refused(reason));
         }
         Ok(Self {
-            system: made(scenario)?,
+            system: Told::new(scenario)?,
             mass_changes,
             beside,
             tells_velocity,
@@ -595,39 +628,75 @@ impl Derived {
             }
         }
         if self.tells_velocity {
-            self.system.velocity(&self.momentum, &mut self.velocity);
-            let mut rest = vec![0.0; size];
-            for parameter in 0..count {
-                let own = parameter * size..(parameter + 1) * size;
-                // M δv = δp − δM v.
-                rest.copy_from_slice(&self.momentum_slopes[own.clone()]);
-                for &(row, column) in &self.mass_changes[parameter] {
-                    rest[row] -= self.velocity[column];
-                }
-                self.system.velocity(&rest, &mut self.velocity_slopes[own]);
+            self.system.velocity(&self.position, &self.momentum, &mut self.velocity);
+            match self.system {
+                Told::Straight(_) => self.differentiate_velocity(),
+                Told::Mechanism(_) => self.difference_velocity(),
             }
         }
         if self.tells_energy {
-            // Derivative along (∂q/∂θ, ∂p/∂θ).
             for parameter in 0..count {
-                let own = parameter * size..(parameter + 1) * size;
-                let (dq, dp) = (&self.position_slopes[own.clone()], &self.momentum_slopes[own]);
-                let moved = |from: &[f64], by: &[f64], change: f64| -> Vec<f64> {
-                    from.iter().zip(by).map(|(x, slope)| x + change * slope).collect()
-                };
-                let Some([(more, up), (less, down)]) = self.beside.get_mut(parameter) else { continue };
-                let (up, down) = (*up, *down);
-                let above = more.energy(&moved(&self.position, dq, up), &moved(&self.momentum, dp, up));
-                let below = less.energy(&moved(&self.position, dq, down), &moved(&self.momentum, dp, down));
+                let Some([(up, above), (down, below)]) = self.moved(parameter) else { continue };
+                let Some([(more, _), (less, _)]) = self.beside.get_mut(parameter) else { continue };
+                let (above, below) = (more.energy(&above[0], &above[1]), less.energy(&below[0], &below[1]));
                 self.energy_slopes[parameter] = (above - below) / (up - down);
             }
         }
+    }
+
+    /// ∂v/∂θ from M δv = δp − δM v.
+    fn differentiate_velocity(&mut self) {
+        let size = self.position.len();
+        let mut rest = vec![0.0; size];
+        for parameter in 0..self.energy_slopes.len() {
+            let own = parameter * size..(parameter + 1) * size;
+            rest.copy_from_slice(&self.momentum_slopes[own.clone()]);
+            for &(row, column) in &self.mass_changes[parameter] {
+                rest[row] -= self.velocity[column];
+            }
+            self.system.velocity(&self.position, &rest, &mut self.velocity_slopes[own]);
+        }
+    }
+
+    /// ∂v/∂θ of a mechanism, whose mass depends on the position and on parameters in words.
+    fn difference_velocity(&mut self) {
+        let size = self.position.len();
+        let (mut fast, mut slow) = (vec![0.0; size], vec![0.0; size]);
+        for parameter in 0..self.energy_slopes.len() {
+            let Some([(up, above), (down, below)]) = self.moved(parameter) else { continue };
+            let Some([(more, _), (less, _)]) = self.beside.get_mut(parameter) else { continue };
+            more.velocity(&above[0], &above[1], &mut fast);
+            less.velocity(&below[0], &below[1], &mut slow);
+            let slopes = &mut self.velocity_slopes[parameter * size..][..size];
+            for ((slope, &fast), &slow) in slopes.iter_mut().zip(&fast).zip(&slow) {
+                *slope = (fast - slow) / (up - down);
+            }
+        }
+    }
+
+    /// The two changes of a parameter, each with position and momentum moved along (∂q/∂θ, ∂p/∂θ).
+    fn moved(&self, parameter: usize) -> Option<[(f64, [Vec<f64>; 2]); 2]> {
+        let size = self.position.len();
+        let own = parameter * size..(parameter + 1) * size;
+        let both = |change: f64| {
+            let moved = |from: &[f64], by: &[f64]| -> Vec<f64> {
+                from.iter().zip(by).map(|(x, slope)| x + change * slope).collect()
+            };
+            let position = moved(&self.position, &self.position_slopes[own.clone()]);
+            (change, [position, moved(&self.momentum, &self.momentum_slopes[own.clone()])])
+        };
+        self.beside.get(parameter).map(|[(_, up), (_, down)]| [both(*up), both(*down)])
     }
 
     fn value(&self, what: Observed) -> Result<f64, NoPrediction> {
         Ok(match what {
             Observed::Position(index) => self.position[index],
             Observed::Momentum(index) => self.momentum[index],
+            Observed::Velocity(index) | Observed::Acceleration(index) if self.velocity[index].is_nan() => {
+                let reason =
+                    "system.kinetic: the mass is singular on the way, so that no momentum tells the velocity";
+                return Err(NoPrediction::Refused(reason.to_owned()));
+            }
             Observed::Velocity(index) | Observed::Acceleration(index) => self.velocity[index],
             Observed::Energy => self.energy,
             _ => return Err(NoPrediction::of_a_motion()),

@@ -271,7 +271,11 @@ fn velocity_on_constraints(scenario: &Scenario) -> Option<Vec<f64>> {
 }
 
 /// The velocity with M(q)v + Cᵀλ = p − a(q) and C v = 0, a(q) = L_v(q, 0); `None` if there is none.
-fn velocity_of(system: &mut Mechanism<f64>, position: &[f64], momentum: &[f64]) -> Option<Vec<f64>> {
+pub(super) fn velocity_of(
+    system: &mut Mechanism<f64>,
+    position: &[f64],
+    momentum: &[f64],
+) -> Option<Vec<f64>> {
     let (n, m) = (system.coordinates(), system.constraints());
     let (still, now) = (vec![0.0; n], Instant::in_step(0.0, 0.5, 0.0));
     let [mut mass, mut coupling, mut stiffness, mut resistance] = [(); 4].map(|()| vec![0.0; n * n]);

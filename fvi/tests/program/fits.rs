@@ -579,6 +579,43 @@ fn a_mechanism_is_fitted_by_its_motion_and_by_its_response_at_rest() {
     }
 }
 
+/// T = ½ m (1 + q²) v² + 0.4 q v: p = m (1 + q²) v + 0.4 q tells the velocities and accelerations of data.
+#[test]
+fn a_mechanism_is_fitted_by_its_velocities_accelerations_and_energies() {
+    let scenario = "[system]\nkinetic = \"0.5*m*(1 + q0^2)*v0^2 + 0.4*q0*v0\"\npotential = \"2*q0^2\"\n\
+        parameters = { m = 1.3 }\n[[system.damping]]\norder = 0.6\ncoefficient = 0.7\nalong = \"sin(q0)\"\n\
+        [initial]\nposition = [1.0]\nvelocity = [2.0]\n[scheme]\nkind = \"galerkin\"\ndegree = 3\n\
+        [time]\nstep = 0.01\nsteps = 200\n";
+    let place = Workplace::new();
+    let run = place.run(scenario, &[]);
+    let velocity = |row: &[f64]| (row[2] - 0.4 * row[1]) / (1.3 * (1.0 + row[1] * row[1]));
+    let rates: Vec<f64> = run.rows.iter().map(|row| velocity(row)).collect();
+    // Differences over three steps to each side.
+    let slope = |k: usize| {
+        let ahead = |far: usize| rates[k + far] - rates[k - far];
+        (0.75 * ahead(1) - 0.15 * ahead(2) + ahead(3) / 60.0) / 0.01
+    };
+    let columns: [(&str, &dyn Fn(usize) -> f64, f64); 3] =
+        [("v0", &|k| rates[k], 1e-7), ("a0", &slope, 1e-5), ("energy", &|k| run.rows[k][3], 1e-7)];
+    place.write("scenario.toml", scenario);
+    for (column, data, tolerance) in columns {
+        let mut table = format!("t,{column}\n");
+        for k in (15..195).step_by(4) {
+            writeln!(table, "{:e},{:e}", run.rows[k][0], data(k)).unwrap();
+        }
+        place.write("data.csv", &table);
+        let found = fitted(
+            &place,
+            "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.damping[0].coefficient\"\nstart = 0.6\n\
+             [[free]]\npath = \"system.parameters.m\"\nstart = 1.28\n[[data]]\nfile = \"data.csv\"\n",
+        );
+        for (path, truth) in [("system.damping[0].coefficient", 0.7), ("system.parameters.m", 1.3)] {
+            let found = estimate(&found, path);
+            assert!((found - truth).abs() < tolerance, "{column}, {path}: {found}");
+        }
+    }
+}
+
 #[test]
 fn a_receptance_is_fitted() {
     let place = Workplace::new();
