@@ -428,6 +428,37 @@ fn a_discrete_response_is_that_of_a_long_run() {
     }
 }
 
+/// Weights on rigid bars, whose constraints are curved and loaded: the same, with steps so long that the
+/// curvature at the knots tells.
+#[test]
+fn a_discrete_response_with_loaded_constraints_is_that_of_a_long_run() {
+    let rest = [0.0, -1.0, 0.0, -1.7];
+    for degree in 1..=3_usize {
+        let off = [0.1, 0.05].map(|step| {
+            let step = step * degree as f64;
+            let omega = 3.1;
+            let steps = (600.0 / step) as usize;
+            let mut system = by_places("prony");
+            let of = |system: &Value| {
+                scenario(system, json!({ "position": rest }), degree, (step * steps as f64, steps))
+            };
+            let linearised = Linearised::new(&of(&system), &rest).unwrap();
+            let discrete = linearised.discrete_response(omega, 2).unwrap();
+            system["force"] = json!(["0", "0", format!("2e-5*cos({omega:?}*t)"), "0"]);
+            let [position, _] = end_of(&of(&system), Precision::F64);
+            let (sine, cosine) = (omega * step * steps as f64).sin_cos();
+            for (index, discrete) in discrete.iter().enumerate() {
+                let found = (position[index] - rest[index]) / 2e-5;
+                let expected = (discrete * Complex::new(cosine, sine)).re;
+                assert!((found - expected).abs() < 1e-6, "{degree}, {step}, q{index}: {found} {expected}");
+            }
+            (discrete[2] - linearised.response(omega, 2).unwrap()[2]).norm()
+        });
+        let order = (off[0] / off[1]).log2();
+        assert!((order - 2.0 * degree as f64).abs() < 0.3, "{degree}: {order}, {off:?}");
+    }
+}
+
 #[test]
 fn a_response_away_from_rest_names_the_rest_nearby() {
     let of = |system: &Value, position: &[f64]| {

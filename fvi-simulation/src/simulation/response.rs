@@ -8,7 +8,7 @@ mod poles;
 use super::stability::characteristic::log_determinant;
 use super::stability::{self, LinearDamping, LinearSystem};
 use crate::model::{Matrix, Model, matrix};
-use discrete::{GaussModes, SchemeFactors, StepEquations};
+use discrete::{GaussModes, SchemeFactors, StepEquations, only};
 use fvi_core::{Instant, Mechanics, max_or_nan};
 use fvi_fft::dense::solve_complex;
 use fvi_fft::transfer::TransferFunction;
@@ -38,6 +38,8 @@ pub struct Linearised {
     size: usize,
     /// Those directions, column by column, and L_vv, of a system with constraints.
     free: Option<[DMatrix<f64>; 2]>,
+    /// Σ λ_k ∂²c_k on them, where it is not zero.
+    bent: Option<DMatrix<f64>>,
     transfers: Vec<TransferFunction>,
     equations: Equations,
     scheme: Result<StepEquations, String>,
@@ -84,6 +86,7 @@ enum Equations {
 /// A scenario at a point.
 struct AtPoint {
     free: Option<[DMatrix<f64>; 2]>,
+    bent: Option<DMatrix<f64>>,
     equations: Equations,
     changes: bool,
     kink: bool,
@@ -135,7 +138,7 @@ impl AtPoint {
         } else {
             sparse(size, [&mass, &stiffness].into_iter().chain(&damping))
         };
-        Ok(Self { free: None, equations, changes, kink })
+        Ok(Self { free: None, bent: None, equations, changes, kink })
     }
 }
 
@@ -159,12 +162,12 @@ impl Linearised {
     pub fn new(scenario: &Scenario, position: &[f64]) -> Result<Self, InputError> {
         scenario.check_use(Feature::Response)?;
         let transfers: Vec<_> = scenario.system.damping.iter().map(|term| term.transfer.clone()).collect();
-        let AtPoint { free, equations, changes, kink } = match scenario.system.is_mechanism() {
+        let AtPoint { free, bent, equations, changes, kink } = match scenario.system.is_mechanism() {
             true => mechanism::at_point(scenario, position)?,
             false => AtPoint::of_coordinates(scenario, position)?,
         };
         let size = free.as_ref().map_or(scenario.coordinates(), |[directions, _]| directions.ncols());
-        let scheme = StepEquations::of(scenario, &transfers).and_then(|scheme| {
+        let scheme = StepEquations::of(scenario, &transfers, bent.is_some()).and_then(|scheme| {
             let massless = scenario.system.massless();
             if let (Some(row), true) = (massless.first(), scenario.scheme != Scheme::Collocation) {
                 return Err(format!(
@@ -180,7 +183,7 @@ impl Linearised {
             }
             Ok(scheme)
         });
-        Ok(Self { size, free, transfers, equations, scheme, step: scenario.time.step, changes, kink })
+        Ok(Self { size, free, bent, transfers, equations, scheme, step: scenario.time.step, changes, kink })
     }
 
     /// True if ∂²U/∂q² − ∂F/∂q changes with time; the response is then that of t = 0.
@@ -232,7 +235,7 @@ impl Linearised {
             stiffness: one(Complex::new(1.0, 0.0)),
             damping: self.transfers.iter().map(|transfer| one(transfer.value(s))).collect(),
             load: vec![Complex::new(1.0, 0.0)],
-            answer: 0,
+            answer: only(0, 1),
         };
         self.solve(&factors, input, stopped)
     }
@@ -443,7 +446,13 @@ impl Linearised {
         match &self.equations {
             Equations::Dense { mass, stiffness, damping } => {
                 let mut matrix = vec![Complex::ZERO; vector.len() * vector.len()];
-                factors.add_to(&mut matrix, mass, stiffness, damping);
+                match (&self.bent, factors.damping.len() > damping.len()) {
+                    (Some(bent), true) => {
+                        let damping: Vec<_> = damping.iter().chain([bent]).cloned().collect();
+                        factors.add_to(&mut matrix, mass, stiffness, &damping);
+                    }
+                    _ => factors.add_to(&mut matrix, mass, stiffness, damping),
+                }
                 solve_complex(&mut matrix, &mut vector)?;
             }
             Equations::Sparse { pattern, solver, .. } => {
@@ -453,7 +462,11 @@ impl Linearised {
                 solver.factored(pattern, self.entries(&of_matrices), stopped)?.solve(&mut vector).ok()?;
             }
         }
-        Some(self.coordinates(&vector[factors.answer * self.size..][..self.size]))
+        let mut answer = vec![Complex::ZERO; self.size];
+        for (node, share) in vector.chunks_exact(self.size).zip(&factors.answer) {
+            answer.iter_mut().zip(node).for_each(|(sum, number)| *sum += share * number);
+        }
+        Some(self.coordinates(&answer))
     }
 
     /// The highest frequency for which kernels given by weights are known; `None` without such kernels.

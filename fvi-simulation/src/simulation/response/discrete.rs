@@ -9,14 +9,14 @@ use fvi_fft::transfer::TransferFunction;
 use fvi_scenario::scenario::{Scenario, Scheme};
 use nalgebra::{Complex, DMatrix};
 
-/// The coefficients of M, K and the ρ_m in the equations of a harmonic motion, those of the force, and the
-/// index of the unknown vector that is the response.
+/// The coefficients of M, K and the ρ_m in the equations of a harmonic motion, those of the force, and those
+/// of the unknown vectors in the response.
 pub(super) struct SchemeFactors {
     pub(super) mass: DMatrix<Complex<f64>>,
     pub(super) stiffness: DMatrix<Complex<f64>>,
     pub(super) damping: Vec<DMatrix<Complex<f64>>>,
     pub(super) load: Vec<Complex<f64>>,
-    pub(super) answer: usize,
+    pub(super) answer: Vec<Complex<f64>>,
 }
 
 impl SchemeFactors {
@@ -47,14 +47,20 @@ pub(super) enum StepEquations {
     Euler { explicit: bool, order: BdfOrder, transfers: Vec<TransferFunction> },
     /// Gauss's method, with its weights.
     Gauss(Box<GaussModes>),
+    /// The same with loaded constraints that are curved.
+    GaussLobatto { rule: Box<GaussLobatto<f64>>, transfers: Vec<TransferFunction> },
 }
 
 impl StepEquations {
-    /// The equations for a scenario.
+    /// The equations for a scenario, in which constraints may resist like springs.
     ///
     /// # Errors
     /// A message, for different steps.
-    pub(super) fn of(scenario: &Scenario, transfers: &[TransferFunction]) -> Result<Self, String> {
+    pub(super) fn of(
+        scenario: &Scenario,
+        transfers: &[TransferFunction],
+        is_bent: bool,
+    ) -> Result<Self, String> {
         if scenario.time.grid.is_some() {
             return Err("a scheme has a frequency response on equal steps only".to_owned());
         }
@@ -70,6 +76,11 @@ impl StepEquations {
         }
         let family = scenario.convolution.family;
         match (scenario.scheme, family) {
+            // Discrete gradients take constraints at the node of the midpoint rule.
+            (Scheme::Galerkin { .. }, ConvolutionFamily::Gauss { stages }) if is_bent => {
+                let rule = Box::new(GaussLobatto::new(stages).map_err(|error| error.to_string())?);
+                Ok(Self::GaussLobatto { rule, transfers })
+            }
             (_, ConvolutionFamily::Gauss { stages }) => Ok(Self::Gauss(Box::new(GaussModes::new(stages)?))),
             (Scheme::ExplicitEuler | Scheme::ImplicitEuler, ConvolutionFamily::Bdf { order }) => {
                 let explicit = scenario.scheme == Scheme::ExplicitEuler;
@@ -92,6 +103,7 @@ impl StepEquations {
         match self {
             Self::Polynomials { degree, .. } => *degree,
             Self::Collocation { nodes, .. } => nodes.len(),
+            Self::GaussLobatto { rule, .. } => rule.stages(),
             Self::Euler { .. } | Self::Gauss(_) => 1,
         }
     }
@@ -107,9 +119,12 @@ impl StepEquations {
             Self::Gauss(_) => return None,
             Self::Polynomials { characteristic, .. } => {
                 let MatrixFactors { mass, stiffness, damping } = characteristic.factors_of_matrices(step, z);
-                let load = characteristic.forcing(step, omega).into_iter().map(|load| -load).collect();
-                SchemeFactors { mass, stiffness, damping, load, answer: 0 }
+                let load: Vec<_> =
+                    characteristic.forcing(step, omega).into_iter().map(|load| -load).collect();
+                let answer = only(0, load.len());
+                SchemeFactors { mass, stiffness, damping, load, answer }
             }
+            Self::GaussLobatto { rule, transfers } => of_knots(rule, transfers, step, omega),
             Self::Collocation { inverse, nodes, transfers } => {
                 let delta = symbol::difference(inverse, z) / Complex::new(step, 0.0);
                 let damping = transfers.iter().map(|transfer| match transfer.exponent() {
@@ -123,7 +138,7 @@ impl StepEquations {
                     stiffness: DMatrix::identity(nodes.len(), nodes.len()),
                     damping: damping.collect(),
                     load: nodes.iter().map(|node| turned(1.0 - node)).collect(),
-                    answer: nodes.len() - 1,
+                    answer: only(nodes.len() - 1, nodes.len()),
                 }
             }
             Self::Euler { explicit, order, transfers } => {
@@ -145,10 +160,59 @@ impl StepEquations {
                     stiffness: one(elastic),
                     damping: damped.collect(),
                     load: vec![elastic],
-                    answer: 0,
+                    answer: only(0, 1),
                 }
             }
         })
+    }
+}
+
+/// The coefficients of a response that is one of the unknown vectors.
+pub(super) fn only(index: usize, count: usize) -> Vec<Complex<f64>> {
+    (0..count).map(|place| Complex::new(f64::from(u8::from(place == index)), 0.0)).collect()
+}
+
+/// Harmonic motions of Gauss's method whose constraints hold at Lobatto's knots.
+///
+/// With ζ = e^{iωh}, B = A + 1bᵀ/(ζ − 1), B̃ = Ã + 1bᵀ/(ζ − 1), B̂ = Â + 1b̃ᵀ/(ζ − 1) and the curvature
+/// K_c = Σ λ_k ∂²c_k of the constraints, which act at the knots, the velocities V at the nodes satisfy, on
+/// the kernel of C,
+///
+/// ```text
+/// M V + h²B² (K − K_c + Σ ρ_m K_m(B⁻¹/h)) V + h² B̂B̃ K_c V = h B e^{iωhc} ,     H_h(ω) = h bᵀV/(ζ − 1) .
+/// ```
+///
+/// The last matrix of the damping is K_c, the part K_c of K included in K.
+fn of_knots(
+    rule: &GaussLobatto<f64>,
+    transfers: &[TransferFunction],
+    step: f64,
+    omega: f64,
+) -> SchemeFactors {
+    let (s, h) = (rule.stages(), Complex::new(step, 0.0));
+    let turned = |fraction: f64| {
+        let angle = omega * step * fraction;
+        Complex::new(libm::cos(angle), libm::sin(angle))
+    };
+    let earlier = (turned(1.0) - 1.0).inv();
+    let with_earlier = |now: f64, weight: f64| now + weight * earlier;
+    let nodes = DMatrix::from_fn(s, s, |i, j| h * with_earlier(rule.matrix(i, j), rule.weight(j)));
+    let to_knots = DMatrix::from_fn(s + 1, s, |j, k| h * with_earlier(rule.at_knot(j, k), rule.weight(k)));
+    let of_knots =
+        DMatrix::from_fn(s, s + 1, |i, j| h * with_earlier(rule.conjugate(i, j), rule.knot_weight(j)));
+    let squared = &nodes * &nodes;
+    let force = |transfer: &TransferFunction| {
+        symbol::function_of(&nodes, |interval| interval * interval * transfer.value(interval.inv()))
+    };
+    let mut damping: Vec<_> = transfers.iter().map(force).collect();
+    damping.push(of_knots * to_knots - &squared);
+    let load = (0..s).map(|i| (0..s).map(|j| nodes[(i, j)] * turned(rule.node(j))).sum());
+    SchemeFactors {
+        mass: DMatrix::identity(s, s),
+        stiffness: squared,
+        damping,
+        load: load.collect(),
+        answer: (0..s).map(|i| h * rule.weight(i) * earlier).collect(),
     }
 }
 

@@ -64,8 +64,9 @@ pub(super) fn at_point(scenario: &Scenario, position: &[f64]) -> Result<AtPoint,
         }
     };
     let one = |matrices: Vec<DMatrix<f64>>| reduce(matrices).swap_remove(0);
+    let bent = one(vec![here.curvature]);
     let equations = Equations::Dense { mass: one(mass), stiffness: one(stiffness), damping: reduce(damping) };
-    Ok(AtPoint { free, equations, changes, kink })
+    Ok(AtPoint { free, bent: (bent.amax() > 0.0).then_some(bent), equations, changes, kink })
 }
 
 /// What a mechanism at rest at a position is made of.
@@ -74,6 +75,8 @@ struct AtRest {
     mass: DMatrix<f64>,
     /// K, without the constraints' part unless multipliers are given.
     stiffness: DMatrix<f64>,
+    /// Σ_k λ_k ∂²c_k.
+    curvature: DMatrix<f64>,
     /// L_q + F − Gᵀf.
     force: DVector<f64>,
     /// ∂L_v/∂q − ∂(L_q + F)/∂v.
@@ -154,6 +157,7 @@ impl Pulled {
         AtRest {
             mass: square(&mass),
             stiffness: stiffness - square(&slope) + square(&curvature),
+            curvature: square(&curvature),
             force: DVector::from_vec(force) - elongations.transpose() * DVector::from_vec(pulls),
             turning: square(&coupling) - square(&resistance),
             damping,
