@@ -857,7 +857,9 @@ impl<'s> Run<'s> {
         let state = self.motion.state().clone();
         self.ended = self.watch.take(&state, |time, place| self.motion.interpolate(time, place));
         if let Some(ended) = &mut self.ended {
-            ended.columns = self.motion.columns_at(ended.time).to_vec();
+            let mut there = ended.clone();
+            self.motion.interpolate(ended.time, &mut there);
+            ended.columns = there.columns;
         }
     }
 

@@ -34,6 +34,9 @@ mod mechanism;
 mod mechanism_accuracy_tests;
 #[cfg(test)]
 mod mechanism_limits_tests;
+mod mechanism_multipliers;
+#[cfg(test)]
+mod mechanism_multipliers_tests;
 mod mechanism_state;
 #[cfg(test)]
 mod mechanism_tests;
@@ -140,6 +143,8 @@ trait Stepper: Stateful {
     fn write_multipliers(&mut self, _: &mut [f64]) -> Result<(), String> {
         Ok(())
     }
+    /// Writes those at a time inside the last step.
+    fn write_multipliers_at(&mut self, _: f64, _: &mut [f64]) {}
     /// Refuses the last step for what it passed.
     fn check(&self) -> Result<(), String> {
         Ok(())
@@ -263,6 +268,11 @@ impl Simulation {
     /// Writes the multipliers λ of the constraints at the present grid point.
     pub(crate) fn write_multipliers(&mut self, multipliers: &mut [f64]) -> Result<(), String> {
         self.stepper.write_multipliers(multipliers)
+    }
+
+    /// Writes those at a time inside the last step; not a number where they are not determined.
+    pub(crate) fn write_multipliers_at(&mut self, time: f64, multipliers: &mut [f64]) {
+        self.stepper.write_multipliers_at(time, multipliers);
     }
 
     /// The energies stored and dissipated by the dampers of a mechanism; `None` for other simulations.

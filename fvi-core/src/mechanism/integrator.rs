@@ -696,6 +696,17 @@ where
         from(self.numbers.as_ref(), 5 * n + self.shape.unknowns() + 2 * e, e)
     }
 
+    /// The dampers' forces at the nodes of the step that has just been made, E for each; until anything else
+    /// is asked for.
+    #[doc(hidden)]
+    pub fn tensions_at_nodes(&mut self) -> &[T] {
+        let (_, work) = carried(self.shape, self.numbers.as_mut());
+        match self.gradients {
+            Gradients::AtNodes => StepBuffers::new(self.shape, work).tensions,
+            Gradients::Discrete { .. } => Buffers::new(self.shape, work).tensions,
+        }
+    }
+
     /// The energy L_vᵀ v − L of the scheme's state.
     pub fn energy(&mut self) -> T {
         let (carried, _, system, _) = self.split();

@@ -1,6 +1,7 @@
 //! Simulation of a mechanism: any Lagrangian, constraints, and dampers along elongations.
 
 use super::control::Drive;
+use super::mechanism_multipliers::multipliers;
 use super::passage::Passages;
 use super::piece::{Piece, WithinStep};
 use super::step_batch::StepBatch;
@@ -40,6 +41,7 @@ pub(super) type Integrator<T> = MechanismIntegrator<T, Mechanism<T>, Row<T>, Vec
 /// The mechanism of a scenario in one precision.
 pub(super) struct TypedMechanism<T: Elementary> {
     integrator: Integrator<T>,
+    /// The force that is held over the step to the present grid point; at the start that of the first step.
     input: Vec<T>,
     /// The momentum that is shown: with the excess of the dampers' impulse, or that of the scheme.
     momentum: Vec<T>,
@@ -47,6 +49,7 @@ pub(super) struct TypedMechanism<T: Elementary> {
     /// The last two steps, the later one first, if states inside them are needed.
     pieces: Option<[Piece<T>; 2]>,
     terms: usize,
+    pulls: Option<Pulls>,
     passages: Passages<T>,
     /// The keys of the elongations.
     along: Vec<String>,
@@ -63,15 +66,17 @@ impl<T: Elementary> TypedMechanism<T> {
     pub(super) fn new(scenario: &Scenario) -> Result<Self, InputError> {
         let mut integrator = integrator::<T>(scenario)?;
         let zeros = || vec![T::zero(); scenario.coordinates()];
+        let first_input = scenario.input.as_ref().and_then(|input| input.at_step(0)).unwrap_or(&[]);
         let start = integrator.position().to_vec();
         let passages = Passages::new(integrator.system_mut(), &start);
         let mut made = Self {
             integrator,
-            input: Vec::new(),
+            input: first_input.iter().map(|&force| T::of(force)).collect(),
             momentum: zeros(),
             is_own_momentum: scenario.output.momentum != ReportedMomentum::Mean,
             pieces: scenario.is_looked_into().then(<[Piece<T>; 2]>::default),
             terms: scenario.system.damping.len(),
+            pulls: (!scenario.system.constraints.is_empty()).then(|| Pulls::new(scenario)).transpose()?,
             passages,
             along: keys_of_elongations(scenario),
             turns: (scenario.scheme == Scheme::Energy).then(Turns::default),
@@ -109,6 +114,10 @@ impl<T: Elementary> TypedMechanism<T> {
     /// Stores the end of a step.
     fn finish(&mut self, made: Result<u32, StepError>) -> Result<u32, StepError> {
         let corrections = made?;
+        if let (Some(pulls), Some(_)) = (&mut self.pulls, &self.pieces) {
+            pulls.at_nodes.clear();
+            pulls.at_nodes.extend(in_double(self.integrator.tensions_at_nodes()));
+        }
         self.follow();
         if let Some([piece, _]) = &mut self.pieces {
             piece.end(self.integrator.time().to_f64(), self.integrator.solution());
@@ -168,6 +177,27 @@ impl<T: Elementary> TypedMechanism<T> {
         }
         let is_last = time > last.from || before.solution.is_empty();
         Some(if is_last { (last, None) } else { (before, Some(last)) })
+    }
+}
+
+/// What multipliers follow from beside the state, of a mechanism with constraints.
+struct Pulls {
+    system: Mechanism<f64>,
+    /// The dampers' forces at the nodes of the last step.
+    at_nodes: Vec<f64>,
+    /// For each elongation, whether its damper pulls at once on a velocity: those of orders below 1 do not.
+    at_once: Vec<bool>,
+}
+
+impl Pulls {
+    fn new(scenario: &Scenario) -> Result<Self, InputError> {
+        let system = Mechanism::new(scenario).map_err(|error| super::bad_mass(scenario, &error))?;
+        let of_term = |term: &Damping| {
+            let count = coefficient_of::<f64>(scenario, term).len().isqrt();
+            vec![term.transfer.growth() >= 1.0; count]
+        };
+        let at_once = scenario.system.damping.iter().flat_map(of_term).collect();
+        Ok(Self { system, at_nodes: Vec::new(), at_once })
     }
 }
 
@@ -572,12 +602,48 @@ impl<T: Elementary> Stepper for TypedMechanism<T> {
     }
 
     fn write_multipliers(&mut self, multipliers: &mut [f64]) -> Result<(), String> {
-        let mut found = vec![T::zero(); multipliers.len()];
-        if multipliers.is_empty() || self.integrator.write_multipliers(&mut found) {
+        let Some(pulls) = &mut self.pulls else { return Ok(()) };
+        let lacks = "the constraints do not determine their multipliers at its end";
+        let is_at_start = self.integrator.steps() == 0;
+        if !is_at_start && self.input.iter().all(|&force| force == T::zero()) {
+            let mut found = vec![T::zero(); multipliers.len()];
+            if !self.integrator.write_multipliers(&mut found) {
+                return Err(lacks.to_owned());
+            }
             multipliers.iter_mut().zip(in_double(&found)).for_each(|(place, number)| *place = number);
             return Ok(());
         }
-        Err("the constraints do not determine their multipliers at its end".to_owned())
+        let double = |numbers: &[T]| in_double(numbers).collect::<Vec<_>>();
+        let (position, velocity) = (double(self.integrator.position()), double(self.integrator.velocity()));
+        let (mut tensions, input) = (double(self.integrator.tensions()), double(&self.input));
+        if is_at_start {
+            let gradual = tensions.iter_mut().zip(&pulls.at_once).filter(|(_, at_once)| !**at_once);
+            gradual.for_each(|(tension, _)| *tension = 0.0);
+        }
+        let state = (self.integrator.time().to_f64(), &position[..], &velocity[..]);
+        let found = self::multipliers(&mut pulls.system, state, [&tensions, &input]).ok_or(lacks)?;
+        multipliers.copy_from_slice(&found);
+        Ok(())
+    }
+
+    fn write_multipliers_at(&mut self, time: f64, multipliers: &mut [f64]) {
+        let Some((piece, None)) = self.piece_at(time) else { return };
+        let WithinStep::Inside(fraction) = piece.place(time) else { return };
+        let [position, velocity] =
+            self.inside(piece, fraction).map(|numbers| in_double(&numbers).collect::<Vec<_>>());
+        let rule = *self.integrator.rule();
+        let input: Vec<f64> = in_double(&self.input).collect();
+        let Some(pulls) = &mut self.pulls else { return };
+        let mut tensions = vec![0.0; pulls.at_once.len()];
+        for (stage, forces) in pulls.at_nodes.chunks_exact(tensions.len().max(1)).enumerate() {
+            let share = rule.value(stage, fraction).to_f64();
+            tensions.iter_mut().zip(forces).for_each(|(sum, force)| *sum += share * force);
+        }
+        let state = (time, &position[..], &velocity[..]);
+        match self::multipliers(&mut pulls.system, state, [&tensions, &input]) {
+            Some(found) => multipliers.copy_from_slice(&found),
+            None => multipliers.fill(f64::NAN),
+        }
     }
 
     fn check(&self) -> Result<(), String> {

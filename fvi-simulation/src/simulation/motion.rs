@@ -458,16 +458,17 @@ impl<'s> Motion<'s> {
         &self.energies
     }
 
-    /// Writes the state at a time within the last step, by the polynomial of the scheme.
+    /// Writes the state at a time within the last step, by the polynomial of the scheme, with the columns of
+    /// the step's beginning, but for multipliers.
     pub fn interpolate(&mut self, time: f64, state: &mut GridState) {
         self.simulation.interpolate(time, state);
         state.columns.clear();
-        state.columns.extend_from_slice(self.columns_at(time));
-    }
-
-    /// The numbers of the run's columns at a time within the last step: inside it those of its beginning.
-    pub fn columns_at(&self, time: f64) -> &[f64] {
-        if time < self.state.time { &self.columns_before } else { &self.state.columns }
+        let is_inside = time < self.state.time;
+        state.columns.extend_from_slice(if is_inside { &self.columns_before } else { &self.state.columns });
+        let multipliers = &mut state.columns[self.columns.places(Source::Constraints)];
+        if is_inside && !multipliers.is_empty() {
+            self.simulation.write_multipliers_at(time, multipliers);
+        }
     }
 
     /// The simulation.

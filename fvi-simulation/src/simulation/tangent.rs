@@ -3,7 +3,7 @@
 pub(super) mod explicit;
 mod mechanism;
 mod mechanism_explicit;
-mod mechanism_step;
+pub(super) mod mechanism_step;
 pub(super) mod points;
 mod step;
 

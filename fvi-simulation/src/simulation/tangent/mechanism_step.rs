@@ -10,14 +10,14 @@ use nalgebra::DMatrix;
 const ON_CONSTRAINTS: f64 = 1e-8;
 
 /// A node of a step: Q, V, G, vᵀ∂²g, f, and the second derivatives, with those of elongations.
-pub(super) struct Node {
+pub(in crate::simulation) struct Node {
     pub(super) position: Vec<f64>,
     pub(super) velocity: Vec<f64>,
     pub(super) elongating: Vec<f64>,
     pub(super) turning: Vec<f64>,
     pub(super) forces: Vec<f64>,
     pub(super) mass: Vec<f64>,
-    pub(super) coupling: Vec<f64>,
+    pub(in crate::simulation) coupling: Vec<f64>,
     pub(super) stiffness: Vec<f64>,
     pub(super) resistance: Vec<f64>,
 }
@@ -69,14 +69,14 @@ pub(super) struct Found {
 }
 
 /// out += factor B x, for B of as many columns as x has numbers.
-pub(super) fn add(factor: f64, matrix: &[f64], x: &[f64], out: &mut [f64]) {
+pub(in crate::simulation) fn add(factor: f64, matrix: &[f64], x: &[f64], out: &mut [f64]) {
     for (out, row) in out.iter_mut().zip(matrix.chunks_exact(x.len().max(1))) {
         *out += factor * row.iter().zip(x).map(|(b, x)| b * x).sum::<f64>();
     }
 }
 
 /// out += factor Bᵀ x.
-pub(super) fn add_transposed(factor: f64, matrix: &[f64], x: &[f64], out: &mut [f64]) {
+pub(in crate::simulation) fn add_transposed(factor: f64, matrix: &[f64], x: &[f64], out: &mut [f64]) {
     for (row, &x) in matrix.chunks_exact(out.len().max(1)).zip(x) {
         out.iter_mut().zip(row).for_each(|(out, b)| *out += factor * b * x);
     }
@@ -180,7 +180,7 @@ impl Step {
 }
 
 /// y and μ with M y + Cᵀμ = x and C y = r at a position, and what their derivatives follow from.
-pub(super) struct Saddle {
+pub(in crate::simulation) struct Saddle {
     pub(super) position: Vec<f64>,
     pub(super) factored: Factored,
     pub(super) solution: Vec<f64>,
@@ -193,7 +193,11 @@ pub(super) struct Saddle {
 }
 
 impl Saddle {
-    pub(super) fn new(system: &mut Mechanism<f64>, position: &[f64], right: [&[f64]; 2]) -> Option<Self> {
+    pub(in crate::simulation) fn new(
+        system: &mut Mechanism<f64>,
+        position: &[f64],
+        right: [&[f64]; 2],
+    ) -> Option<Self> {
         let (n, m) = (position.len(), right[1].len());
         let mass = second(system, position, &vec![0.0; n]);
         let (mut values, mut gradients) = (vec![0.0; m], vec![0.0; m * n]);
@@ -218,7 +222,7 @@ impl Saddle {
         Some(Self { position, factored, solution, turned, gradients, curvature, turning })
     }
 
-    pub(super) fn value(&self) -> (&[f64], &[f64]) {
+    pub(in crate::simulation) fn value(&self) -> (&[f64], &[f64]) {
         self.solution.split_at(self.position.len())
     }
 
@@ -251,7 +255,7 @@ impl Saddle {
 }
 
 /// Writes vᵀ∂²c, M×N numbers.
-pub(super) fn turn_constraints(
+pub(in crate::simulation) fn turn_constraints(
     system: &mut Mechanism<f64>,
     position: &[f64],
     velocity: &[f64],
@@ -296,7 +300,7 @@ pub(super) fn second(system: &mut Mechanism<f64>, position: &[f64], velocity: &[
     second_at(system, Instant::in_step(0.0, 0.5, 0.0), position, velocity)
 }
 
-pub(super) fn second_at(
+pub(in crate::simulation) fn second_at(
     system: &mut Mechanism<f64>,
     instant: Instant<f64>,
     position: &[f64],
