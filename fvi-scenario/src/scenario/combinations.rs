@@ -41,6 +41,9 @@ impl Row {
         if !self.why.is_empty() {
             let _ = write!(with, ": {}", self.why);
         }
+        if let Some(numbers) = self.refused.numbers(scenario) {
+            let _ = write!(with, "; {numbers}");
+        }
         let problem = Problem::Incompatible { with, allowed: self.instead.to_owned() };
         Some(scenario.error_at(&self.refused.path(scenario, index), problem))
     }

@@ -89,6 +89,18 @@ impl SampledInput {
         self.first_steps = self.times.iter().map(|&time| grid.first_step_from(time)).collect();
     }
 
+    /// The first sample that changes the force inside a step of a grid, with beginning and end of that step.
+    pub(super) fn first_inside(&self, grid: &TimeGrid) -> Option<(usize, [f64; 2])> {
+        self.times.iter().zip(&self.first_steps).enumerate().find_map(|(index, (&time, &first))| {
+            let step = [grid.time(first.checked_sub(1)?), grid.time(first)];
+            let changes = match index.checked_sub(1) {
+                Some(before) => self.samples[index] != self.samples[before],
+                None => self.samples[index].iter().any(|&force| force != 0.0),
+            };
+            (changes && time < grid.end() && grid.index_of(time).is_none()).then_some((index, step))
+        })
+    }
+
     /// The input held from a time on, for steps that begin at the times of samples; `None` before the first
     /// sample.
     pub fn from_time(&self, time: f64) -> Option<&[f64]> {

@@ -40,6 +40,38 @@ fn swinging(along: &str) -> Value {
     })
 }
 
+/// Samples that begin inside steps would act late; those at grid points, and those that change nothing, are
+/// taken.
+#[test]
+fn samples_of_a_force_begin_at_grid_points() {
+    let of = |system: Value, input: Value| {
+        Scenario::from_value(&json!({
+            "system": system,
+            "initial": { "position": [1.0] },
+            "scheme": galerkin(2),
+            "convolution": { "family": "gauss" },
+            "input": input,
+            "time": { "step": 0.02, "steps": 50 },
+        }))
+    };
+    for system in [json!({ "kinetic": "0.5*v0^2" }), json!({ "mass": [1.0] })] {
+        let late = json!({ "samples": [1.0, -1.0, 0.5], "period": 0.35 });
+        let error = of(system.clone(), late).unwrap_err();
+        let said = format!("{error} {:?}", error.problem().allowed());
+        assert_eq!(error.key(), "input");
+        for part in ["sample 1", "0.35", "0.34", "0.36", "divides `input.period`"] {
+            assert!(said.contains(part), "{said}");
+        }
+        for taken in [
+            json!({ "samples": [1.0, -1.0, 0.5], "period": 0.34 }),
+            json!({ "samples": [1.0, 1.0, 0.5], "times": [0.0, 0.35, 0.5] }),
+            json!({ "samples": [1.0, 2.0], "times": [0.0, 3.35] }),
+        ] {
+            of(system.clone(), taken).unwrap();
+        }
+    }
+}
+
 /// The mass passes the origin at t = π/4, where length and angle have no derivative: between the nodes of a
 /// step of any length, and close behind one.
 #[test]

@@ -124,6 +124,7 @@ features! {
     Times: "rows between grid points", "output.times", |s| on(!s.output.times.is_empty());
     MemoryEnergy: "energies of memories", "output.memory_energy", |s| on(s.output.memory_energy);
     Input: "samples as a force", "[input]", |s| on(s.input.is_some());
+    SampleInside: "a sample of a force inside a step", "[input]", |s| Some(sample_inside(s)?.0);
     Reference: "a reference", "[reference]", |s| on(s.reference.is_some());
     Cases: "load cases", "[[case]]", |s| on(!s.cases.is_empty());
     Events: "events", "[[event]]", |s| on(!s.events.is_empty());
@@ -187,6 +188,13 @@ impl Feature {
         if key.starts_with('[') { key.to_owned() } else { self.path(scenario, index) }
     }
 
+    /// Numbers of what was found, where the place does not tell them.
+    pub(super) fn numbers(self, scenario: &Scenario) -> Option<String> {
+        let (index, [from, to]) = (self == Self::SampleInside).then(|| sample_inside(scenario))??;
+        let time = scenario.input.as_ref()?.times[index];
+        Some(format!("sample {index} (from 0) begins at t = {time}, inside the step from {from} to {to}"))
+    }
+
     /// The path of what was found in the document of the scenario.
     pub(super) fn path(self, scenario: &Scenario, index: usize) -> String {
         let key = self.definition().1;
@@ -197,6 +205,11 @@ impl Feature {
         let has = |path: &str| scenario.document().has(path);
         if index == 0 && !has(&path) && has(&alone) { alone } else { path }
     }
+}
+
+/// The first sample of a force inside a step that is known beforehand, with that step.
+fn sample_inside(s: &Scenario) -> Option<(usize, [f64; 2])> {
+    s.input.as_ref().filter(|_| s.time.adaptive().is_none())?.first_inside(&s.time)
 }
 
 fn on(is: bool) -> Option<usize> {

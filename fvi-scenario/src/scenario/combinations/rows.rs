@@ -115,6 +115,13 @@ pub const ROWS: &[Row] = &[
     row(Adaptive, Gauss, "", "a grid that is known beforehand: \"uniform\", \"graded\" or \"points\""),
     row(Past, Gauss, "", "a motion that begins at the start, with its memories at rest"),
     row(Cases, Gauss, "", ONE_MOTION),
+    row(
+        SampleInside,
+        Gauss,
+        "a step has one force with them, and the sample would act from the next grid point on",
+        "samples at grid points: a `time.step` that divides `input.period`, or steps that meet `input.times` (`time.grid` with \
+         `time.must_hit`)",
+    ),
     // Steps and engines.
     row(
         Steps,
@@ -224,7 +231,7 @@ pub const ROWS: &[Row] = &[
         DelayInside,
         ForcesFromGridPoints,
         "",
-        "a multiple of `time.step` here; any length with the low-order (kappa > 0) and Galerkin schemes and \
+        "a multiple of `time.step` here; any length with the low-order (kappa > 0) and Galerkin schemes, without Gauss weights, and \
          `system.force_quadrature` = \"moments\"",
     ),
     row(
