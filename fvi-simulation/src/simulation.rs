@@ -149,6 +149,10 @@ trait Stepper: Stateful {
     fn check(&self) -> Result<(), String> {
         Ok(())
     }
+    /// What a failed step of about this length met, where more is known than its error says.
+    fn met(&mut self, _: &StepError, _: f64) -> Option<String> {
+        None
+    }
     /// Warnings about the steps so far.
     fn notes(&self) -> Vec<String> {
         Vec::new()
@@ -263,6 +267,11 @@ impl Simulation {
         };
         let engines = stepper.engines();
         Ok(Self { stepper, engines, shared: Vec::new(), precision, solver: Solver::Dense, warning: None })
+    }
+
+    /// What a failed step of about this length met, where more is known than its error says.
+    pub(crate) fn met(&mut self, error: &StepError, length: f64) -> Option<String> {
+        self.stepper.met(error, length)
     }
 
     /// Writes the multipliers λ of the constraints at the present grid point.

@@ -648,13 +648,36 @@ impl Along {
         if elongations.is_empty() {
             return Err(value.out_of_range("one elongation at least"));
         }
+        let is_constant = |elongation: &Expression| !elongation.root().has_variable_from(0);
+        if let Some(index) = elongations.iter().position(is_constant) {
+            let which = if is_one {
+                String::new()
+            } else {
+                format!(", of which elongation {index} (from 0) has none")
+            };
+            return Err(value.out_of_range(format!("functions of the coordinates q0, q1, …{which}")));
+        }
         let given = term.required("coefficient")?;
         let coefficient = match is_one && !given.is_list() {
             true => SymmetricMatrix::Diagonal(vec![given.number()?]),
-            false => SymmetricMatrix::read(&given, Some(elongations.len()), known)?,
+            false => Self::read_coefficient(&given, elongations.len(), known)?,
         };
         let coefficient = coefficient.positive_semidefinite(&given, known)?;
         Ok(Self { elongations, coefficient, is_one })
+    }
+
+    /// ρ for several elongations.
+    fn read_coefficient(
+        given: &Value<'_>,
+        count: usize,
+        known: &mut Matrices<'_>,
+    ) -> Result<SymmetricMatrix, InputError> {
+        let matrix = SymmetricMatrix::read(given, given.is_text().then_some(count), known)?;
+        if matrix.size() == count {
+            return Ok(matrix);
+        }
+        let expected = format!("{count} numbers or rows, one for each elongation of `along`");
+        Err(given.error(Problem::WrongShape { expected, found: matrix.size().to_string() }))
     }
 
     fn serialize_entries<M: SerializeMap>(&self, map: &mut M) -> Result<(), M::Error> {

@@ -25,6 +25,9 @@ use nalgebra::{DMatrix, DVector};
 /// Largest number of unknowns of a step, whose matrix is full.
 const MOST_UNKNOWNS: usize = 3000;
 
+/// Number of points ahead of a motion at which elongations are looked at after a failed step.
+const MOST_LOOKS: u32 = 16;
+
 /// Relative error of a kernel's relaxations.
 const TOLERANCE: f64 = 1e-13;
 
@@ -644,6 +647,25 @@ impl<T: Elementary> Stepper for TypedMechanism<T> {
             Some(found) => multipliers.copy_from_slice(&found),
             None => multipliers.fill(f64::NAN),
         }
+    }
+
+    fn met(&mut self, error: &StepError, length: f64) -> Option<String> {
+        if *error != StepError::NotFinite {
+            return None;
+        }
+        // Ahead of the motion.
+        let (position, velocity) = (self.integrator.position().to_vec(), self.integrator.velocity().to_vec());
+        (0..=MOST_LOOKS).find_map(|look| {
+            let ahead = T::of(length * f64::from(look) / f64::from(MOST_LOOKS));
+            let place: Vec<T> = position.iter().zip(&velocity).map(|(&q, &v)| q + ahead * v).collect();
+            let elongation = self.integrator.system_mut().first_not_differentiable(&place)?;
+            let place: Vec<f64> = in_double(&place).collect();
+            Some(format!(
+                "`{}`: {error}: the elongation has no value or derivative where the step leads, as at q = {place:?}: choose an \
+                 elongation that has one there, such as an angle by atan2",
+                self.along[elongation]
+            ))
+        })
     }
 
     fn check(&self) -> Result<(), String> {

@@ -40,6 +40,18 @@ fn swinging(along: &str) -> Value {
     })
 }
 
+/// The bottom of a rod, where acos has no derivative and a step leads beyond its domain.
+#[test]
+fn a_step_beyond_the_domain_of_an_elongation_names_it() {
+    let mut system = swinging("acos(-q1/0.8)");
+    system["potential"] = json!("9.81*q1");
+    system["constraints"] = json!(["q0^2 + q1^2 - 0.64"]);
+    let start = json!({ "position": [0.48, -0.64] });
+    let (failure, _) = run(&scenario(&system, &start, galerkin(2), (0.01, 100)));
+    let reason = failure.unwrap().reason;
+    assert!(reason.contains("`system.damping[0].along`") && reason.contains("q = ["), "{reason}");
+}
+
 /// Samples that begin inside steps would act late; those at grid points, and those that change nothing, are
 /// taken.
 #[test]

@@ -308,7 +308,7 @@ fn what_a_mechanism_cannot_do_is_refused_at_its_key() {
     };
     /// What is changed of the system, the start, the key of the error, and what it says.
     type Case<'a> = (&'a [(&'a str, Value)], Value, &'a str, &'a str);
-    let cases: [Case<'_>; 8] = [
+    let cases: [Case<'_>; 11] = [
         (&[], json!({ "position": [1.1, 0.0] }), "initial.position", "initial.project"),
         (&[], json!({ "position": [1.0, 0.0], "velocity": [1.0, 0.0] }), "initial.velocity", "rate 2e0"),
         (
@@ -330,6 +330,24 @@ fn what_a_mechanism_cannot_do_is_refused_at_its_key() {
             start.clone(),
             "system.damping[0].coefficient",
             "positive semidefinite",
+        ),
+        (
+            &[("damping", json!([{ "order": 0.5, "coefficient": 1.0, "along": "2*pi" }]))],
+            json!({ "position": [1.0, 0.0] }),
+            "system.damping[0].along",
+            "functions of the coordinates",
+        ),
+        (
+            &[("damping", json!([{ "order": 0.5, "coefficient": [1.0, 2.0], "along": ["q0", "2*pi"] }]))],
+            json!({ "position": [1.0, 0.0] }),
+            "system.damping[0].along",
+            "elongation 1",
+        ),
+        (
+            &[("damping", json!([{ "order": 0.5, "coefficient": [1.0, 2.0, 3.0], "along": ["q0", "q1"] }]))],
+            json!({ "position": [1.0, 0.0] }),
+            "system.damping[0].coefficient",
+            "one for each elongation",
         ),
         (
             &[("damping", json!([{ "order": 0.5, "coefficient": [1.0], "along": ["q0", "q1"] }]))],

@@ -401,7 +401,10 @@ impl<'s> Motion<'s> {
                     control.drive(self.steps as u64, state.time, drive);
                     &*drive
                 });
-                simulation.advance(scenario, steps, batch, drive).map_err(|error| reason_of(&error))?;
+                if let Err(error) = simulation.advance(scenario, steps, batch, drive) {
+                    let met = simulation.met(&error, scenario.time.mean_step());
+                    return Err(met.unwrap_or_else(|| reason_of(&error)));
+                }
                 if let Err(reason) = simulation.check() {
                     batch.truncate(batch.len().saturating_sub(1));
                     return Err(reason);
