@@ -268,6 +268,15 @@ impl Search<'_> {
         self.system.factored(&factors, &mut **self.stopped.borrow_mut())
     }
 
+    fn is_stopped(&self) -> bool {
+        (self.stopped.borrow_mut())()
+    }
+
+    /// Replaces a vector by the solution, of which there are many for one factor.
+    fn solved(&self, factored: &Factored, vector: &mut [Complex<f64>]) -> Option<()> {
+        (!self.is_stopped()).then(|| factored.solve(vector))?
+    }
+
     fn distance(&self, zero: &Zero) -> f64 {
         (zero.s - self.centre).norm()
     }
@@ -467,7 +476,7 @@ impl Search<'_> {
         let Some(factored) = shifted else { return Vec::new() };
         let basis = krylov(self.system.size, 2 * (count + 10), |x| {
             let mut y = self.system.product(&mass, x);
-            factored.solve(&mut y).map(|()| y)
+            self.solved(&factored, &mut y).map(|()| y)
         });
         let mut still = real;
         still[0] = Complex::ZERO;
@@ -484,12 +493,20 @@ impl Search<'_> {
         count: usize,
     ) -> Vec<(Complex<f64>, Vec<Complex<f64>>)> {
         let projected = |factors: &[Complex<f64>]| {
-            let products: Vec<_> = basis.iter().map(|x| self.system.product(factors, x)).collect();
-            DMatrix::from_fn(basis.len(), basis.len(), |i, j| {
-                0.5 * (inner(&basis[i], &products[j]).re + inner(&basis[j], &products[i]).re)
-            })
+            let mut matrix = DMatrix::zeros(basis.len(), basis.len());
+            for (j, x) in basis.iter().enumerate() {
+                if self.is_stopped() {
+                    return None;
+                }
+                let product = self.system.product(factors, x);
+                for (i, other) in basis[..=j].iter().enumerate() {
+                    matrix[(i, j)] = inner(other, &product).re;
+                    matrix[(j, i)] = matrix[(i, j)];
+                }
+            }
+            Some(matrix)
         };
-        let (stiffness, inertia) = (projected(still), projected(mass));
+        let (Some(stiffness), Some(inertia)) = (projected(still), projected(mass)) else { return Vec::new() };
         let Some(lower) = inertia.cholesky().map(|factors| factors.l()) else { return Vec::new() };
         let Some(inverse) = lower.clone().try_inverse() else { return Vec::new() };
         let eigen = symmetric_eigen(&inverse * stiffness * inverse.transpose());
@@ -523,7 +540,7 @@ impl Search<'_> {
             };
             for (column, vector) in block.iter().enumerate() {
                 let mut solution = vector.clone();
-                if factored.solve(&mut solution).is_none() {
+                if self.solved(&factored, &mut solution).is_none() {
                     return Vec::new();
                 }
                 for (row, entry) in solution.into_iter().enumerate() {
