@@ -595,13 +595,17 @@ fn a_mechanism_is_fitted_by_its_velocities_accelerations_and_energies() {
         let ahead = |far: usize| rates[k + far] - rates[k - far];
         (0.75 * ahead(1) - 0.15 * ahead(2) + ahead(3) / 60.0) / 0.01
     };
-    let columns: [(&str, &dyn Fn(usize) -> f64, f64); 3] =
-        [("v0", &|k| rates[k], 1e-7), ("a0", &slope, 1e-5), ("energy", &|k| run.rows[k][3], 1e-7)];
+    let kept = || (15..195).step_by(4);
+    let columns: [(&str, Vec<f64>, f64); 3] = [
+        ("v0", kept().map(|k| rates[k]).collect(), 1e-7),
+        ("a0", kept().map(slope).collect(), 1e-5),
+        ("energy", kept().map(|k| run.rows[k][3]).collect(), 1e-7),
+    ];
     place.write("scenario.toml", scenario);
     for (column, data, tolerance) in columns {
         let mut table = format!("t,{column}\n");
-        for k in (15..195).step_by(4) {
-            writeln!(table, "{:e},{:e}", run.rows[k][0], data(k)).unwrap();
+        for (k, number) in kept().zip(data) {
+            writeln!(table, "{:e},{number:e}", run.rows[k][0]).unwrap();
         }
         place.write("data.csv", &table);
         let found = fitted(
