@@ -36,6 +36,10 @@ pub struct RelaxationTable<C> {
 /// Rate times shortest step above which a relaxation is a dashpot.
 const DASHPOT: f64 = 1e9;
 
+/// λh from which a relaxation is too fast for a step: what a Gauss method does to slower ones is part of its
+/// error of order 2s.
+const FAST: f64 = 0.3;
+
 /// Numbers per rate and step length, besides two for each stage: 1 − R(−x), e^{−x}, R(−x) − e^{−x}.
 const DECAYS: usize = 3;
 
@@ -289,12 +293,11 @@ impl<T: Real, C: AsRef<[T]>, B: AsRef<[T]> + AsMut<[T]>> Relaxing<T, C, B> {
     /// the start: by so much the impulse of the discrete memory exceeds that of the kernel. For d = 2, whose
     /// samples are W(t) − W, it is Σ_j c_j Ẇ_b/λ_j² (Π R(−hλ_j) − e^{−λ_jt}).
     pub fn excess(&self, [start, slope]: [&[T]; 2], excess: &mut [T]) {
-        let ([_, _, remainders, ..], least) = (self.parts(), self.least_resolved());
+        let ([_, _, remainders, ..], least) = (self.parts(), FAST / self.length);
         let [mut second, mut third] = [0.0; 2];
         let tables = self.table.rates.as_ref().iter().zip(self.table.coefficients.as_ref());
         for ((&rate, &c), pair) in tables.zip(remainders.as_chunks::<2>().0) {
             let (rate, [_, gap]) = (rate.to_f64(), *pair);
-            // Below, the difference is smaller than its rounding error.
             if rate > least {
                 let part = c.to_f64() / rate * (gap.to_f64() / rate);
                 second += part;
@@ -306,14 +309,6 @@ impl<T: Real, C: AsRef<[T]>, B: AsRef<[T]> + AsMut<[T]>> Relaxing<T, C, B> {
             *place = T::of(of_start) * self.coupled(a, |b| at(start, b))
                 + T::of(of_slope) * self.coupled(a, |b| at(slope, b));
         }
-    }
-
-    /// The least rate for which R(−hλ) differs from e^{−hλ} by more than rounding.
-    fn least_resolved(&self) -> f64 {
-        let constant = [12.0, 720.0, 100_800.0, 25_401_600.0];
-        let stages = self.rule.stages();
-        let constant = constant.get(stages.saturating_sub(1)).copied().unwrap_or(1e10);
-        libm::pow(constant * T::EPSILON.to_f64(), 0.5 / stages.max(1) as f64) / self.length
     }
 
     /// The energy stored in the relaxations.
