@@ -10,7 +10,7 @@ ORDINARY = ["--config-file=", "--ignore-missing-imports", "--check-untyped-defs"
 CALLS = """\
 import numpy as np
 import fvi
-fvi.integrate(mass=[1.0], position=[1.0], step=0.1, steps=3, schem="galerkin")  # wrong
+fvi.integrate(mass=[1.0], position=[1.0], step=0.1, steps=3, scheme_="galerkin")  # wrong
 fvi.integrate(mass=[1.0], position=[1.0], step=0.1, steps=3, scheme="galerkn")  # wrong
 fvi.integrate(mass=[1.0], position=[1.0], step=0.1, steps=3, engine="block-ft")  # wrong
 fvi.run({}, ever=3)  # wrong
