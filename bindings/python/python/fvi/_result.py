@@ -239,7 +239,8 @@ class Result:
         if mass is None:
             mass = scenario.get("system", {}).get("mass")
         if mass is None or isinstance(mass, str):
-            raise InputError("v: the mass is in a file that the result does not hold; solve with it yourself", "v", repr(mass))
+            where = "in a file, or depends on the position and on parameters of the run"
+            raise InputError(f"v: the result does not hold the mass, which is {where}: solve with it yourself", "v", repr(mass))
         if hasattr(mass, "content"):
             loaded = np.load(io.BytesIO(mass.content))
             if mass.ndim == 1:
