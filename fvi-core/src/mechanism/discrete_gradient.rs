@@ -381,7 +381,10 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
             room.unknowns.iter_mut().zip(&*room.residual).for_each(|(place, &change)| *place -= change);
             let correction = size_of(from(room.residual, 0, n));
             let scale = T::one() + size_of(from(room.unknowns, 0, n));
-            let stalls = correction >= T::of(0.3) * last && correction < near * scale;
+            // What rounding leaves of a difference of heights is divided by the way.
+            let way = size_of(room.rise) + self.length * correction;
+            let is_rounding = correction < near * scale || correction * way < T::of(8.0) * T::EPSILON * scale;
+            let stalls = correction >= T::of(0.3) * last && is_rounding;
             if correction < close * scale || stalls {
                 self.evaluate(room);
                 return if all_finite(room.residual) { Ok(count) } else { Err(StepError::NotFinite) };
@@ -508,7 +511,10 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
         let ends = room.values.iter().zip(&*room.end_values);
         let rows = room.constraints.chunks_exact_mut(n.max(1)).zip(room.weights.iter_mut());
         for ((row, weight), (&start, &end)) in rows.zip(ends) {
-            *weight = remainder([start, end, dot(row, room.rise)], square);
+            // A constraint is near zero between terms that are not.
+            let of_terms = row.iter().zip(&*room.end).fold(T::zero(), |sum, (c, q)| sum + (*c * *q).abs());
+            let size = start.abs() + end.abs() + of_terms;
+            *weight = remainder_of([start, end, dot(row, room.rise)], size, square);
             row.iter_mut().zip(&*room.rise).for_each(|(place, &rise)| *place += *weight * rise);
         }
     }

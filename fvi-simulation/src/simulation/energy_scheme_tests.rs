@@ -301,3 +301,25 @@ fn what_it_does_not_go_with_is_refused() {
     let degree = of(&[("scheme.degree", json!(2))]).unwrap_err();
     assert!(degree.contains("degree"), "{degree}");
 }
+
+/// Where a step hardly leads anywhere, differences of heights and constraints are rounding.
+#[test]
+fn a_pendulum_at_rest_takes_the_smallest_pushes() {
+    for size in [1e-9, 1e-7, 2e-5, 3e-4] {
+        let system = json!({
+            "mass": [1.0, 1.0], "potential": "9.81*q1", "constraints": ["q0^2 + q1^2 - 1"],
+            "force": [format!("{size:e}*cos(t)"), "0"],
+            "damping": [{ "order": 0.6, "coefficient": 0.4, "along": "atan2(q0, -q1)" }],
+        });
+        let hanging = json!({ "position": [0.0, -1.0] });
+        let (_, place) = energies(&scenario(&system, hanging, (5.0, 100)));
+        // The same of small motions, by the angle.
+        let system = json!({
+            "mass": [1.0], "stiffness": [[9.81]], "force": [format!("{size:e}*cos(t)")],
+            "damping": [{ "order": 0.6, "coefficient": 0.4, "along": "q0" }],
+        });
+        let (_, angle) = energies(&scenario(&system, json!({ "position": [0.0] }), (5.0, 100)));
+        let off = (place[0] - angle[0]).abs();
+        assert!(off < 1e-3 * angle[0].abs() + 1e-8, "{size}: {} {}", place[0], angle[0]);
+    }
+}
