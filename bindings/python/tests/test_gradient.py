@@ -1,6 +1,4 @@
-"""Gradients of functions of a trajectory, by themselves and in programs of PyTorch."""
-
-import importlib.util
+"""Gradients of functions of a trajectory."""
 
 import numpy as np
 import pytest
@@ -108,19 +106,3 @@ def test_cotangents_have_the_shape_of_the_result():
     recording = fvi.Model(**MODEL).record(["k"])
     with pytest.raises(fvi.InputError, match=r"q: shape \(3, 2\)"):
         recording.gradient(np.zeros((3, 2)))
-
-
-@pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="PyTorch is not installed: its wheels for Linux bring CUDA")
-def test_torch_differentiates_models():
-    import torch
-
-    import fvi.torch
-
-    model = fvi.Model(**MODEL)
-    k = torch.tensor(1.3, dtype=torch.float64, requires_grad=True)
-    strengths = torch.tensor([0.8, 0.7], dtype=torch.float64, requires_grad=True)
-    q, p = fvi.torch.integrate(model, {"k": k, "damping[1].kernel.strengths": strengths})
-    ((q**2).sum() + (p**4).sum()).backward()
-    run = model.gradient({"k": 1.3, "damping[1].kernel.strengths": strengths.detach().numpy()}, lambda r: (2 * r.q, 4 * r.p**3))
-    assert float(k.grad) == pytest.approx(run["k"], rel=1e-12)
-    assert np.allclose(strengths.grad.numpy(), run["damping[1].kernel.strengths"], rtol=1e-12)
