@@ -10,6 +10,7 @@ use fvi_simulation::simulation::events::EventRecord;
 use fvi_simulation::simulation::step_batch::StepBatch;
 use std::convert::Infallible;
 use std::num::NonZero;
+use std::slice;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
@@ -129,10 +130,8 @@ impl Batch {
         let mut rows = Rows::for_run(scenario);
         let Ok(end) = run.drive(stop, |portion| {
             take(portion.batch());
-            portion.rows(|_, row| {
-                rows.push(row);
-                Ok::<_, Infallible>(())
-            })
+            portion.keep(slice::from_mut(&mut rows));
+            Ok::<_, Infallible>(())
         });
         Ok((run, rows, end))
     }
@@ -235,6 +234,7 @@ mod tests {
         let scenario = batch.members().read(numbers).unwrap();
         let mut run = Run::of(&scenario).start().unwrap();
         let mut rows = Rows::for_run(&scenario);
+        // Row by row: the batch keeps columns.
         let Ok(end) = run.drive(&AtomicBool::new(false), |portion| {
             portion.rows(|_, row| {
                 rows.push(row);

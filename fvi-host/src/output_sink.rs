@@ -70,12 +70,31 @@ impl<'a> BatchView<'a> {
         Self { batch, places, energies }
     }
 
-    fn position(&self, coordinate: usize) -> &'a [f64] {
+    pub(crate) fn position(&self, coordinate: usize) -> &'a [f64] {
         self.batch.position(self.places.start + coordinate)
     }
 
-    fn momentum(&self, coordinate: usize) -> &'a [f64] {
+    pub(crate) fn momentum(&self, coordinate: usize) -> &'a [f64] {
         self.batch.momentum(self.places.start + coordinate)
+    }
+
+    pub(crate) fn time(&self, index: usize) -> f64 {
+        self.batch.times()[index]
+    }
+
+    pub(crate) fn energy(&self, index: usize) -> f64 {
+        self.energies[index]
+    }
+
+    /// The run's columns at the last state.
+    pub(crate) fn columns(&self) -> &'a [f64] {
+        self.batch.columns()
+    }
+
+    /// ∂q/∂θ and ∂p/∂θ of the coordinates `chosen`; none where nothing is differentiated.
+    pub(crate) fn sensitivities(&self, index: usize, chosen: &[usize]) -> impl Iterator<Item = f64> {
+        let of_all = self.batch.sensitivities(index).chunks(self.places.len().max(1));
+        of_all.flat_map(|all| chosen.iter().map(|&coordinate| all[coordinate]))
     }
 
     /// The state at `index` of the batch, with the coordinates `chosen` only.
@@ -90,14 +109,10 @@ impl<'a> BatchView<'a> {
     pub(crate) fn read(&self, index: usize, chosen: &[usize], state: &mut GridState) {
         let GridState { time, position, momentum, energy, columns, sensitivities } = state;
         columns.clear();
-        columns.extend_from_slice(self.batch.columns());
-        (*time, *energy) = (self.batch.times()[index], self.energies[index]);
-        let slopes = self.batch.sensitivities(index);
-        if !slopes.is_empty() {
-            let of_all = slopes.chunks(self.places.len().max(1));
-            sensitivities.clear();
-            sensitivities.extend(of_all.flat_map(|all| chosen.iter().map(|&coordinate| all[coordinate])));
-        }
+        columns.extend_from_slice(self.columns());
+        (*time, *energy) = (self.time(index), self.energy(index));
+        sensitivities.clear();
+        sensitivities.extend(self.sensitivities(index, chosen));
         let places = position.iter_mut().zip(momentum);
         for ((q, p), &coordinate) in places.zip(chosen) {
             (*q, *p) = (self.position(coordinate)[index], self.momentum(coordinate)[index]);

@@ -659,7 +659,7 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
     ) -> Result<u32, StepError> {
         match drive {
             None => {
-                self.prepare(scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]));
+                self.prepare(scenario.input_over(step));
             }
             Some(drive) => {
                 let live = self.integrator.system_mut().live();

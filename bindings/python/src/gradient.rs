@@ -12,6 +12,7 @@ use fvi_scenario::scenario::Scenario;
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use std::convert::Infallible;
+use std::slice;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -68,10 +69,8 @@ fn recorded(source: &Source, scenario: &Scenario, tables: &Tables, most: usize) 
         if steps > 0 && !watch.tick(steps, None) {
             stop.store(true, Ordering::Relaxed);
         }
-        portion.rows(|_, row| {
-            rows.push(row);
-            Ok::<_, Infallible>(())
-        })
+        portion.keep(slice::from_mut(&mut rows));
+        Ok::<_, Infallible>(())
     });
     let recording = run.recording().ok_or_else(|| Failure::Failed("no steps were kept".to_owned()))?;
     Ok((rows, run.summary(end), watch.into_raised(), recording))

@@ -317,12 +317,8 @@ fn compute(
         if (steps > 0 && !watch.tick(steps, all)) || slot.is_full() {
             stop.store(true, Ordering::Relaxed);
         }
-        portion.rows(|case, row| {
-            if let Some(rows) = motions.get_mut(case) {
-                rows.push(row);
-            }
-            Ok::<_, Infallible>(())
-        })
+        portion.keep(&mut motions);
+        Ok::<_, Infallible>(())
     });
     let small = || {
         let rows = motions.iter().map(Rows::bytes).sum::<usize>();

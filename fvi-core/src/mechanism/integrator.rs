@@ -787,7 +787,6 @@ where
         let (position, velocity) = (&*carried.position, &*carried.velocity);
         let (jacobian, turning) = (parts_mut(room.jacobians, e * n).0, parts_mut(room.turning, e * n).0);
         system.elongate(position, jacobian);
-        room.values.fill(T::zero());
         let idle = parts_mut(room.curvature, n * n).0;
         let none = parts_mut(room.tensions, e).0;
         none.fill(T::zero());

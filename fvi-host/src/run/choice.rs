@@ -219,12 +219,8 @@ impl Pilots<'_> {
             if portion.batch().first() as f64 * cost > LARGEST_COST && scenario.time.adaptive().is_some() {
                 return Err(TooMany);
             }
-            portion.rows(|case, row| {
-                if let Some(rows) = rows.get_mut(case) {
-                    rows.push(row);
-                }
-                Ok(())
-            })
+            portion.keep(&mut rows);
+            Ok(())
         });
         let Ok(end) = driven else { return Ok(Err(NoRows::Failed("takes too many steps".to_owned()))) };
         // A force that the nodes miss would be missed by twice as many steps, too.

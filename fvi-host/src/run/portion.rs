@@ -2,8 +2,10 @@
 
 use super::Run;
 use crate::output_sink::StateView;
+use crate::results::rows::Rows;
 use fvi_simulation::simulation::GridState;
 use fvi_simulation::simulation::step_batch::StepBatch;
+use std::convert::Infallible;
 
 /// Places that states and rows are written to, one after another.
 pub(super) struct Place {
@@ -68,5 +70,21 @@ impl Portion<'_> {
         // Load cases have rows at grid points only.
         let between = run.rows_between().iter();
         between.map(|state| StateView::from(state).shown(scenario)).try_for_each(|row| take(0, &row))
+    }
+
+    /// Adds the rows that `[output]` selects to those of each load case, or of the one motion without them.
+    pub fn keep(&mut self, motions: &mut [Rows]) {
+        let Self { run, batch, .. } = *self;
+        let output = &run.scenario.output;
+        if batch.is_empty() || !output.times.is_empty() {
+            let Ok(()) = self.rows(|case, row| {
+                motions.get_mut(case).into_iter().for_each(|rows| rows.push(row));
+                Ok::<_, Infallible>(())
+            });
+            return;
+        }
+        for (case, rows) in motions.iter_mut().enumerate() {
+            rows.take(&run.batch_view(case), &self.place.chosen, || batch.multiples(output.every));
+        }
     }
 }

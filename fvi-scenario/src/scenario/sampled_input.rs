@@ -1,5 +1,6 @@
 //! `[input]`: a force given by samples, each held until the next (zero-order hold).
 
+use super::Scenario;
 use super::time::{TimeGrid, same_time};
 use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
@@ -103,15 +104,29 @@ impl SampledInput {
 
     /// The input held from a time on, for steps that begin at the times of samples; `None` before the first
     /// sample.
-    pub fn from_time(&self, time: f64) -> Option<&[f64]> {
+    fn from_time(&self, time: f64) -> Option<&[f64]> {
         let after = self.times.partition_point(|&begin| begin <= time + same_time(time, 0.0));
         after.checked_sub(1).map(|index| self.samples[index].as_slice())
     }
 
     /// The input held over step `step`; `None` before the first sample.
-    pub fn at_step(&self, step: usize) -> Option<&[f64]> {
+    pub(crate) fn at_step(&self, step: usize) -> Option<&[f64]> {
         let after = self.first_steps.partition_point(|&first| first <= step);
         after.checked_sub(1).map(|index| self.samples[index].as_slice())
+    }
+}
+
+impl Scenario {
+    /// The sampled input held over a step of the grid, N numbers; none before its first sample, or without
+    /// `[input]`.
+    pub fn input_over(&self, step: usize) -> &[f64] {
+        self.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or_default()
+    }
+
+    /// The sampled input held from a time on, as [`input_over`](Self::input_over), for steps that begin at the
+    /// times of samples.
+    pub fn input_from(&self, time: f64) -> &[f64] {
+        self.input.as_ref().and_then(|input| input.from_time(time)).unwrap_or_default()
     }
 }
 

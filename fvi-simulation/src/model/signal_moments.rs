@@ -45,7 +45,7 @@ impl Signal for SampledInput {
         self.value(start, values);
     }
 
-    /// The same tolerance as in [`SampledInput::at_step`].
+    /// The same tolerance as in [`Scenario::input_over`](fvi_scenario::scenario::Scenario::input_over).
     fn edges<T: Real>(rule: &NodalRule<'_, T>) -> (f64, f64) {
         let rounding = 4.0 * T::EPSILON.to_f64() * rule.start.abs().max(rule.length).to_f64();
         let edge = f64::max(1e-9, rounding / rule.length.to_f64());

@@ -368,7 +368,7 @@ impl<'s> AdaptiveSteps<'s> {
     /// The input held over the pair that contains a time.
     fn input(&self, time: f64) -> &'s [f64] {
         let scenario: &'s Scenario = self.scenario;
-        scenario.input.as_ref().and_then(|input| input.from_time(time)).unwrap_or(&[])
+        scenario.input_from(time)
     }
 
     /// Makes pairs until one is accurate enough, and writes the state between its halves.

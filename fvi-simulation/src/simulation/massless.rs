@@ -380,7 +380,7 @@ impl Held {
         let given = &scenario.initial.position;
         let mut position = given.clone();
         let instant = Instant::in_step(scenario.time.start, 0.0, scenario.time.step);
-        let input = scenario.input.as_ref().and_then(|input| input.at_step(0)).unwrap_or(&[]);
+        let input = scenario.input_over(0);
         let motion = (&mut position, scenario.initial.momentum.as_slice());
         if Equilibrium::along(directions, &model).find(&mut model, instant, input, motion).is_err() {
             let reason = format!(

@@ -69,7 +69,7 @@ impl<T: Elementary> TypedMechanism<T> {
     pub(super) fn new(scenario: &Scenario) -> Result<Self, InputError> {
         let mut integrator = integrator::<T>(scenario)?;
         let zeros = || vec![T::zero(); scenario.coordinates()];
-        let first_input = scenario.input.as_ref().and_then(|input| input.at_step(0)).unwrap_or(&[]);
+        let first_input = scenario.input_over(0);
         let start = integrator.position().to_vec();
         let passages = Passages::new(integrator.system_mut(), &start);
         let mut made = Self {
@@ -256,7 +256,7 @@ pub(super) fn integrator<T: Elementary>(scenario: &Scenario) -> Result<Integrato
 /// The slope of W = G v at the start; `None` where the scenario cannot begin.
 fn start_slope(scenario: &Scenario) -> Option<Vec<f64>> {
     let mut integrator = integrator::<f64>(scenario).ok()?;
-    let input = scenario.input.as_ref().and_then(|input| input.at_step(0)).unwrap_or(&[]).to_vec();
+    let input = scenario.input_over(0).to_vec();
     integrator.step(&input).ok()?;
     Some(integrator.slope().to_vec())
 }
@@ -499,8 +499,7 @@ impl<T: Elementary> Stepper for TypedMechanism<T> {
     ) -> Result<(), StepError> {
         let before = batch.first() - 1;
         for step in before..before + steps {
-            let held = scenario.input.as_ref().and_then(|input| input.at_step(step));
-            let input = drive.map_or(held.unwrap_or(&[]), |drive| &drive.held);
+            let input = drive.map_or(scenario.input_over(step), |drive| &drive.held);
             let corrections = match &scenario.time.grid {
                 None => self.step(input)?,
                 Some(_) => {

@@ -304,17 +304,12 @@ impl<'s> Motion<'s> {
             failure = Some(reason);
         }
         let mut failed = self.batch.len();
-        let (input, on_grid) = (self.scenario.input.as_ref(), self.adaptive.is_none());
+        let (scenario, on_grid) = (self.scenario, self.adaptive.is_none());
         let driven = self.control.is_some().then_some(self.drive.largest.as_slice());
-        let input_over = |index: usize, time: f64| {
-            if let Some(driven) = driven {
-                return driven;
-            }
-            let held = input.and_then(|input| match on_grid {
-                true => input.at_step(before + index),
-                false => input.from_time(time),
-            });
-            held.unwrap_or(&[])
+        let input_over = |index: usize, time: f64| match driven {
+            Some(driven) => driven,
+            None if on_grid => scenario.input_over(before + index),
+            None => scenario.input_from(time),
         };
         let grown = match self.guard.asks_for_energies() {
             false => self.guard.take_along(&self.batch, begin, input_over),
@@ -396,8 +391,8 @@ impl<'s> Motion<'s> {
                 let drive = control.as_mut().map(|control| {
                     drive.held.clear();
                     drive.held.resize(scenario.coordinates(), 0.0);
-                    let given = scenario.input.as_ref().and_then(|input| input.at_step(self.steps));
-                    drive.held.iter_mut().zip(given.unwrap_or(&[])).for_each(|(sum, force)| *sum += force);
+                    let given = scenario.input_over(self.steps);
+                    drive.held.iter_mut().zip(given).for_each(|(sum, force)| *sum += force);
                     control.drive(self.steps as u64, state.time, drive);
                     &*drive
                 });

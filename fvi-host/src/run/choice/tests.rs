@@ -116,10 +116,8 @@ fn rows(scenario: &Scenario) -> Rows {
     let mut rows = Rows::for_run(scenario);
     let mut run = Run::of(scenario).start().unwrap();
     let Ok(end) = run.drive(&AtomicBool::new(false), |portion| {
-        portion.rows(|_, row| {
-            rows.push(row);
-            Ok::<_, Infallible>(())
-        })
+        portion.keep(std::slice::from_mut(&mut rows));
+        Ok::<_, Infallible>(())
     });
     assert_eq!(end, RunEnd::Completed);
     rows

@@ -338,8 +338,7 @@ impl OfMechanism {
     }
 
     fn make(&mut self, step: usize) -> Result<(), String> {
-        let input =
-            self.scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]).to_vec();
+        let input = self.scenario.input_over(step).to_vec();
         let (position, momentum) = (self.integrator.position().to_vec(), self.integrator.momentum().to_vec());
         let time = self.integrator.time();
         let length = self.scenario.time.step;
