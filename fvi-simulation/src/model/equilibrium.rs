@@ -14,7 +14,10 @@ const SWEEPS: usize = 8;
 ///
 /// Rows and columns are multiplied by powers of two with which the logarithms of the entries are closest to
 /// zero in the least squares \[CR72\], so that the rounding is that of pivots alone. Slopes of a right side
-/// that are infinite at the start make such matrices in the first steps.
+/// that are infinite at the start make such matrices in the first steps, and so do unknowns that begin like
+/// powers of t far apart. Of these the solution has sizes far apart, too, and that scaling may let one hide
+/// another. Where a row is not solved to its rounding, rows are scaled by |A||x| instead, with which pivots
+/// chosen by size leave each of them a residual of its own rounding \[Skeel79\].
 ///
 /// # Errors
 /// [`Singular`], as [`fvi_core::solve`].
@@ -38,20 +41,76 @@ pub(super) fn solve_far_apart<T: Real>(
     Some(solve_scaled(matrix, pivots, vector))
 }
 
+/// Most solutions, each with rows scaled by the one before it.
+const MOST_SOLUTIONS: usize = 4;
+
+/// Bound of the backward error of a row per row of the matrix, in units of rounding, at which a solution is
+/// taken.
+const ROUNDING: f64 = 4.0;
+
 #[cold]
 #[inline(never)]
 fn solve_scaled<T: Real>(matrix: &mut [T], pivots: &mut [usize], vector: &mut [T]) -> Result<(), Singular> {
     let n = pivots.len();
-    let (rows, columns) = balanced(matrix, n);
+    let (given, right) = (matrix.to_vec(), vector.to_vec());
+    let (mut rows, mut columns) = balanced(matrix, n);
+    let mut least = None;
+    for _ in 0..MOST_SOLUTIONS {
+        matrix.copy_from_slice(&given);
+        let mut found = right.clone();
+        if let Err(singular) = solve_with((&rows, &columns), matrix, pivots, &mut found) {
+            // Rows scaled by a solution that was bad may be anything.
+            return if least.is_some() { Ok(()) } else { Err(singular) };
+        }
+        let (error, sizes) = backward_error(&given, &right, &found);
+        if least.is_none_or(|least| error < least) {
+            least = Some(error);
+            vector.copy_from_slice(&found);
+        }
+        if error <= ROUNDING * n as f64 * T::EPSILON.to_f64() || error.is_nan() {
+            break;
+        }
+        let power = |size: f64, before: f64| if size.is_normal() { size.log2().round() } else { before };
+        rows.iter_mut().zip(&sizes).for_each(|(row, &size)| *row = -power(size, -*row));
+        columns.iter_mut().zip(&found).for_each(|(column, x)| *column = power(x.to_f64().abs(), *column));
+    }
+    Ok(())
+}
+
+/// Solves A x = `vector` with rows and columns multiplied by these powers of two.
+fn solve_with<T: Real>(
+    (rows, columns): (&[f64], &[f64]),
+    matrix: &mut [T],
+    pivots: &mut [usize],
+    vector: &mut [T],
+) -> Result<(), Singular> {
     let power = |exponent: f64| T::of(exponent.exp2());
-    for ((row, number), &by) in matrix.chunks_exact_mut(n).zip(&mut *vector).zip(&rows) {
+    for ((row, number), &by) in matrix.chunks_exact_mut(rows.len()).zip(&mut *vector).zip(rows) {
         // The product of both may be in range where one is not.
-        row.iter_mut().zip(&columns).for_each(|(entry, column)| *entry *= power(by + column));
+        row.iter_mut().zip(columns).for_each(|(entry, column)| *entry *= power(by + column));
         *number *= power(by);
     }
     solve(matrix, pivots, vector)?;
-    vector.iter_mut().zip(&columns).for_each(|(number, &column)| *number *= power(column));
+    vector.iter_mut().zip(columns).for_each(|(number, &column)| *number *= power(column));
     Ok(())
+}
+
+/// max_i |A x − b|_i/(|A||x| + |b|)_i, and (|A||x|)_i.
+fn backward_error<T: Real>(matrix: &[T], right: &[T], solution: &[T]) -> (f64, Vec<f64>) {
+    let mut error = 0.0;
+    let rows = matrix.chunks_exact(solution.len()).zip(right);
+    let sizes = rows.map(|(row, right)| {
+        let right = right.to_f64();
+        let products = || row.iter().zip(solution).map(|(a, x)| a.to_f64() * x.to_f64());
+        let size = products().map(f64::abs).sum::<f64>();
+        let residual = (products().sum::<f64>() - right).abs();
+        if residual > 0.0 {
+            error = max_or_nan(error, residual / (size + right.abs()));
+        }
+        size
+    });
+    let sizes = sizes.collect();
+    (error, sizes)
 }
 
 /// Whole numbers r, c that make Σ (log₂|a_ij| + r_i + c_j)² over the entries that are not zero small.
@@ -102,6 +161,26 @@ mod tests {
             for (found, expected) in vector.iter().zip(expected) {
                 assert!((found / expected - 1.0).abs() < 1e-13, "{rows:?} {columns:?}: {found} {expected}");
             }
+        }
+    }
+
+    #[test]
+    fn unknowns_of_sizes_far_apart_do_not_hide_each_other() {
+        // The step of x0 = O(1e-27), x1 = O(1e-9) that D^0.9 x0 = 1 − x0 x1, D^0.3 x1 = 1 − x1 begin with, at
+        // two stages: x1 hardly acts on x0, and x0 not at all on x1.
+        let (stages, far) = ([[2.0, 1.0], [-3.0, 5.0]], [1e-33, 1e-51, 1e-87]);
+        let mut matrix = [0.0; 16];
+        for (i, row) in stages.iter().enumerate() {
+            for (j, entry) in row.iter().enumerate() {
+                matrix[8 * i + 2 * j] = entry * far[0];
+                matrix[8 * i + 2 * j + 1] = entry * far[2];
+                matrix[8 * i + 4 + 2 * j + 1] = entry * far[1];
+            }
+        }
+        let mut vector = [3.0 + 3e-36, 3.0, 2.0 + 2e-36, 2.0];
+        assert_eq!(solve_far_apart(&mut matrix, &mut [0; 4], &mut vector), Some(Ok(())));
+        for (found, size) in vector.iter().zip([1e33, 1e51, 1e33, 1e51f64]) {
+            assert!((found / size - 1.0).abs() < 1e-14, "{vector:?}");
         }
     }
 

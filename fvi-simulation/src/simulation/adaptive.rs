@@ -707,6 +707,7 @@ impl From<StateError> for AttemptError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulation::motion::Motion;
     use serde_json::json;
 
     #[test]
@@ -722,6 +723,46 @@ mod tests {
             [("1 + (x0 - 0.5)^2", 0.5), ("-1e4*x0", 1.0), ("sin(x0)", 0.0), ("x0^(1/3)", 0.5)]
         {
             assert!(!seen(smooth, initial), "{smooth}");
+        }
+    }
+
+    /// Unknowns that begin like powers of t far apart: D^0.31 x0 = 1, x1″ = x0², and D^0.3 x1 = 1,
+    /// D^0.9 x0 = 1 + x0 x1 with x0 = t^0.9/Γ(1.9).
+    #[test]
+    fn unknowns_that_begin_at_0_like_different_powers_act_on_each_other() {
+        let gamma = libm::tgamma;
+        let product = format!("1 + {:?}*t^1.2 - x0*x1", (gamma(1.9) * gamma(1.3)).recip());
+        let squared = gamma(1.62) / gamma(3.62) / gamma(1.31).powi(2);
+        for (orders, right, initial, exact) in [
+            (
+                json!([0.31, 2]),
+                json!(["1", "x0^2"]),
+                json!([0.0, [0.0, 1.0]]),
+                [2f64.powf(0.31) / gamma(1.31), 2.0 + squared * 2f64.powf(2.62)],
+            ),
+            (
+                json!([0.9, 0.3]),
+                json!([product, "1"]),
+                json!([0.0, 0.0]),
+                [2f64.powf(0.9) / gamma(1.9), 2f64.powf(0.3) / gamma(1.3)],
+            ),
+        ] {
+            for tolerance in [1e-3, 1e-6, 1e-9, 1e-12] {
+                let scenario = Scenario::from_value(&json!({
+                    "equation": { "order": orders, "right": right, "initial": initial },
+                    "time": { "end": 2.0, "tolerance": tolerance },
+                }))
+                .unwrap();
+                let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+                while !motion.is_done() {
+                    motion.advance().unwrap();
+                }
+                for (found, exact) in motion.state().position.iter().zip(exact) {
+                    let error = (found - exact).abs() / exact;
+                    assert!(error <= 10.0 * tolerance, "{orders}, {tolerance:e}: {error:e}");
+                }
+                assert!(motion.steps() < 1000, "{orders}, {tolerance:e}: {} steps", motion.steps());
+            }
         }
     }
 }
