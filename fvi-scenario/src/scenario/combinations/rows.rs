@@ -23,6 +23,8 @@ pub const ROWS: &[Row] = &[
     row(Equation, Fit, "", OF_MECHANICS),
     row(Equation, Converge, "", "`fvi run`, whose steps follow `time.tolerance`"),
     row(Equation, Response, "", OF_MECHANICS),
+    row(Momentum, Equation, "it has no momenta", "`[output]` without this key"),
+    row(GuardedEnergy, Equation, "it has no energy", "`[time]` without this key"),
     // Schemes and quadratures.
     row(
         NotGalerkin,
@@ -111,6 +113,12 @@ pub const ROWS: &[Row] = &[
         Gauss,
         "",
         "terms of `system.kinetic` that are linear in the velocities, such as \"0.5*(q0*v1 - q1*v0)\"",
+    ),
+    row(
+        EqualSteps,
+        Gauss,
+        "each of its dampers is a sum of relaxations that takes steps of any length",
+        "\"any-step\", which is what is taken without this key",
     ),
     row(Adaptive, Gauss, "", "a grid that is known beforehand: \"uniform\", \"graded\" or \"points\""),
     row(Past, Gauss, "", "a motion that begins at the start, with its memories at rest"),
