@@ -79,6 +79,10 @@ def test_events_are_those_of_solve_ivp():
     (at,), (value,) = r.t_events[0], r.x_events[0]
     assert abs(relaxation(at) - 0.5) < 1e-8 and abs(value[0] - 0.5) < 1e-12 and r.t[-1] == at
     assert len(r.t_events[1]) == 1
+    half.terminal = 3
+    with pytest.raises(fvi.InputError, match="not counted") as error:
+        fvi.solve_fde(lambda t, x, k: -k * x, 0.5, (0, 5), [1.0], 1e-9, args=(1.0,), events=half)
+    assert error.value.key == "events[0].terminal"
 
 
 def test_a_blow_up_is_a_message_with_its_time():

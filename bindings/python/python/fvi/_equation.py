@@ -119,8 +119,8 @@ def solve_fde(
     jac : callable, optional
         ∂f/∂x(t, x, *args), a matrix; with `derivatives` (∂f/∂x, ∂f/∂d)(t, x, d, *args), side by side. Default: differences.
     events : callable, Event or list of them, optional
-        Functions event(t, x, *args) whose zero crossings are found, with the attributes `terminal` and `direction` of
-        `scipy.integrate.solve_ivp`; or `Event` objects with expressions in t, x0, ….
+        Functions event(t, x, *args) whose zero crossings are found, with the attributes `terminal` (True or False) and
+        `direction` of `scipy.integrate.solve_ivp`; or `Event` objects with expressions in t, x0, ….
     parameters : mapping, optional
         Named constants of the expressions.
     scale : float, optional
@@ -411,7 +411,11 @@ def _events(given: Any, begin: float, args: tuple[Any, ...], count: int) -> tupl
         elif callable(event):
             sign = float(getattr(event, "direction", 0.0))
             direction = "rising" if sign > 0 else "falling" if sign < 0 else "both"
-            action = "stop" if getattr(event, "terminal", False) else "record"
+            terminal = getattr(event, "terminal", False)
+            if terminal not in (False, True):
+                place, reason = f"events[{index}].terminal", "True stops at the first crossing; later ones are recorded, not counted"
+                raise InputError(f"{place} = {terminal!r}: {reason}", place, repr(terminal))
+            action = "stop" if terminal else "record"
             event = {"when": event, "direction": direction, "action": action}
         elif not isinstance(event, Mapping):
             place = f"events[{index}]"
