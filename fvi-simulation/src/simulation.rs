@@ -161,6 +161,10 @@ trait Stepper: Stateful {
     fn memory_energies(&self) -> Option<[f64; 2]> {
         None
     }
+    /// Their sum, or 0 where it is not known.
+    fn memory_work(&self) -> f64 {
+        0.0
+    }
 }
 
 /// The state at a grid point, in double precision whatever the precision of the run. With load cases position
@@ -287,6 +291,11 @@ impl Simulation {
     /// The energies stored and dissipated by the dampers of a mechanism; `None` for other simulations.
     pub(crate) fn memory_energies(&self) -> Option<[f64; 2]> {
         self.stepper.memory_energies()
+    }
+
+    /// Their sum; 0 for other simulations.
+    pub(crate) fn memory_work(&self) -> f64 {
+        self.stepper.memory_work()
     }
 
     /// True if no motion near the start grows at the step of the scenario, according to the check of the

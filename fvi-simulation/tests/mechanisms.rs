@@ -239,6 +239,25 @@ fn energy_of_a_mechanism_that_changes_though_nothing_drives_it_is_told() {
     let (reason, warning) = end_of(parabola, start, json!({ "step": 0.01, "end": 5.0 }));
     assert_eq!(reason, None);
     assert!(warning.as_ref().is_some_and(|warning| warning.contains("risen")), "{warning:?}");
+    // What a damper has taken up counts with the energy, which may fall, and what a force has done against it.
+    let end = |push: Option<&str>, speed: f64| {
+        let mut system = json!({
+            "kinetic": "0.5*v0^2 + 0.5*sin(q0)^2*v1^2",
+            "potential": "9.81*cos(q0)",
+            "damping": [{ "order": 0.6, "coefficient": 0.3, "along": "q0" }],
+        });
+        if let Some(push) = push {
+            system["force"] = json!([push, "0"]);
+        }
+        let start = json!({ "position": [1.5, 0.0], "velocity": [0.0, speed] });
+        end_of(system, start, json!({ "step": 0.01, "end": 3.0 }))
+    };
+    for (push, words) in [(None, "taken up, has risen"), (Some("0.1*sin(t)"), "forces explain no more")] {
+        let (reason, warning) = end(push, 0.01);
+        assert_eq!(reason, None);
+        assert!(warning.as_ref().is_some_and(|warning| warning.contains(words)), "{warning:?}");
+        assert_eq!(end(push, 3.0), (None, None));
+    }
 }
 
 #[test]

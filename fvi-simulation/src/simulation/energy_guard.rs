@@ -19,6 +19,10 @@ use serde::{Deserialize, Serialize};
 const LOST: f64 = 0.1;
 const LOST_IN_TOLERANCES: f64 = 1e4;
 
+/// The same for the energy of a mechanism together with what its dampers have taken up, which a step of Gauss
+/// weights keeps up to its error; in either direction.
+const CHANGED: f64 = 0.02;
+
 /// Largest rise of the energy, as a multiple of the initial energy and the work.
 const FACTOR: f64 = 1000.0;
 
@@ -52,9 +56,10 @@ type Push = (Vec<f64>, TransferFunction, f64);
 /// L of the sums of |m_ij| over rows is used instead: M ≤ L, so that ½ pᵀL⁻¹p is a lower bound of T. The
 /// energy is computed only if that bound alone exceeds the limit.
 ///
-/// The mass at the start is not that of a mechanism elsewhere: T is E + L(q, 0) there, speeds are 2T/Σ|p|,
-/// and a motion without damping and forces warns when its energy has changed in either direction. Constraints
-/// do no work, and the work of a mechanism's memories is never negative.
+/// The mass at the start is not that of a mechanism elsewhere: T is E + L(q, 0) there, and speeds are
+/// 2T/Σ|p|. The step of a mechanism is not checked before the run, but what its memories have taken up, A_k,
+/// is known, and constraints do no work: it warns when E_k + A_k − E₀ has left [0, W_k] by a part of the
+/// energy that there was, below only if nothing drives the motion.
 pub struct EnergyGuard {
     reaction: OnEnergyGrowth,
     start: f64,
@@ -90,6 +95,8 @@ pub struct EnergyGuard {
     may_lose: Option<f64>,
     /// Warning that more was lost.
     lost: Option<String>,
+    /// What memories have taken up until the last state, where it counts.
+    absorbed: f64,
     /// Twice the kinetic energies of a batch, then its potential energies.
     heights: Vec<f64>,
     /// Buffer for a state of a batch.
@@ -181,9 +188,10 @@ impl EnergyGuard {
                 Some(_) => vec![0.0, 0.5, 1.0],
                 None => stability::force_nodes(scenario),
             },
-            may_lose: may_lose(scenario, potential.is_some()).filter(|_| !is_driven),
+            may_lose: may_lose(scenario, potential.is_some()).filter(|_| !is_driven || potential.is_some()),
             potential,
             lost: None,
+            absorbed: 0.0,
             warning: None,
             heights: Vec::new(),
             state: start.clone(),
@@ -236,10 +244,16 @@ impl EnergyGuard {
             nodes: Vec::new(),
             may_lose: None,
             lost: None,
+            absorbed: 0.0,
             warning: None,
             heights: Vec::new(),
             state: GridState::default(),
         }
+    }
+
+    /// What the memories of a mechanism have taken up until the state that is examined next.
+    pub(crate) fn absorb(&mut self, absorbed: f64) {
+        self.absorbed = absorbed;
     }
 
     /// Examines the states of a batch, whose first step began at the time `begin`; `input` returns the input
@@ -378,16 +392,31 @@ impl EnergyGuard {
         self.react(energy, time, explained)
     }
 
-    /// Records a loss of energy without dissipation.
+    /// Records a change of energy that dissipation and forces do not explain.
     fn judge_loss(&mut self, energy: f64, time: f64) {
         let Some(share) = self.may_lose.filter(|_| self.lost.is_none()) else { return };
-        let there_was = self.stored + self.first_potential - self.lowest_potential;
-        let change = energy - self.first_energy;
-        let counts = if self.potential.is_some() { change.abs() } else { -change };
+        let there_was = self.stored + self.first_potential - self.lowest_potential + self.work;
+        let all = energy + self.absorbed;
+        let change = all - self.first_energy;
+        let counts = match self.potential {
+            Some(_) if self.is_driven => change - self.work,
+            Some(_) => change.abs(),
+            None => -change,
+        };
         if counts > share * there_was && counts > f64::EPSILON.sqrt() * self.first_energy.abs() {
             let how = if change < 0.0 { "fallen" } else { "risen" };
+            let (with, explained) = match (self.is_driven, self.absorbed == 0.0) {
+                (false, true) => ("", "though nothing damps or drives".to_owned()),
+                (false, false) => {
+                    (", with what the dampers have taken up,", "though nothing drives".to_owned())
+                }
+                (true, _) => (
+                    ", with what dampers have taken up,",
+                    format!("and forces explain no more than {:.3e}", self.work),
+                ),
+            };
             self.lost = Some(format!(
-                "the energy has {how} from {:.3e} to {energy:.3e} at t = {time}, though nothing damps or drives: the steps seem too long there",
+                "the energy{with} has {how} from {:.3e} to {all:.3e} at t = {time}, {explained}: the steps seem too long there",
                 self.first_energy
             ));
         }
@@ -508,14 +537,17 @@ impl EnergyGuard {
 
 /// Fraction of its energy that a motion of the scenario may lose if nothing dissipates any. Variational
 /// schemes on steps known in advance lose none, their energy only oscillates; that of a mechanism is compared
-/// all the same, since its step is never checked before the run.
+/// all the same, since its step is never checked before the run, and what it dissipates is known.
 fn may_lose(scenario: &Scenario, is_mechanism: bool) -> Option<f64> {
+    if is_mechanism {
+        return Some(CHANGED);
+    }
     if !scenario.system.damping.is_empty() {
         return None;
     }
     match scenario.time.adaptive() {
         Some(rule) => Some((LOST_IN_TOLERANCES * rule.tolerance).min(LOST)),
-        None => (is_mechanism || scenario.scheme_descriptor().is_dissipative).then_some(LOST),
+        None => scenario.scheme_descriptor().is_dissipative.then_some(LOST),
     }
 }
 

@@ -695,6 +695,10 @@ impl<T: Elementary> Stepper for TypedMechanism<T> {
         let (work, stored) = (self.integrator.work().to_f64(), self.integrator.stored().to_f64());
         Some([stored, work - stored])
     }
+
+    fn memory_work(&self) -> f64 {
+        self.integrator.work().to_f64()
+    }
 }
 
 impl<T: Elementary> Stateful for TypedMechanism<T> {

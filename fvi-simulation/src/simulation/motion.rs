@@ -304,6 +304,7 @@ impl<'s> Motion<'s> {
             failure = Some(reason);
         }
         let mut failed = self.batch.len();
+        self.guard.absorb(self.simulation.memory_work());
         let (scenario, on_grid) = (self.scenario, self.adaptive.is_none());
         let driven = self.control.is_some().then_some(self.drive.largest.as_slice());
         let input_over = |index: usize, time: f64| match driven {
@@ -507,8 +508,11 @@ fn write_of_mechanism(
     columns: &Columns,
     numbers: &mut [f64],
 ) -> Result<(), String> {
-    if let Some(energies) = simulation.memory_energies() {
-        numbers[columns.places(Source::Memories)].iter_mut().zip(energies).for_each(|(to, e)| *to = e);
+    let places = columns.places(Source::Memories);
+    if !places.is_empty()
+        && let Some(energies) = simulation.memory_energies()
+    {
+        numbers[places].copy_from_slice(&energies);
     }
     simulation.write_multipliers(&mut numbers[columns.places(Source::Constraints)])
 }
