@@ -58,8 +58,8 @@ type Push = (Vec<f64>, TransferFunction, f64);
 ///
 /// The mass at the start is not that of a mechanism elsewhere: T is E + L(q, 0) there, and speeds are
 /// 2T/Σ|p|. The step of a mechanism is not checked before the run, but what its memories have taken up, A_k,
-/// is known, and constraints do no work: it warns when E_k + A_k − E₀ has left [0, W_k] by a part of the
-/// energy that there was, below only if nothing drives the motion.
+/// is known, and constraints do no work: it warns when E_k + A_k − E₀ has left [−W_k, W_k] by a part of the
+/// energy that there was.
 pub struct EnergyGuard {
     reaction: OnEnergyGrowth,
     start: f64,
@@ -399,8 +399,7 @@ impl EnergyGuard {
         let all = energy + self.absorbed;
         let change = all - self.first_energy;
         let counts = match self.potential {
-            Some(_) if self.is_driven => change - self.work,
-            Some(_) => change.abs(),
+            Some(_) => change.abs() - self.work,
             None => -change,
         };
         if counts > share * there_was && counts > f64::EPSILON.sqrt() * self.first_energy.abs() {
