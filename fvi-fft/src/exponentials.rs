@@ -6,6 +6,7 @@ pub mod band_filter;
 pub mod band_table;
 pub mod complex_exponential_table;
 pub mod controller_source;
+mod decays;
 #[doc(hidden)]
 pub mod exponential_table;
 mod jacobi_matrix;
@@ -16,4 +17,5 @@ pub mod rate_table;
 pub mod relaxation_table;
 #[doc(hidden)]
 pub mod rust_constants;
+mod shorter_rules;
 mod spectrum;

@@ -166,8 +166,8 @@ pub enum EngineError {
 const PLAIN: usize = 256;
 
 /// Number of samples up to which transforms in blocks serve by default. Step for step a sum of exponentials
-/// costs half of them (`fvi compare-engines`), but its table takes tens of milliseconds, twice as long as
-/// all the steps of so short a run.
+/// costs half of them or less (`fvi compare-engines`), but its table takes one to three milliseconds, longer
+/// than all the steps of so short a run.
 const CROSSOVER: usize = 16_384;
 
 /// Largest number of stages that plain sums and those of exponentials for equal steps take.

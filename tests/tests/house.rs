@@ -354,7 +354,7 @@ const NAMED: &str = "a length that is given with each step, not a number until t
 const TEXT: &str = "letters";
 
 /// Where fallbacks stand, how many, and why each is the value and hides nothing.
-const TRUE_VALUES: [(&str, usize, &str); 50] = [
+const TRUE_VALUES: [(&str, usize, &str); 51] = [
     ("fvi-core/src/damped_motion.rs", 6, SHAPE),
     ("fvi-core/src/exponential_sum.rs", 1, SHAPE),
     ("fvi-core/src/galerkin.rs", 4, BEYOND),
@@ -373,7 +373,8 @@ const TRUE_VALUES: [(&str, usize, &str); 50] = [
     ("fvi-fft/src/engines/stream/prepared.rs", 1, BEYOND),
     ("fvi-fft/src/engines/wide_exponential_sum.rs", 1, PADDING),
     ("fvi-fft/src/exponentials/controller_source.rs", 1, TEXT),
-    ("fvi-fft/src/exponentials/exponential_table.rs", 3, NONE),
+    ("fvi-fft/src/exponentials/exponential_table.rs", 1, NONE),
+    ("fvi-fft/src/exponentials/shorter_rules.rs", 3, NONE),
     ("fvi-fft/src/exponentials/rate_rules.rs", 1, NONE),
     ("fvi-fft/src/quadrature/multistep_weights.rs", 1, NONE),
     ("fvi-fft/src/quadrature/principal_cut.rs", 2, NONE),

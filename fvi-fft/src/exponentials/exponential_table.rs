@@ -28,15 +28,16 @@
 //! \[GolubWelsch69\], \[Gautschi04\]; quadrature for sums of exponentials, \[BeylkinMonzon10\], \[McLean18\].
 
 use crate::Aligned;
-use crate::exponentials::jacobi_matrix::{JacobiMatrix, LONGEST_RULE};
+use crate::exponentials::decays::sum_of_exponentials;
+use crate::exponentials::shorter_rules::{Nodes, Shortening, largest_change};
 use crate::quadrature::exponential::Exponential;
 use crate::quadrature::multistep_weights::multistep_weights;
 use crate::quadrature::principal_cut::PrincipalCut;
-use crate::sums::{CompensatedSum, max_or_nan};
+use crate::sums::max_or_nan;
 use crate::transfer::TransferFunction;
 use fvi_core::{BdfOrder, ConvolutionWeights, ExponentialTable, ParameterError, Real, min_or_nan};
+use std::cell::RefCell;
 use std::f64::consts::PI;
-use std::ops::Range;
 
 /// Convolution-quadrature weights as a head and decaying exponentials.
 ///
@@ -117,6 +118,12 @@ const HEADS: [usize; 15] = [5, 9, 17, 25, 33, 41, 49, 65, 81, 97, 129, 193, 257,
 /// The largest of these lengths.
 const LONGEST_HEAD: usize = HEADS[HEADS.len() - 1];
 
+/// Relative accuracy of weights that are compared with.
+const FINEST: f64 = 1e-17;
+
+/// The longest head of most tables.
+const USUAL_HEAD: usize = 65;
+
 /// Number of successive longer heads with a higher cost after which the search ends: each saves fewer
 /// exponentials than the previous one.
 const DEARER_HEADS: usize = 2;
@@ -129,12 +136,9 @@ const COST_OF_EXPONENTIAL: usize = 1;
 /// 1/rate steps.
 const SLOW_RATE: f64 = 1.0 / 32.0;
 
-/// Upper ends of the group of slow nodes for which Gauss rules are tried, as rate · horizon: up to there
-/// e^{−sn} is nearly a polynomial in s.
-const SLOW_REACHES: [f64; 5] = [2.0, 4.0, 8.0, 16.0, 32.0];
-
-/// Lower ends of the group of fast nodes, as rate · head.
-const FAST_REACHES: [f64; 6] = [16.0, 13.0, 10.0, 8.0, 6.0, 4.0];
+/// Number of lags after the head at which the trapezoidal rule is measured before it is shortened: what the
+/// head has to hold, beside the cut, decays from there on.
+const FIRST_LAGS: usize = 8;
 
 /// Number of lags after the head at which the error of a table is measured one by one; the following ones
 /// increase by an eighth each.
@@ -251,20 +255,23 @@ impl ExponentialKernel {
         }
         let reach = if horizon == ENDLESS { ENDLESS_REACH } else { horizon };
         check_range(reach, tolerance)?;
-        let count = MEASURED_HEADS * LONGEST_HEAD.min(reach) + 2;
         let mut reached = f64::INFINITY;
         if let Some(narrow) = transfer.narrow() {
             return Err(ExponentialKernelError::Narrow(narrow));
         }
+        let mut source = TransferSource {
+            transfer,
+            order,
+            step_size,
+            on_increments,
+            cut: PrincipalCut::new(transfer, order, step_size, on_increments),
+            known: RefCell::default(),
+            refinement: 1.0,
+        };
         // The width of the strip of a formula is a guess.
         for refinement in [1.0, 0.5, 0.25] {
-            let source = TransferSource {
-                on_increments,
-                cut: PrincipalCut::new(transfer, order, step_size, on_increments),
-                exact: multistep_weights(transfer, order, step_size, on_increments, count)?,
-                refinement,
-            };
-            match Self::of(&[source], step_size, reach, tolerance)
+            source.refinement = refinement;
+            match Self::of(std::slice::from_ref(&source), step_size, reach, tolerance)
                 .and_then(|made| Self::only(made, tolerance))
             {
                 Ok(mut made) => {
@@ -340,35 +347,48 @@ impl ExponentialKernel {
             };
             Ok(of_kernels.map(kernel).collect())
         };
-        let exact = weights(1.0, MEASURED_HEADS * LONGEST_HEAD.min(horizon) + 2)?;
+        let exact = |head: usize| weights(1.0, MEASURED_HEADS * head.min(horizon) + 2);
         let part = if tolerance < ROUNDING_COUNTS { PART_OF_THE_QUADRATURE } else { 1.0 };
         let quadrature_tolerance = part * tolerance;
+        let mut measured = cuts.iter().map(Source::measured).fold(0, usize::max);
+        let far: Vec<usize> =
+            lags(MEASURED_HEADS * measured, MEASURED_HEADS * LONGEST_HEAD).skip(1).collect();
+        let far: Vec<usize> = far.into_iter().filter(|&n| n <= horizon).collect();
+        let far = cuts.iter().map(|cut| far.iter().copied().zip(cut.far_weights(&far)).collect()).collect();
+        let mut check = Check { cuts, exact: exact(measured)?, far, horizon, tolerance };
         let mut best: Option<((bool, usize), usize, Vec<Nodes>)> = None;
-        let mut reached = f64::INFINITY;
+        let mut missed: Vec<(usize, Vec<Nodes>)> = Vec::new();
         let mut dearer = 0;
+        let mut shortening = Shortening::default();
         for head in HEADS {
             if head > horizon || dearer == DEARER_HEADS {
                 break;
             }
-            let rules = compressed_rules(cuts, head, horizon, quadrature_tolerance);
-            let errors: Vec<f64> = rules
-                .iter()
-                .zip(&exact)
-                .zip(cuts)
-                .map(|((rule, exact), cut)| largest_error(rule, exact, head, horizon, cut.floor(head)))
-                .collect();
-            let largest = errors.iter().copied().fold(0.0, max_or_nan);
-            reached = reached.min(largest);
-            // Near integer exponents the tail is tiny, and its errors are relaxed.
-            let missed = |((&error, exact), cut): ((&f64, &Vec<f64>), &S)| {
-                let tail = head as f64 * exact[head].abs();
-                let is_nothing =
-                    cut.floor(head) == 0.0 && error * tail <= NOTHING * tolerance * exact[0].abs();
-                (error > tolerance || error.is_nan()) && !is_nothing
-            };
-            if errors.iter().zip(&exact).zip(cuts).any(missed) {
+            if head > measured {
+                measured = LONGEST_HEAD;
+                check.exact = exact(measured)?;
+                check.far.iter_mut().for_each(Vec::clear);
+            }
+            let reach = cuts.iter().map(|cut| cut.reach(horizon)).fold(head, usize::max);
+            let rules = trapezoidal_rules(cuts, head, reach, quadrature_tolerance);
+            let whole = finished(rules.clone(), cuts);
+            let margin = 2.0 * largest_change(quadrature_tolerance) + ROUNDING;
+            if check.misses(&check.errors(&whole, head, head + FIRST_LAGS), head, margin) {
+                missed.push((head, whole));
                 continue;
             }
+            let rules = if are_positive(&rules) {
+                let slowest = cuts.iter().map(Source::slowest).fold(f64::INFINITY, min_or_nan);
+                finished(shortening.of(&rules, [head, reach], slowest, quadrature_tolerance), cuts)
+            } else {
+                whole
+            };
+            let errors = check.errors(&rules, head, horizon);
+            if check.misses(&errors, head, 0.0) {
+                missed.push((head, rules));
+                continue;
+            }
+            let largest = errors.iter().copied().fold(0.0, max_or_nan);
             // A table with no margin for the rounding of its sums is better than none.
             let tight = largest > tolerance.min(quadrature_tolerance + ROUNDING);
             let exponentials = rules.first().map_or(0, Vec::len);
@@ -390,7 +410,14 @@ impl ExponentialKernel {
                 kernels(head, cuts.iter().zip(rules).map(scaled).collect())
             }
             _ if horizon < LONGEST_HEAD => kernels(horizon + 1, vec![Vec::new(); cuts.len()]),
-            _ => Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }),
+            _ => {
+                let error = |(head, rules): &(usize, Vec<Nodes>)| {
+                    check.errors(rules, *head, horizon).into_iter().fold(0.0, max_or_nan)
+                };
+                let errors = missed.iter().map(error).filter(|error| !error.is_nan());
+                let reached = errors.fold(f64::INFINITY, min_or_nan);
+                Err(ExponentialKernelError::ToleranceMissed { tolerance, reached })
+            }
         }
     }
 
@@ -470,10 +497,44 @@ pub(crate) fn check_range(horizon: usize, tolerance: f64) -> Result<(), Paramete
     range(accepted, "tolerance", tolerance, "at least 4e-15 and at most 0.1")
 }
 
-/// The check of a table must be more accurate than the table, so the sum is compensated.
-fn sum_of_exponentials(exponentials: &[Exponential], n: usize) -> f64 {
-    let terms = exponentials.iter().map(|e| e.coefficient * libm::exp(-e.rate * n as f64));
-    terms.collect::<CompensatedSum>().total()
+/// What tables are measured by.
+struct Check<'a, S> {
+    cuts: &'a [S],
+    /// The exact first weights of each kernel.
+    exact: Vec<Vec<f64>>,
+    /// Lags beyond these, and the weights there.
+    far: Vec<Vec<(usize, f64)>>,
+    horizon: usize,
+    tolerance: f64,
+}
+
+impl<S: Source> Check<'_, S> {
+    /// The largest error of each kernel at the lags from `head` on that are measured, up to `last`.
+    fn errors(&self, rules: &[Nodes], head: usize, last: usize) -> Vec<f64> {
+        let last = last.min(self.horizon);
+        let of_kernels = rules.iter().zip(&self.exact).zip(&self.far).zip(self.cuts);
+        of_kernels
+            .map(|(((rule, exact), far), cut)| {
+                let floor = cut.floor(head);
+                let near = largest_error(rule, exact, head, last, floor);
+                let far = far.iter().filter(|(n, _)| *n <= last);
+                far.map(|&(n, weight)| error_at(rule, n, weight, floor)).fold(near, max_or_nan)
+            })
+            .collect()
+    }
+
+    /// True if one of these errors is too large, by more than a margin.
+    fn misses(&self, errors: &[f64], head: usize, margin: f64) -> bool {
+        // Near integer exponents the tail is tiny, and its errors are relaxed.
+        let misses = |((&error, exact), cut): ((&f64, &Vec<f64>), &S)| {
+            let excess = error - margin;
+            let tail = head as f64 * exact[head].abs();
+            let allowed = NOTHING * self.tolerance * exact[0].abs();
+            let is_nothing = cut.floor(head) == 0.0 && excess * tail <= allowed;
+            (excess > self.tolerance || excess.is_nan()) && !is_nothing
+        };
+        errors.iter().zip(&self.exact).zip(self.cuts).any(misses)
+    }
 }
 
 /// Largest relative error of the exponentials against exact weights after the head: at every lag at first,
@@ -488,20 +549,29 @@ fn largest_error(
     let last = horizon.min(exact.len() - 1);
     let dense = head..=last.min(head + DENSE_LAGS);
     let sparse = lags(head + DENSE_LAGS + 1, last);
-    dense
-        .chain(sparse)
-        .map(|n| match (exact[n], sum_of_exponentials(exponentials, n)) {
-            (weight, sum) if weight == sum => 0.0,
-            (weight, sum) if weight.abs() >= floor => (sum / weight - 1.0).abs(),
-            (weight, sum) => (sum - weight).abs() / floor,
-        })
-        .fold(0.0, max_or_nan)
+    dense.chain(sparse).map(|n| error_at(exponentials, n, exact[n], floor)).fold(0.0, max_or_nan)
+}
+
+/// The error of the exponentials at one lag.
+fn error_at(exponentials: &[Exponential], n: usize, weight: f64, floor: f64) -> f64 {
+    match sum_of_exponentials(exponentials, n) {
+        sum if weight == sum => 0.0,
+        sum if weight.abs() >= floor => (sum / weight - 1.0).abs(),
+        sum => (sum - weight).abs() / floor,
+    }
 }
 
 /// Source of a kernel's weights and of the exponentials for their tail.
 trait Source {
     /// The exact first weights.
     fn exact(&self, step_size: f64, count: usize) -> Result<Vec<f64>, ParameterError>;
+
+    /// The head up to a multiple of which the exact first weights are wanted, as long as that of the table is
+    /// not longer.
+    fn measured(&self) -> usize;
+
+    /// Weights beyond these, at some lags.
+    fn far_weights(&self, lags: &[usize]) -> Vec<f64>;
 
     /// True if the weights are those of a memory on increments.
     fn on_increments(&self) -> bool;
@@ -536,16 +606,40 @@ trait Source {
 
 /// Any transfer function, at a given step size.
 struct TransferSource<'a> {
-    cut: PrincipalCut<'a>,
+    transfer: &'a TransferFunction,
+    order: BdfOrder,
+    step_size: f64,
     on_increments: bool,
-    exact: Vec<f64>,
+    cut: PrincipalCut<'a>,
+    /// The weights computed so far.
+    known: RefCell<Vec<f64>>,
     /// Fraction of the spacing of the trapezoidal rule that is used.
     refinement: f64,
 }
 
 impl Source for TransferSource<'_> {
     fn exact(&self, _: f64, count: usize) -> Result<Vec<f64>, ParameterError> {
-        Ok(self.exact.iter().copied().take(count).collect())
+        let mut known = self.known.borrow_mut();
+        if known.len() < count {
+            *known = multistep_weights(self.transfer, self.order, self.step_size, self.on_increments, count)?;
+        }
+        Ok(known[..count].to_vec())
+    }
+
+    /// The first weights come from power series, which take the square of their number. Later ones are those
+    /// of the cut and the poles, where the cut is known.
+    fn measured(&self) -> usize {
+        if self.transfer.text().is_some() { LONGEST_HEAD } else { USUAL_HEAD }
+    }
+
+    /// By a rule that is finer than any table.
+    fn far_weights(&self, lags: &[usize]) -> Vec<f64> {
+        let [Some(&first), Some(&last)] = [lags.first(), lags.last()] else { return Vec::new() };
+        let (spacing, fastest) = (0.5 * self.cut.spacing(FINEST), self.cut.fastest(first, FINEST));
+        let mut rule = self.cut.rule(spacing, fastest, last, FINEST);
+        rule.iter_mut().for_each(|node| node.coefficient *= self.cut.sign());
+        rule.extend_from_slice(self.cut.poles());
+        lags.iter().map(|&n| sum_of_exponentials(&rule, n)).collect()
     }
 
     fn on_increments(&self) -> bool {
@@ -557,7 +651,7 @@ impl Source for TransferSource<'_> {
     }
 
     fn floor(&self, head: usize) -> f64 {
-        NOTHING * self.exact.first().map_or(0.0, |first| first.abs()) / head as f64
+        NOTHING * self.known.borrow().first().map_or(0.0, |first| first.abs()) / head as f64
     }
 
     fn reach(&self, horizon: usize) -> usize {
@@ -603,12 +697,17 @@ struct Cut {
     on_increments: bool,
 }
 
-/// Exponentials whose coefficients all have one sign.
-type Nodes = Vec<Exponential>;
-
 impl Source for Cut {
     fn exact(&self, step_size: f64, count: usize) -> Result<Vec<f64>, ParameterError> {
         Ok(self.exact_weights(step_size)?.take(count).collect())
+    }
+
+    fn measured(&self) -> usize {
+        LONGEST_HEAD
+    }
+
+    fn far_weights(&self, _: &[usize]) -> Vec<f64> {
+        Vec::new()
     }
 
     fn on_increments(&self) -> bool {
@@ -719,15 +818,21 @@ impl Cut {
     }
 }
 
-/// The rules of kernels with common rates, their slowest and fastest nodes compressed, for lags `head` to
-/// `horizon`, with the exponentials of poles.
-fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, tolerance: f64) -> Vec<Nodes> {
-    let horizon = cuts.iter().map(|cut| cut.reach(horizon)).max().unwrap_or(horizon).max(head);
+/// The trapezoidal rules of kernels with common rates, for lags `head` to `horizon`.
+fn trapezoidal_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, tolerance: f64) -> Vec<Nodes> {
     let spacing = cuts.iter().map(|cut| cut.spacing(tolerance)).fold(f64::INFINITY, min_or_nan);
     let fastest = cuts.iter().map(|cut| cut.fastest(head, tolerance)).fold(0.0, max_or_nan);
-    let rule = |cut: &S| cut.rule(spacing, fastest, horizon, tolerance);
-    let rules: Vec<Nodes> = cuts.iter().map(rule).collect();
-    let Some(nodes) = rules.first() else { return rules };
+    cuts.iter().map(|cut| cut.rule(spacing, fastest, horizon, tolerance)).collect()
+}
+
+/// True if there are nodes and all of them are positive: Gauss rules need positive measures.
+fn are_positive(rules: &[Nodes]) -> bool {
+    let mut nodes = rules.iter().flatten();
+    rules.first().is_some_and(|rule| !rule.is_empty()) && nodes.all(|node| node.coefficient >= 0.0)
+}
+
+/// Rules with the factors of their kernels, and with the exponentials of poles.
+fn finished<S: Source>(rules: Vec<Nodes>, cuts: &[S]) -> Vec<Nodes> {
     let finished = |(mut rule, cut): (Nodes, &S)| {
         rule.iter_mut().for_each(|node| node.coefficient *= cut.factor());
         if !cut.poles().is_empty() {
@@ -736,171 +841,7 @@ fn compressed_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, toleranc
         }
         rule
     };
-    // Gauss rules need positive measures.
-    let signed = rules.iter().flatten().any(|node| node.coefficient.is_nan() || node.coefficient < 0.0);
-    if nodes.is_empty() || signed {
-        return rules.into_iter().zip(cuts).map(finished).collect();
-    }
-    let slowest = cuts.iter().map(Source::slowest).fold(f64::INFINITY, min_or_nan);
-    let allowed = (0.25 * tolerance).max(4.0 * f64::EPSILON);
-    let weights: Vec<(usize, Vec<f64>)> = lags(head, horizon)
-        .map(|n| (n, rules.iter().map(|nodes| sum_of_exponentials(nodes, n)).collect()))
-        .collect();
-    // Rates are rounded to double precision too.
-    let bound = |n: usize, weight: f64| (allowed + f64::EPSILON * slowest * n as f64) * weight;
-    let part = |range: Range<usize>| -> Vec<&[Exponential]> {
-        rules.iter().map(|nodes| nodes.get(range.clone()).unwrap_or(&[])).collect()
-    };
-    let slow = |reach: f64| {
-        let groups = part(0..nodes.partition_point(|node| (node.rate - slowest) * horizon as f64 <= reach));
-        shortest_rules(&groups, slow_gauss_rules(&groups, slowest), &weights, bound)
-    };
-    let fast = |reach: f64| {
-        let groups =
-            part(nodes.partition_point(|node| (node.rate - slowest) * head as f64 <= reach)..nodes.len());
-        shortest_rules(&groups, fast_gauss_rules(&groups, head), &weights, bound)
-    };
-    // Of the candidates the one that saves most nodes.
-    let most = |rules: Vec<(usize, Vec<Nodes>)>| {
-        let saved = |(replaced, rules): &(usize, Vec<Nodes>)| replaced - rules.first().map_or(0, Vec::len);
-        rules.into_iter().max_by_key(saved).unwrap_or_default()
-    };
-    let (slow_count, slow_rules) = most(SLOW_REACHES.map(slow).into());
-    let (fast_count, fast_rules) = most(FAST_REACHES.map(fast).into());
-    // For a short horizon the two groups may overlap.
-    let middle = match nodes.len().checked_sub(fast_count) {
-        Some(end) if end >= slow_count => part(slow_count..end),
-        _ => return rules.into_iter().zip(cuts).map(finished).collect(),
-    };
-    let joined = |(index, cut): (usize, &S)| {
-        finished(([&slow_rules[index], middle[index], &fast_rules[index]].concat(), cut))
-    };
-    cuts.iter().enumerate().map(joined).collect()
-}
-
-/// Number of nodes replaced and the shortest Gauss rules that agree with them, or the nodes themselves. They
-/// agree if at the lags of `weights` their sums differ by at most `bound` of lag and weight.
-fn shortest_rules(
-    groups: &[&[Exponential]],
-    gauss_rules: impl FnMut(usize) -> Vec<Nodes>,
-    weights: &[(usize, Vec<f64>)],
-    bound: impl Fn(usize, f64) -> f64,
-) -> (usize, Vec<Nodes>) {
-    let count = groups.first().map_or(0, |group| group.len());
-    let mut sums: Vec<Option<Vec<f64>>> = vec![None; weights.len()];
-    // A rule most likely fails at the lag where the one before it failed: that lag comes first.
-    let mut order: Vec<usize> = (0..weights.len()).collect();
-    let mut agree = |rules: &Vec<Nodes>| {
-        let fails = order.iter().position(|&place| {
-            let (n, weights) = &weights[place];
-            let of_groups = || groups.iter().map(|group| sum_of_exponentials(group, *n)).collect();
-            let sums = sums[place].get_or_insert_with(of_groups);
-            let mut each = sums.iter().zip(rules).zip(weights);
-            !each.all(|((sum, rule), &weight)| {
-                (sum - sum_of_exponentials(rule, *n)).abs() <= bound(*n, weight)
-            })
-        });
-        if let Some(position) = fails {
-            order[..=position].rotate_right(1);
-        }
-        fails.is_none()
-    };
-    let sizes = 1..count.min(LONGEST_RULE + 1);
-    let rules = sizes.map(gauss_rules).find(|rules| agree(rules));
-    (count, rules.unwrap_or_else(|| groups.iter().map(|group| group.to_vec()).collect()))
-}
-
-/// Gauss rules, by size, of the measures in the rate minus the slowest one: e^{−sn} is nearly a polynomial in
-/// s where s n is moderate.
-fn slow_gauss_rules(groups: &[&[Exponential]], slowest: f64) -> impl FnMut(usize) -> Vec<Nodes> {
-    let beyond = move |node: &Exponential| node.rate - slowest;
-    let unit = groups.first().and_then(|group| group.last()).map_or(1.0, beyond);
-    let measure =
-        |group: &&[Exponential]| group.iter().map(|node| (beyond(node) / unit, node.coefficient)).collect();
-    let mut measures = Measures::of(groups.iter().map(measure).collect());
-    move |size| {
-        let node = |&(x, c): &(f64, f64)| Exponential { rate: slowest + x.max(0.0) * unit, coefficient: c };
-        measures.gauss_rules(size).iter().map(|rule| rule.iter().map(node).collect()).collect()
-    }
-}
-
-/// Gauss rules, by size, of the measures in t = e^{−s}, weighted with their values after the head:
-/// e^{−s(n−n₀)} is a power of t.
-fn fast_gauss_rules(groups: &[&[Exponential]], head: usize) -> impl FnMut(usize) -> Vec<Nodes> {
-    let behind = head as f64;
-    let first = groups.first().and_then(|group| group.first());
-    let unit = first.map_or(1.0, |node| libm::exp(-node.rate));
-    let place = |node: &Exponential| {
-        (libm::exp(-node.rate) / unit, node.coefficient * libm::exp(-node.rate * behind))
-    };
-    let mut measures = Measures::of(groups.iter().map(|group| group.iter().map(place).collect()).collect());
-    move |size| {
-        let node = |&(t, c): &(f64, f64)| {
-            let rate = -libm::log(t.max(f64::EPSILON) * unit);
-            Exponential { rate, coefficient: c * libm::exp(rate * behind) }
-        };
-        let sorted = |rule: &Vec<(f64, f64)>| {
-            let mut rule: Nodes = rule.iter().map(node).collect();
-            rule.sort_by(|a, b| a.rate.total_cmp(&b.rate));
-            rule
-        };
-        measures.gauss_rules(size).iter().map(sorted).collect()
-    }
-}
-
-/// Discrete positive measures on the same places, with the quantities for Gauss rules on common nodes.
-struct Measures {
-    jacobi: JacobiMatrix,
-    /// For each of several measures, the integrals of the orthonormal polynomials of their mean.
-    integrals: Vec<Vec<f64>>,
-}
-
-impl Measures {
-    /// From lists of (place, mass).
-    fn of(measures: Vec<Vec<(f64, f64)>>) -> Self {
-        let (first, count) = match &measures[..] {
-            [] => return Self { jacobi: JacobiMatrix::of(&[]), integrals: Vec::new() },
-            [one] => return Self { jacobi: JacobiMatrix::of(one), integrals: Vec::new() },
-            [first, ..] => (first, measures.len() as f64),
-        };
-        let mass = |measure: &[(f64, f64)]| measure.iter().map(|(_, mass)| *mass).sum::<f64>();
-        let masses: Vec<f64> = measures.iter().map(|measure| mass(measure)).collect();
-        // The geometric mean of the normalised masses: for powers of the rate it has the mean exponent.
-        let mean = |(index, &(place, _)): (usize, &(f64, f64))| {
-            let shares = measures.iter().zip(&masses).map(|(measure, mass)| (measure[index].1 / mass).ln());
-            (place, (shares.sum::<f64>() / count).exp())
-        };
-        let mean: Vec<(f64, f64)> = first.iter().enumerate().map(mean).collect();
-        let mut jacobi = JacobiMatrix::of(&mean);
-        let basis = jacobi.basis();
-        // The basis consists of p_j √m with the masses m of the mean.
-        let integral = |measure: &[(f64, f64)], row: &[f64]| -> f64 {
-            let parts = measure.iter().zip(&mean).zip(row);
-            parts.map(|(((_, mass), (_, mean)), basis)| basis * (mass / mean.sqrt())).sum()
-        };
-        let integrals =
-            measures.iter().map(|measure| basis.iter().map(|row| integral(measure, row)).collect());
-        let integrals = integrals.collect();
-        Self { jacobi, integrals }
-    }
-
-    /// For each measure the rule on the nodes of the Gauss rule of `size` nodes that integrates polynomials
-    /// below the degree `size` exactly: for a single one the Gauss rule itself.
-    fn gauss_rules(&mut self, size: usize) -> Vec<Vec<(f64, f64)>> {
-        if self.integrals.is_empty() {
-            return vec![self.jacobi.gauss_rule(size)];
-        }
-        let nodes = self.jacobi.nodes(size);
-        let mass = self.jacobi.mass();
-        let of_measure = |integrals: &Vec<f64>| -> Vec<(f64, f64)> {
-            let coefficient = |vector: &[f64]| -> f64 {
-                let sum = vector.iter().zip(integrals).map(|(entry, integral)| entry * integral);
-                vector.first().map_or(0.0, |first| first * mass.sqrt()) * sum.sum::<f64>()
-            };
-            nodes.iter().map(|(place, vector)| (*place, coefficient(vector))).collect()
-        };
-        self.integrals.iter().map(of_measure).collect()
-    }
+    rules.into_iter().zip(cuts).map(finished).collect()
 }
 
 #[cfg(test)]
