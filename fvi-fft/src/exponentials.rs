@@ -4,6 +4,7 @@
 pub mod band_filter;
 #[doc(hidden)]
 pub mod band_table;
+mod closed_pairs;
 pub mod complex_exponential_table;
 pub mod controller_source;
 mod decays;

@@ -16,6 +16,7 @@ use crate::quadrature::multistep_weights::multistep_weights;
 use crate::quadrature::runge_kutta_weights::RungeKuttaWeights;
 use crate::quadrature::starting::StartingCorrection;
 use crate::transfer::TransferFunction;
+use crate::transfer::fractions::Fractions;
 use crate::transfer::multistep_rule::MultistepRule;
 use crate::with_staged_method;
 use crate::{
@@ -517,12 +518,15 @@ impl MemoryRequest<'_> {
             return Err(EngineError::Unsuited { engine, reason });
         }
         let horizon = self.horizon()?;
+        let (tolerance, reached) = (self.table_tolerance(), f64::INFINITY);
+        let unknown = ExponentialKernelError::ToleranceMissed { tolerance, reached };
+        let turns = |fractions: Fractions| fractions.poles.iter().any(|pole| pole.place.im != 0.0);
+        if self.may_oscillate(engine) && self.transfer.fractions().is_some_and(turns) {
+            return self.complex_pairs(rule, tables, unknown).map(SumTable::Pairs);
+        }
         let kernel = match rule {
             MultistepRule::Bdf(order) => self.real_exponentials(order, horizon, tables),
-            MultistepRule::Trapezoidal if self.may_oscillate(engine) => {
-                let (tolerance, reached) = (self.table_tolerance(), f64::INFINITY);
-                Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }.into())
-            }
+            MultistepRule::Trapezoidal if self.may_oscillate(engine) => Err(unknown.into()),
             MultistepRule::Trapezoidal => {
                 let reason = "the weights of the trapezoidal rule alternate in sign and do not fall off: take \"direct\", \
                      \"block-fft\" or \"real-time\"";

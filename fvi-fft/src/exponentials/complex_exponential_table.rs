@@ -14,10 +14,13 @@
 //! the circle are left out, and the residues follow from least squares anew. What the table is worth is
 //! measured weight by weight.
 //!
+//! Rational kernels with simple poles have their exponentials in closed form (`closed_pairs.rs`).
+//!
 //! Sources: \[NST18\]; \[DNT24\] for samples between support points.
 
 use crate::ComplexExponentials;
 use crate::dense::{SingularValues, eigenvalues, least_squares, triangle};
+use crate::exponentials::closed_pairs::ClosedPairs;
 use crate::exponentials::exponential_table::{ExponentialKernelError, check_range};
 use crate::quadrature::multistep_weights::multistep_weights;
 use crate::transfer::TransferFunction;
@@ -46,10 +49,13 @@ const ROUNDING: f64 = 32.0 * f64::EPSILON;
 /// Multiply–adds of a pair, where a weight of the head is one.
 const COST: usize = 6;
 
+/// Weights that a table in closed form is compared with: those of the power series.
+const COMPARED: usize = 512;
+
 /// Sums of a pair over all lags below this part of the error allowed are nothing.
 const NEGLIGIBLE: f64 = 0.1;
 
-/// How far a table is from the weights, at lags up to its horizon.
+/// How far a table is from the weights, at lags up to its horizon; at most so far, if it is in closed form.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Miss {
     /// max |w_n − w̃_n|/max |w_n|
@@ -77,6 +83,9 @@ pub fn complex_exponentials(
 ) -> Result<(ComplexExponentials, Miss), ExponentialKernelError> {
     check_range(horizon, tolerance)?;
     let rule = rule.into();
+    if let Some(made) = closed(transfer, rule, on_increments, step_size, horizon, tolerance)? {
+        return Ok(made);
+    }
     let exact = multistep_weights(transfer, rule, step_size, on_increments, horizon + 1)?;
     let largest = exact.iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
     let radius = libm::exp(1.0 / horizon as f64);
@@ -119,6 +128,73 @@ pub fn complex_exponentials(
         Some((_, table, miss)) => Ok((table, miss)),
         None => Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }),
     }
+}
+
+/// The table of a rational kernel with simple poles by backward differentiation: its own exponentials,
+/// without those that are nothing after the head. `None` for other kernels, and where rounding is more than
+/// the tolerance.
+///
+/// The first weights are compared with exact ones. What has been left out falls off, and a pair that is
+/// rounded is wrong by at most ε n |c ρⁿ| at lag n, so that the rest is bounded by sums of these.
+fn closed(
+    transfer: &TransferFunction,
+    rule: MultistepRule,
+    on_increments: bool,
+    step_size: f64,
+    horizon: usize,
+    tolerance: f64,
+) -> Result<Option<(ComplexExponentials, Miss)>, ExponentialKernelError> {
+    let MultistepRule::Bdf(order) = rule else { return Ok(None) };
+    let Some(fractions) = transfer.fractions() else { return Ok(None) };
+    let Some(all) = ClosedPairs::of(&fractions, order, on_increments, step_size) else { return Ok(None) };
+    let count = horizon.saturating_add(1).min(COMPARED);
+    let exact = multistep_weights(transfer, rule, step_size, on_increments, count)?;
+    let largest = exact.iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
+    let whole: f64 = exact.iter().map(|weight| weight.abs()).sum();
+    let mut best: Option<(usize, ComplexExponentials, Miss)> = None;
+    for length in HEADS.into_iter().filter(|&length| length >= all.first && length <= horizon) {
+        // The sums over all lags behind the head, and behind the compared ones, least first.
+        let mut parts: Vec<_> = all.pairs.iter().map(|pair| (behind(*pair, length), *pair)).collect();
+        parts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (mut sum, mut bound) = (0.0, 0.0);
+        let mut pairs = Vec::new();
+        for (part, [rho, c]) in parts {
+            sum += part;
+            if sum <= PART * tolerance * largest {
+                bound += behind([rho, c], count);
+            } else {
+                let first = c * rho.powu(length as u32);
+                pairs.push([rho.re, rho.im, first.re, first.im]);
+                bound += f64::EPSILON * behind([rho, c], count) * (lags(rho) + count as f64);
+            }
+        }
+        pairs.sort_by(|[re, im, ..], [other, more, ..]| {
+            libm::hypot(*other, *more).total_cmp(&libm::hypot(*re, *im))
+        });
+        let cost = length + COST * pairs.len();
+        let table = ComplexExponentials { head: exact[..length].to_vec(), pairs, horizon };
+        let compared = missed(&table, &exact);
+        let miss = if count > horizon {
+            compared
+        } else {
+            Miss { largest: compared.largest + bound / largest, sum: compared.sum + bound / whole }
+        };
+        let is_within = miss.largest <= tolerance && miss.sum <= tolerance;
+        if is_within && best.as_ref().is_none_or(|(least, ..)| cost < *least) {
+            best = Some((cost, table, miss));
+        }
+    }
+    Ok(best.map(|(_, table, miss)| (table, miss)))
+}
+
+/// Σ_{n ≥ first} |c ρⁿ|
+fn behind([rho, c]: [Complex<f64>; 2], first: usize) -> f64 {
+    c.norm() * libm::pow(rho.norm(), first as f64) * lags(rho)
+}
+
+/// Σ_{n ≥ 0} |ρⁿ|
+fn lags(rho: Complex<f64>) -> f64 {
+    1.0 / (1.0 - rho.norm())
 }
 
 /// Every weight against the exact one.
