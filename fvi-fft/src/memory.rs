@@ -24,9 +24,9 @@ use crate::{
 };
 use fvi_core::{
     ActsOn, BdfOrder, ConvolutionWeights, Direct, ExponentialSum, ExponentialTable, Memory, MemoryError,
-    ParameterError, RungeKutta, SavedChannels, StateError, StateReader, StateWriter, Stateful,
+    ParameterError, Real, RungeKutta, SavedChannels, StateError, StateReader, StateWriter, Stateful,
 };
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A memory engine chosen at run time.
 pub struct HostMemory<T> {
@@ -613,7 +613,12 @@ impl MemoryRequest<'_> {
             Ok(if self.acts_on() == ActsOn::Values { weights } else { weights.on_increments() })
         };
         if engine != Engine::Direct {
-            return self.transforms(engine, weights(self.step_size)?, 1);
+            if self.samples > MOST_SHARED {
+                return self.transforms(engine, weights(self.step_size)?, 1);
+            }
+            let shared =
+                tables.get(&self.key(0, 0.0), || Ok(SharedWeights::from(weights(self.step_size)?)))?;
+            return self.transforms(engine, WeightsOfMany(shared), 1);
         }
         let kept = self.kept();
         // With the step size γ_p(0) the leading weight is 1: the monic table that firmware uses, with a
@@ -916,6 +921,29 @@ impl<T: Copy> Weights<T> for Planes<T> {
                 *place = self.numbers[plane * length + n];
             }
         }
+    }
+}
+
+/// The weights of s^β that the runs with a kernel have taken so far, as one list for all of them.
+#[derive(Debug)]
+struct SharedWeights(Mutex<(Vec<f64>, ConvolutionWeights)>);
+
+impl From<ConvolutionWeights> for SharedWeights {
+    fn from(weights: ConvolutionWeights) -> Self {
+        Self(Mutex::new((Vec::new(), weights)))
+    }
+}
+
+/// Those weights as a kernel of one run.
+struct WeightsOfMany(Arc<SharedWeights>);
+
+impl<T: Real> Weights<T> for WeightsOfMany {
+    fn fill(&mut self, first: usize, weights: &mut [T]) {
+        let mut shared = self.0.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let (known, following) = &mut *shared;
+        let missing = (first + weights.len()).saturating_sub(known.len());
+        known.extend(following.take(missing));
+        weights.iter_mut().zip(&known[first..]).for_each(|(weight, &known)| *weight = T::of(known));
     }
 }
 

@@ -129,6 +129,7 @@ mod tests {
         let families = [
             (ConvolutionFamily::Bdf { order: 1 }, Engine::ExponentialSum),
             (ConvolutionFamily::Bdf { order: 2 }, Engine::ExponentialSum),
+            (ConvolutionFamily::Bdf { order: 3 }, Engine::BlockFft),
             (ConvolutionFamily::RadauIia { stages: 2 }, Engine::ExponentialSum),
             (ConvolutionFamily::LobattoIiic { stages: 2 }, Engine::ExponentialSum),
             (ConvolutionFamily::RadauIia { stages: 2 }, Engine::AnyStep),
@@ -161,6 +162,30 @@ mod tests {
                         seen.push(alone);
                     }
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn runs_of_any_length_share_weights_without_a_change() {
+        let tables = Tables::default();
+        let transfer = TransferFunction::power(0.5).unwrap();
+        for engine in [Engine::BlockFft, Engine::RealTime] {
+            let history = History { engine: Some(engine), ..History::default() };
+            for samples in [400, 201, 3000] {
+                let request = MemoryRequest {
+                    family: ConvolutionFamily::Bdf { order: 2 },
+                    starting: &[],
+                    transfer: &transfer,
+                    step_size: 0.25,
+                    end: None,
+                    coordinates: 1,
+                    motions: 1,
+                    samples,
+                    given: false,
+                    history: &history,
+                };
+                assert!(terms(&request, &tables) == terms(&request, &Tables::default()), "{samples}");
             }
         }
     }
