@@ -8,10 +8,11 @@ use std::hint::black_box;
 use fvi_benches::{
     ChainIntegrator, HISTORY, ShortMemoryDamping, noise, pendulum_chain, short_memory_damping,
 };
-use fvi_core::{BdfOrder, ConvolutionWeights, Damping, Fixed, Memory};
+use fvi_core::{BdfOrder, ConvolutionWeights, Damping, Fixed, Memory, ParameterError};
 use fvi_fft::WeightTable;
 use fvi_fft::baseline::OfflineFft;
 use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
+use fvi_fft::transfer::TransferFunction;
 use fvi_strategies::{BuiltStrategy, Task, engines};
 use gungraun::{library_benchmark, library_benchmark_group, main};
 use nalgebra::SVector;
@@ -72,10 +73,21 @@ fn quadrature_weights(order: usize) -> Vec<f64> {
 }
 
 #[library_benchmark]
-#[bench::a_million_steps(1 << 20)]
-fn table_of_exponentials(horizon: usize) -> ExponentialKernel {
-    let order = BdfOrder::GRUNWALD_LETNIKOV;
-    ExponentialKernel::bdf(order, 0.5, 1.0, black_box(horizon), SMALLEST_TOLERANCE).expect("a table")
+#[bench::order_1(1, 0.5)]
+#[bench::order_2(2, 1.5)]
+#[bench::order_6(6, 0.7)]
+fn table_of_exponentials(order: usize, exponent: f64) -> ExponentialKernel {
+    let order = BdfOrder::new(black_box(order)).expect("an order");
+    ExponentialKernel::bdf(order, exponent, 1.0, 1 << 20, SMALLEST_TOLERANCE).expect("a table")
+}
+
+#[library_benchmark]
+#[bench::tempered(TransferFunction::tempered(0.5, 0.3))]
+#[bench::maxwell(TransferFunction::maxwell(0.6, 0.0, 1.5))]
+#[bench::havriliak_negami(TransferFunction::havriliak_negami(0.7, 0.5, 1.0))]
+fn table_of_a_material(kernel: Result<TransferFunction, ParameterError>) -> ExponentialKernel {
+    let (kernel, order) = (kernel.expect("in range"), BdfOrder::new(2).expect("an order"));
+    ExponentialKernel::of_transfer(&kernel, order, true, 0.01, 1 << 20, SMALLEST_TOLERANCE).expect("a table")
 }
 
 fn with_full_memory() -> ChainIntegrator<ShortMemoryDamping<2>, 2> {
@@ -112,6 +124,7 @@ library_benchmark_group!(
         offline_fft,
         quadrature_weights,
         table_of_exponentials,
+        table_of_a_material,
         two_pendulums,
         two_pendulums_with_memory
     ]
