@@ -18,6 +18,7 @@ mod double_double;
 mod error;
 mod euler;
 mod exponential_sum;
+mod fixed_point;
 mod fractional_integral;
 mod galerkin;
 mod generated;
@@ -74,6 +75,10 @@ pub use euler::{ExplicitEuler, ImplicitEuler};
 pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm, TabulatedSum};
 #[doc(hidden)]
 pub use exponential_sum::{Given, Layout, TableSource};
+pub use fixed_point::{
+    FixedGain, FixedLaw, FixedOperator, FixedPid, FixedTerm, FixedWindup, LARGEST_INPUT, OUTPUT_DIGITS,
+    SAMPLE_DIGITS,
+};
 pub use fractional_integral::{FractionalIntegral, PendingIntegral};
 pub use galerkin::Galerkin;
 #[doc(hidden)]
