@@ -178,6 +178,11 @@
 #define FVI_PID_WORDS 96
 
 /*
+ Number of 64-bit words of a controller in whole numbers.
+ */
+#define FVI_FIXED_PID_WORDS 36
+
+/*
  The status returned by a call. Any status but FVI_STATUS_OK means that the call has changed nothing, with
  two exceptions: a call that sets up an object with an exponential sum may have cleared its buffer, and one
  that sets up a controller may have cleared the buffers of its memories, since it tests their weights with
@@ -573,6 +578,125 @@ typedef struct FviPidInputs {
    */
   float applied;
 } FviPidInputs;
+
+/*
+ A fractional PID controller in whole numbers.
+
+ Set all words to zero before the first call.
+ */
+typedef struct FviFixedPid {
+  /*
+   Internal state; not to be accessed by the caller.
+   */
+  uint64_t words[FVI_FIXED_PID_WORDS];
+} FviFixedPid;
+
+/*
+ A factor mantissa 2^-shift.
+ */
+typedef struct FviFixedGain {
+  /*
+   Mantissa.
+   */
+  int32_t mantissa;
+  /*
+   Shift.
+   */
+  int32_t shift;
+} FviFixedGain;
+
+/*
+ A decaying exponential of an operator.
+ */
+typedef struct FviFixedTerm {
+  /*
+   What it loses in a tick; zero for a sum that stays.
+   */
+  struct FviFixedGain decay;
+  /*
+   From its value to the output.
+   */
+  struct FviFixedGain output;
+  /*
+   Binary digits of its value behind those of a sample.
+   */
+  int32_t lift;
+} FviFixedTerm;
+
+/*
+ The law of a controller in whole numbers, with all factors between counts of the inputs and units of 2^-16
+ counts of the output. `fvi controller --arithmetic fixed --format c` makes it.
+ */
+typedef struct FviFixedLaw {
+  /*
+   First weights of the integral; NULL with a count of 0 for none.
+   */
+  const struct FviFixedGain *integral_head;
+  /*
+   Its exponentials.
+   */
+  const struct FviFixedTerm *integral_terms;
+  /*
+   First weights of the derivative.
+   */
+  const struct FviFixedGain *derivative_head;
+  /*
+   Its exponentials.
+   */
+  const struct FviFixedTerm *derivative_terms;
+  /*
+   Smallest and largest output, in units of 2^-16 counts.
+   */
+  int64_t limits[2];
+  /*
+   Largest change of the output in a tick, in units of 2^-16 counts.
+   */
+  int64_t stride;
+  /*
+   Number of weights.
+   */
+  uint32_t integral_head_count;
+  /*
+   Number of exponentials.
+   */
+  uint32_t integral_terms_count;
+  /*
+   Number of weights.
+   */
+  uint32_t derivative_head_count;
+  /*
+   Number of exponentials.
+   */
+  uint32_t derivative_terms_count;
+  /*
+   Gain of the setpoint.
+   */
+  struct FviFixedGain setpoint;
+  /*
+   Gain of the measured value.
+   */
+  struct FviFixedGain measured;
+  /*
+   Weight of the setpoint in the derivative, 2^5 times.
+   */
+  struct FviFixedGain derivative_weight;
+  /*
+   Share of a new sample in the derivative's filter; 1 for no filter.
+   */
+  struct FviFixedGain filter_share;
+  /*
+   Factor of the anti-windup, from the output to a sample of the integral.
+   */
+  struct FviFixedGain windup;
+  /*
+   FVI_PID_FROM_REST or FVI_PID_OF_VALUES.
+   */
+  uint32_t derivative_of;
+  /*
+   FVI_PID_NO_ANTI_WINDUP, FVI_PID_BACK_CALCULATION or FVI_PID_CONDITIONAL.
+   */
+  uint32_t anti_windup;
+} FviFixedLaw;
 
 #ifdef __cplusplus
 extern "C" {
@@ -1138,6 +1262,41 @@ enum FviStatus fvi_pid_save(const struct FviPid *controller, uint8_t *bytes, siz
  `controller` must be zeroed or set up, `count` bytes readable.
  */
 enum FviStatus fvi_pid_restore(struct FviPid *controller, const uint8_t *bytes, size_t count);
+
+/*
+ Sets up a controller in whole numbers, with `state_count` numbers of state, which it clears. The law is
+ copied; its arrays and the state are used as long as the controller is.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_OUT_OF_RANGE or FVI_STATUS_WRONG_SIZE if
+ something is wrong with a pointer, a constant or the size.
+
+ # Safety
+ `controller` must be writable, `law` and the arrays that it names readable, `state_count` initialised
+ numbers must lie at `state` that nobody else uses.
+ */
+enum FviStatus fvi_fixed_pid_init(struct FviFixedPid *controller,
+                                  const struct FviFixedLaw *law,
+                                  int64_t *state,
+                                  size_t state_count);
+
+/*
+ Makes a tick with setpoint r and measured value y, in counts, and writes the output, in counts of its own.
+
+ Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or FVI_STATUS_NOT_INITIALISED.
+
+ # Safety
+ `controller` must be zeroed or set up, `output` writable.
+ */
+enum FviStatus fvi_fixed_pid_tick(struct FviFixedPid *controller, int32_t setpoint, int32_t measured, int32_t *output);
+
+/*
+ Returns to the state before the first tick. Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED or
+ FVI_STATUS_NOT_INITIALISED.
+
+ # Safety
+ `controller` must be zeroed or set up.
+ */
+enum FviStatus fvi_fixed_pid_reset(struct FviFixedPid *controller);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -6,6 +6,7 @@
 //! is generated from this crate.
 #![no_std]
 
+mod fixed_pid;
 mod memory;
 mod operator;
 mod pid;
@@ -17,6 +18,7 @@ mod stepper;
 mod stored;
 mod weights;
 
+pub use fixed_pid::*;
 pub use memory::*;
 pub use operator::*;
 pub use pid::*;

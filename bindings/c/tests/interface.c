@@ -904,6 +904,39 @@ static void check_controller(void) {
     expect_that("the same bits after a restart", output == expected);
 }
 
+/* I of order 1 in whole numbers: a sum in units of 2^-16 counts of the output. */
+static void check_fixed_controller(void) {
+    static const FviFixedGain head[] = {{1 << 30, 20}, {1 << 30, 20}};        /* 2^10 for 2^-5 counts: 1/2 a count each */
+    static const FviFixedTerm terms[] = {{{0, 0}, {1 << 30, 30}, 10}};
+    FviFixedLaw law = {
+        .integral_head = head, .integral_head_count = 2, .integral_terms = terms, .integral_terms_count = 1,
+        .limits = {INT64_C(-100) * 65536, INT64_C(100) * 65536}, .stride = INT64_MAX,
+        .derivative_of = FVI_PID_FROM_REST, .anti_windup = FVI_PID_CONDITIONAL, .windup = {1 << 30, 40},
+    };
+    FviFixedPid fixed = {{0}};
+    int64_t numbers[2];
+    int32_t output = 0;
+    expect("fixed tick before init", fvi_fixed_pid_tick(&fixed, 1, 0, &output), FVI_STATUS_NOT_INITIALISED);
+    expect("fixed without a law", fvi_fixed_pid_init(&fixed, NULL, numbers, 2), FVI_STATUS_NULL);
+    expect("fixed of another size", fvi_fixed_pid_init(&fixed, &law, numbers, 1), FVI_STATUS_WRONG_SIZE);
+    law.anti_windup = 9;
+    expect("fixed unknown constant", fvi_fixed_pid_init(&fixed, &law, numbers, 2), FVI_STATUS_OUT_OF_RANGE);
+    law.anti_windup = FVI_PID_CONDITIONAL;
+    expect("fixed init", fvi_fixed_pid_init(&fixed, &law, numbers, 2), FVI_STATUS_OK);
+    for (int32_t k = 1; k <= 20; ++k) {
+        expect("fixed tick", fvi_fixed_pid_tick(&fixed, 30, 10, &output), FVI_STATUS_OK);
+        expect_that("the integral is a sum within limits", output == (k < 10 ? 10 * k : 100));
+        note((float)output);
+    }
+    expect("fixed tick", fvi_fixed_pid_tick(&fixed, 0, 20, &output), FVI_STATUS_OK);
+    expect_that("it comes back at once", output == 90);
+    expect("fixed extremes", fvi_fixed_pid_tick(&fixed, INT32_MAX, INT32_MIN, &output), FVI_STATUS_OK);
+    expect_that("and saturates", output == 100);
+    expect("fixed reset", fvi_fixed_pid_reset(&fixed), FVI_STATUS_OK);
+    expect("fixed tick", fvi_fixed_pid_tick(&fixed, 0, 20, &output), FVI_STATUS_OK);
+    expect_that("from the start", output == -10);
+}
+
 static void tell_hash(void) {
     char text[] = "results 00000000\n";
     for (int digit = 0; digit < 8; ++digit) {
@@ -930,6 +963,7 @@ int check_interface(void (*say)(const char *text)) {
     check_restarted_operators();
     check_controller();
     check_plain_controllers();
+    check_fixed_controller();
     for (int status = 0; status < STATUSES; ++status) {
         if (!reached[status]) {
             fail(fvi_status_text(status), "never returned");

@@ -6,7 +6,9 @@ use std::path::Path;
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let library = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let (library, sources): (_, &[&str]) = match std::env::args().nth(1).as_deref() {
-        None => (library, &["status", "memory", "operator", "weights", "stepper", "saving", "pid"]),
+        None => {
+            (library, &["status", "memory", "operator", "weights", "stepper", "saving", "pid", "fixed_pid"])
+        }
         Some("streams") => (library.join("streams"), &["status", "stream", "single", "double"]),
         Some(other) => return Err(format!("there is no header {other}: streams, or no argument").into()),
     };
