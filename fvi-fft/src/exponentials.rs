@@ -10,6 +10,7 @@ pub mod controller_source;
 mod decays;
 #[doc(hidden)]
 pub mod exponential_table;
+pub mod fixed_source;
 mod jacobi_matrix;
 mod rate_rules;
 #[doc(hidden)]

@@ -318,7 +318,7 @@ fn has_derivative<T: Real>(gains: &PidGains<T>) -> bool {
 }
 
 /// `two_words` as `TwoWords`.
-fn camel_case(name: &str) -> String {
+pub(super) fn camel_case(name: &str) -> String {
     let word = |word: &str| {
         let mut letters = word.chars();
         let first = letters.next().map(|first| first.to_ascii_uppercase().to_string());

@@ -11,6 +11,7 @@ use fvi_fft::exponentials::controller_source::{ControllerSourceError, Controller
 use fvi_fft::exponentials::exponential_table::{
     ExponentialKernel, ExponentialKernelError, SMALLEST_TOLERANCE,
 };
+use fvi_fft::exponentials::fixed_source::{FixedController, FixedUnits};
 use fvi_scenario::language::{Document, Problem};
 use fvi_scenario::scenario::{Controller, Scenario};
 use fvi_simulation::simulation::control::{Unusable, tables_of_firmware};
@@ -36,6 +37,15 @@ pub(crate) struct ControllerArguments {
     /// Relative tolerance of the responses over the band, 1e-7 to 0.1
     #[arg(long, requires = "band")]
     tolerance: Option<f64>,
+    /// Floating point, or whole numbers, for processors without a floating-point unit and on tables for a band
+    #[arg(long, value_enum, default_value_t, requires_ifs = [("fixed", "band"), ("fixed", "input_unit"), ("fixed", "output_unit")])]
+    arithmetic: Arithmetic,
+    /// With whole numbers: what a count of setpoint and measured value is worth, in units of the scenario
+    #[arg(long, value_name = "UNIT")]
+    input_unit: Option<f64>,
+    /// With whole numbers: what a count of the output is worth
+    #[arg(long, value_name = "UNIT")]
+    output_unit: Option<f64>,
     /// Prefix of the names of the constants
     #[arg(long, value_parser = identifier, default_value = "controller")]
     name: String,
@@ -51,6 +61,16 @@ enum Format {
     Rust,
     /// Constants of C
     C,
+}
+
+/// Numbers of a controller.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+enum Arithmetic {
+    /// Floating point
+    #[default]
+    Float,
+    /// Whole numbers of 32 and 64 bits
+    Fixed,
 }
 
 /// A controller with the tables and options for its constants.
@@ -76,6 +96,7 @@ impl ControllerArguments {
                     .to_owned(),
             ));
         }
+        let units = self.units()?;
         // Unless the scenario says otherwise: near the rounding of the numbers.
         let tolerance = match precision {
             ListingPrecision::F32 => 1e-7,
@@ -101,7 +122,13 @@ impl ControllerArguments {
             if index > 0 {
                 text.push('\n');
             }
-            listed.write(&mut text)?;
+            match units {
+                Some(units) => {
+                    let fixed = listed.write_fixed(units, &mut text)?;
+                    mentions += &format!("note: {} in whole numbers: {}\n", listed.name, fixed.worth());
+                }
+                None => listed.write(&mut text)?,
+            }
             for (part, errors) in &listed.tables.errors {
                 mentions += &format!("note: {} {part}: {errors}\n", listed.name);
             }
@@ -112,6 +139,21 @@ impl ControllerArguments {
         emit(|out| out.write_all(text.as_bytes()), self.out.as_deref())?;
         mention(&mentions);
         Ok(())
+    }
+}
+
+impl ControllerArguments {
+    /// What counts are worth, for whole numbers.
+    fn units(&self) -> Result<Option<FixedUnits>, CommandError> {
+        let unsuited = |reason: &str| Err(CommandError::Unsuited(reason.to_owned()));
+        match (self.arithmetic, self.input_unit, self.output_unit) {
+            (Arithmetic::Fixed, ..) if self.precision != ListingPrecision::F32 => {
+                unsuited("--precision is that of numbers in floating point: not with --arithmetic fixed")
+            }
+            (Arithmetic::Fixed, Some(input), Some(output)) => Ok(Some(FixedUnits { input, output })),
+            (_, None, None) => Ok(None),
+            _ => unsuited("--input-unit and --output-unit are for --arithmetic fixed, and needed there"),
+        }
     }
 }
 
@@ -151,6 +193,19 @@ impl Listed<'_> {
             other => CommandError::Unsuited(other.to_string()),
         })?;
         Ok(())
+    }
+
+    /// Writes the constants of a controller in whole numbers.
+    fn write_fixed(&self, units: FixedUnits, text: &mut String) -> Result<FixedController, CommandError> {
+        let Self { controller, tables, name, .. } = self;
+        let law = controller.law::<f64>().map_err(parameter_error)?;
+        let fixed = FixedController::new(&law, tables, units).map_err(parameter_error)?;
+        let note = format!(", delay {}", controller.delay);
+        *text += &match self.format {
+            Format::Rust => fixed.rust(name, controller.sample, tables, &note),
+            Format::C => fixed.c(name, controller.sample, tables, &note),
+        };
+        Ok(fixed)
     }
 
     fn write_c(&self, text: &mut String) -> Result<(), CommandError> {

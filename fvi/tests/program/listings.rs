@@ -174,6 +174,41 @@ fn a_controller_for_a_band_has_short_tables() {
     assert_eq!(alone.status.code(), Some(2));
 }
 
+/// A controller in whole numbers says what its counts are worth and how far rounding goes, and is refused
+/// where it would not be the law.
+#[test]
+fn a_controller_in_whole_numbers_says_its_units_and_its_rounding() {
+    let scenario = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/scenarios/controlled-stage.toml");
+    let band = format!("controller {scenario} --band 0.01 10 --tolerance 1e-2 --arithmetic fixed");
+    let units = "--input-unit 1e-5 --output-unit 0.001";
+    for (format, constants) in [
+        ("rust", ["pub const STAGE_LAW: fvi_core::FixedLaw<'static>", "pub fn new_stage()"]),
+        ("c", ["static const FviFixedLaw stage_law = {", "#define STAGE_NUMBERS "]),
+    ] {
+        let output = fvi(&format!("{band} {units} --format {format} --name stage"));
+        let [file, said] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+        let worth = "a count of setpoint and measured value is 0.00001, of the output 0.001; inputs saturate at ±8388607 counts; \
+                     the output is within 0.5";
+        for text in [&file, &said] {
+            assert!(text.contains(worth), "{text}");
+        }
+        assert!(constants.iter().all(|constant| file.contains(constant)), "{file}");
+        assert!(!file.contains("f32") && !file.contains("float"), "{file}");
+    }
+    for (arguments, said) in [
+        (format!("{band} --format c"), "--input-unit"),
+        (format!("controller {scenario} --arithmetic fixed {units} --format c"), "--band"),
+        (format!("{band} {units} --format rust --precision f64"), "--precision"),
+        (format!("controller {scenario} {units} --format c"), "--arithmetic fixed"),
+        (format!("{band} --input-unit 0 --output-unit 1 --format c"), "unit of the inputs = 0"),
+        (format!("{band} --input-unit 1 --output-unit 1e-12 --format c"), "limits"),
+    ] {
+        let output = fvi(&arguments);
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(2) && message.contains(said), "{arguments}: {message}");
+    }
+}
+
 #[test]
 fn tables_of_several_operators_have_names() {
     let arguments =
