@@ -419,6 +419,19 @@ fn sampled_margins(
     let followed = highest.min(FOLLOWED_TURNS / dead_time).max(2.0 * from);
     let points = follow(&open, from, followed.min(highest), dead_time)?;
     let mut found = margins(&points, &open);
+    // At π/h every response of samples is a real number: where it is negative, its phase is −180°.
+    if let Some(last) = open(highest).filter(|last| last.re < 0.0) {
+        let factor = last.re.abs().recip();
+        if factor > 1.0 {
+            found.gain_margin = Some(found.gain_margin.map_or(factor, |margin| min_or_nan(margin, factor)));
+        } else {
+            let reduction = found.gain_reduction.map_or(factor, |reduction| max_or_nan(reduction, factor));
+            found.gain_reduction = Some(reduction);
+        }
+        if found.phase_crossovers.is_empty() || last.re < -0.1 {
+            found.phase_crossovers.push(highest);
+        }
+    }
     let (mut omega, mut largest) = (followed, 0.0);
     while omega < highest {
         let size = open(omega).map_or(f64::NAN, |value| value.norm());

@@ -711,6 +711,24 @@ fn a_plant_is_tuned_run_and_made_into_constants_by_one_file() {
     assert!(constants.contains(".limits = {-1e0f, 1e0f},"), "{constants}");
 }
 
+/// Samples turn the phase of an integrator to −180° at π/h, whatever the gain: h z⁻¹/(1 − z⁻¹) is −h/2 there,
+/// and the integral of order 1 is h/2.
+#[test]
+fn a_loop_that_crosses_at_the_end_of_its_band_has_a_gain_margin() {
+    let place = Workplace::new();
+    let sample = 0.05;
+    let record = tune(
+        &place,
+        &format!(
+            "[plant]\ntransfer = \"1/s\"\n[controller]\nstructure = \"pi\"\nsample = {sample}\n\
+             [specification]\nms = 1.4\n"
+        ),
+    );
+    let known = 2.0 / (sample * (number(&record, "kp") + 0.5 * sample * number(&record, "ki")));
+    let margin = number(&record, "sampled_margins.gain_margin");
+    assert!((margin / known - 1.0).abs() < 1e-3, "{margin}, {known}");
+}
+
 /// A run of `loop.toml` follows the step that `steps.csv` has of the loop in continuous time, for every form
 /// of plant with polynomials.
 #[test]
