@@ -7,6 +7,16 @@ pub mod integer {
     include!(concat!(env!("OUT_DIR"), "/integer.rs"));
 }
 
+/// λ = 0.9, μ = 0.8; tables within 1 % from 0.005 to 500 Hz.
+pub mod band {
+    include!(concat!(env!("OUT_DIR"), "/band.rs"));
+}
+
+/// The same in whole numbers, of 10⁻⁴ for inputs and 10⁻³ for the output.
+pub mod whole {
+    include!(concat!(env!("OUT_DIR"), "/whole.rs"));
+}
+
 /// λ = 0.9, μ = 0.8; tables for every lag, within 10⁻⁷.
 pub mod fractional {
     include!(concat!(env!("OUT_DIR"), "/fractional.rs"));

@@ -7,6 +7,7 @@ use core::panic::PanicInfo;
 
 use controllers::fractional::{FractionalLaw, FractionalPid, fractional_with, new_fractional};
 use controllers::integer::{IntegerLaw, IntegerPid, integer_with};
+use controllers::whole::{WholePid, new_whole};
 use fvi_core::{PidGains, StateReader, StateWriter, Stateful as _};
 
 unsafe extern "C" {
@@ -45,6 +46,20 @@ pub extern "Rust" fn fixed_start(pid: &mut FractionalPid<FractionalLaw>) {
 #[unsafe(no_mangle)]
 pub extern "Rust" fn fixed_tick(pid: &mut FractionalPid<FractionalLaw>, setpoint: f32, measured: f32) -> f32 {
     pid.tick(setpoint, measured).unwrap_or(pid.output())
+}
+
+/// In whole numbers, within 1 % over five decades: a fresh controller.
+#[unsafe(no_mangle)]
+pub extern "Rust" fn whole_start(pid: &mut WholePid) {
+    if let Ok(fresh) = new_whole() {
+        *pid = fresh;
+    }
+}
+
+/// A tick of it.
+#[unsafe(no_mangle)]
+pub extern "Rust" fn whole_tick(pid: &mut WholePid, setpoint: i32, measured: i32) -> i32 {
+    pid.tick(setpoint, measured)
 }
 
 /// Fractional orders, a law that changes: a fresh controller.

@@ -6,10 +6,12 @@ use core::borrow::Borrow;
 use core::fmt::{Display, Write};
 use core::hint::black_box;
 
+use controllers::band::{BAND_DERIVATIVE, BAND_INTEGRAL, BandLaw, band_with};
 use controllers::fractional::{
     FRACTIONAL_DERIVATIVE, FRACTIONAL_INTEGRAL, FractionalLaw, fractional_with, new_fractional,
 };
 use controllers::integer::{IntegerLaw, integer_with};
+use controllers::whole::{WHOLE_LAW, new_whole};
 use fvi_core::{
     BdfOrder, Coefficients, Damping, DampingTerm, Derivative, ExponentialPid, ExponentialSum, Fixed,
     FixedDirect, FractionalIntegral, FractionalOperator, FractionalPid, Galerkin, Integrator, Kernel, Mass,
@@ -327,6 +329,37 @@ impl Bench<'_> {
             .map(|table| table.head.len() + table.exponentials.len())
             .sum();
         self.generated("generated controller: 10^8 ticks with a fixed law", fixed, products);
+        let fixed = band_with(BandLaw).map_err(|_| Refused)?;
+        let products = [BAND_INTEGRAL, BAND_DERIVATIVE]
+            .iter()
+            .map(|table| table.head.len() + table.exponentials.len())
+            .sum();
+        self.generated("generated controller: 1 % over five decades", fixed, products);
+        self.whole()
+    }
+
+    /// Measures the last controller in whole numbers, on the same inputs.
+    fn whole(&mut self) -> Result<(), Refused> {
+        let mut pid = new_whole().map_err(|_| Refused)?;
+        let mut steps = Spread::default();
+        for k in 0..MEASURED {
+            let setpoint = if k % 16 < 8 { 100_000 } else { 100 };
+            steps.add(self.counter.count(|| {
+                let _ = black_box(black_box(&mut pid).tick(black_box(setpoint), black_box(0)));
+            }));
+        }
+        let stack = used_by(|| {
+            let _ = black_box(black_box(&mut pid).tick(black_box(10_000), black_box(0)));
+        });
+        let [integral, derivative] = [WHOLE_LAW.integral, WHOLE_LAW.derivative];
+        let products = [integral, derivative].iter().map(|part| part.head.len() + 2 * part.terms.len()).sum();
+        let table = size_of_val(&WHOLE_LAW)
+            + size_of_val(integral.head)
+            + size_of_val(integral.terms)
+            + size_of_val(derivative.head)
+            + size_of_val(derivative.terms);
+        let name = "generated controller: 1 % over five decades in whole numbers";
+        self.row(name, steps, products, size_of_val(&pid), table, stack);
         Ok(())
     }
 

@@ -44,20 +44,29 @@ const PROCESSORS: [(&str, &str); 3] =
     [("Cortex-M4F", ""), ("Cortex-M0+", "Cortex-M0+: "), ("RV32IMC", "RV32IMC: ")];
 
 /// What is counted of every processor, and its row.
-const COUNTED: [(&str, &str); 6] = [
+const COUNTED: [(&str, &str); 8] = [
     ("operator on an exponential sum, a sample", "operator: exponential sum x 1"),
     ("stepper of one coordinate with an exponential sum, a step", "stepper: exponential sum x 1"),
     ("controller of orders 1, a tick", "generated controller: orders 1 with a fixed law"),
     ("fractional controller for 10⁸ ticks, a tick", "generated controller: 10^8 ticks with a fixed law"),
     ("endless fractional controller, a tick", "generated controller: endless with a fixed law"),
     ("its set-up", "set-up of a generated controller: endless with a fixed law"),
+    (
+        "fractional controller within 1 % over five decades, a tick",
+        "generated controller: 1 % over five decades",
+    ),
+    ("the same in whole numbers, a tick", "generated controller: 1 % over five decades in whole numbers"),
 ];
 
-const STORED: [(&str, &str); 3] = [
+const STORED: [(&str, &str); 4] = [
     ("controller of orders 1, flash", "flash of a generated controller: orders 1 with a fixed law"),
     ("endless fractional controller, flash", "flash of a generated controller: endless with a fixed law"),
     (
-        "the same with limits, gains and modes that change, saving, flash",
+        "fractional controller within 1 % over five decades in whole numbers, flash",
+        "flash of a generated controller: 1 % over five decades in whole numbers",
+    ),
+    (
+        "endless fractional controller with limits, gains and modes that change, saving, flash",
         "flash of a generated controller: endless with all that changes",
     ),
 ];
