@@ -21,6 +21,7 @@ pub mod laplace;
 mod limits;
 #[doc(hidden)]
 pub mod multistep_rule;
+mod polynomial;
 #[doc(hidden)]
 pub mod radiation;
 #[doc(hidden)]
@@ -79,6 +80,11 @@ impl PartialEq for TransferFunction {
 pub trait Formula: fmt::Debug + Send + Sync {
     /// K(s) for a complex s off the negative real axis, or on its upper side.
     fn value(&self, s: Complex<f64>) -> Complex<f64>;
+    /// K at each of the places.
+    #[doc(hidden)]
+    fn values(&self, places: &[Complex<f64>]) -> Vec<Complex<f64>> {
+        places.iter().map(|&s| self.value(s)).collect()
+    }
     /// Bound of the rounding error of [`value`](Self::value), where it is known.
     fn rounding(&self, _s: Complex<f64>) -> f64 {
         0.0
@@ -311,6 +317,12 @@ impl TransferFunction {
     /// K(s); on the negative real axis the value on its upper side.
     pub fn value(&self, s: Complex<f64>) -> Complex<f64> {
         self.form.value(s)
+    }
+
+    /// K at each of the places.
+    #[doc(hidden)]
+    pub fn values(&self, places: &[Complex<f64>]) -> Vec<Complex<f64>> {
+        self.form.values(places)
     }
 
     /// K of a power series with a positive first coefficient.

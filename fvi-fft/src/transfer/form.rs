@@ -173,6 +173,10 @@ pub(super) trait Form: Values + fmt::Debug + Send + Sync {
 pub(super) trait Values {
     fn value(&self, s: Complex<f64>) -> Complex<f64>;
 
+    fn values(&self, places: &[Complex<f64>]) -> Vec<Complex<f64>> {
+        places.iter().map(|&s| self.value(s)).collect()
+    }
+
     fn series(&self, s: &Series) -> Series;
 
     fn parameters(&self) -> Vec<(&'static str, Vec<f64>)>;

@@ -3,6 +3,7 @@
 use crate::real_transforms;
 use crate::transfer::algebra::{Algebra, Series};
 use crate::transfer::multistep_rule::MultistepRule;
+use crate::transfer::polynomial::polynomial;
 use crate::transfer::{Active, Formula, Passivity};
 use fvi_core::{BdfOrder, min_or_nan};
 use nalgebra::Complex;
@@ -102,25 +103,29 @@ impl Relaxation {
 }
 
 impl Relaxation {
-    /// Σ m_i ∫ e^{−st} dt over the pieces, m_i Δ_i (1 − e^{−x})/x e^{−s t_i} with x = s Δ_i. With equal
-    /// spacing the exponentials are powers of one, and the sum is a polynomial in it.
-    fn pieces_at(&self, s: Complex<f64>) -> Complex<f64> {
+    /// Σ m_i ∫ e^{−st} dt over the pieces, m_i Δ_i (1 − e^{−x})/x e^{−s t_i} with x = s Δ_i, at each place s.
+    /// With equal spacing the exponentials are powers of one, and the sum is a polynomial in it.
+    fn pieces_at(&self, places: &[Complex<f64>]) -> Vec<Complex<f64>> {
         let Some(spacing) = self.spacing else {
-            return self
-                .pieces()
-                .take_while(|(begin, ..)| s.re * begin < NOTHING)
-                .map(|(begin, length, slope)| {
-                    (s * -begin).exponential() * mean(s * length) * (slope * length)
-                })
-                .sum();
+            let sum = |&s: &Complex<f64>| {
+                self.pieces()
+                    .take_while(|(begin, ..)| s.re * begin < NOTHING)
+                    .map(|(begin, length, slope)| {
+                        (s * -begin).exponential() * mean(s * length) * (slope * length)
+                    })
+                    .sum()
+            };
+            return places.iter().map(sum).collect();
         };
-        let x = s * spacing;
-        let decay = (-x).exponential();
         let pieces = self.count() - 1;
-        let reach = if x.re > 0.0 { (NOTHING / x.re).ceil().min(pieces as f64) as usize } else { pieces };
-        let change = |index: usize| self.row(index + 1).1 - self.row(index).1;
-        let sum = (0..reach).rev().fold(Complex::new(0.0, 0.0), |sum, index| sum * decay + change(index));
-        sum * mean(x)
+        let power = |s: &Complex<f64>| {
+            let x = s * spacing;
+            let reach = if x.re > 0.0 { (NOTHING / x.re).ceil().min(pieces as f64) as usize } else { pieces };
+            ((-x).exponential(), reach)
+        };
+        let powers: Vec<(Complex<f64>, usize)> = places.iter().map(power).collect();
+        let sums = polynomial(|index| self.row(index + 1).1 - self.row(index).1, &powers);
+        sums.into_iter().zip(places).map(|(sum, s)| sum * mean(s * spacing)).collect()
     }
 
     /// The factor 1/(1 + τs) of what follows the last row, and its e^{−sT}, whose sum with the pieces is K.
@@ -142,13 +147,10 @@ impl Relaxation {
         let rule = MultistepRule::Bdf(order);
         let reach = reach(order.get(), self.last().0 / step_size);
         let length = reach.next_power_of_two();
-        let of = |function: &dyn Fn(Complex<f64>) -> Complex<f64>| {
-            let mut values: Vec<Complex<f64>> = (0..=length / 2)
-                .map(|k| {
-                    let angle = 2.0 * PI * k as f64 / length as f64;
-                    function(rule.on_circle(-angle) / step_size)
-                })
-                .collect();
+        let places: Vec<Complex<f64>> = (0..=length / 2)
+            .map(|k| rule.on_circle(-2.0 * PI * k as f64 / length as f64) / step_size)
+            .collect();
+        let coefficients = |mut values: Vec<Complex<f64>>| {
             // Real for real z, without rounding errors of the imaginary part.
             for end in [0, length / 2] {
                 values[end].im = 0.0;
@@ -162,12 +164,14 @@ impl Relaxation {
             weights.resize(count, 0.0);
             weights
         };
-        let first = self.row(0).1;
+        let mut head = self.pieces_at(&places);
+        head.iter_mut().for_each(|value| *value += self.row(0).1);
+        let tail: Vec<Complex<f64>> = places.iter().map(|&s| self.tail_at(s)).collect();
         let Some(decay) = self.decay else {
-            return of(&|s| self.pieces_at(s) + first - self.tail_at(s));
+            head.iter_mut().zip(tail).for_each(|(value, tail)| *value -= tail);
+            return coefficients(head);
         };
-        let mut weights = of(&|s| self.pieces_at(s) + first);
-        let mut tail = of(&|s| self.tail_at(s));
+        let (mut weights, mut tail) = (coefficients(head), coefficients(tail));
         let ratio = decay / step_size;
         let gamma: Vec<f64> = order
             .coefficients()
@@ -284,15 +288,19 @@ impl Frequencies {
         places
     }
 
-    /// The lowest band of frequencies at which `resistance`, Re R/|R| for R = K(iω)/(iω), is below zero.
-    pub fn look_for_activity(&self, resistance: impl Fn(f64) -> f64) -> Option<Active> {
+    /// The lowest band of frequencies at which Re R/|R| for R = K(iω)/(iω), which `resistances` returns for
+    /// each ω, is below zero.
+    pub fn look_for_activity(&self, resistances: impl Fn(&[f64]) -> Vec<f64>) -> Option<Active> {
         // Rounding error of sums over many rows.
         const ROUNDING: f64 = -1e-9;
         if self.longest == 0.0 {
             return None;
         }
-        let mut looks: Vec<(f64, f64)> =
-            self.places().into_iter().map(|omega| (omega, resistance(omega))).collect();
+        let resistance = |omega: f64| resistances(&[omega]).into_iter().sum::<f64>();
+        // Several at a time, but not the values of all.
+        let places = self.places();
+        let found = places.chunks(64).flat_map(&resistances);
+        let mut looks: Vec<(f64, f64)> = places.iter().copied().zip(found).collect();
         let mut grounds = Vec::new();
         for looks in looks.windows(3) {
             let [before, here, after] = [looks[0].1, looks[1].1, looks[2].1];
@@ -333,11 +341,18 @@ impl Frequencies {
 
 impl Formula for Relaxation {
     fn value(&self, s: Complex<f64>) -> Complex<f64> {
-        let tail = self.tail_at(s);
-        let tail = self.decay.map_or(tail, |decay| tail / (s * decay + 1.0));
-        let sum = self.pieces_at(s) + self.row(0).1 - tail;
-        // Far to the left the exponentials overflow.
-        if sum.re.is_finite() && sum.im.is_finite() { sum } else { Complex::new(f64::NAN, f64::NAN) }
+        self.values(&[s]).into_iter().sum()
+    }
+
+    fn values(&self, places: &[Complex<f64>]) -> Vec<Complex<f64>> {
+        let with_tail = |(pieces, &s): (Complex<f64>, &Complex<f64>)| {
+            let tail = self.tail_at(s);
+            let tail = self.decay.map_or(tail, |decay| tail / (s * decay + 1.0));
+            let sum = pieces + self.row(0).1 - tail;
+            // Far to the left the exponentials overflow.
+            if sum.re.is_finite() && sum.im.is_finite() { sum } else { Complex::new(f64::NAN, f64::NAN) }
+        };
+        self.pieces_at(places).into_iter().zip(places).map(with_tail).collect()
     }
 
     fn series(&self, s: &Series) -> Series {
@@ -384,12 +399,12 @@ impl Formula for Relaxation {
         if self.part || self.is_convex() {
             return Passivity::Passive;
         }
-        let resistance = |omega: f64| {
-            let value = self.value(Complex::new(0.0, omega));
-            value.im / value.norm()
+        let resistances = |omegas: &[f64]| {
+            let places: Vec<Complex<f64>> = omegas.iter().map(|&omega| Complex::new(0.0, omega)).collect();
+            self.values(&places).into_iter().map(|value| value.im / value.norm()).collect()
         };
         let frequencies = Frequencies::of(std::iter::once(self.rows.as_slice()));
-        match frequencies.look_for_activity(resistance) {
+        match frequencies.look_for_activity(resistances) {
             Some(active) => Passivity::Active(active),
             None => Passivity::Passive,
         }

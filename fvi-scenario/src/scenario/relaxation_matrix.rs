@@ -191,18 +191,21 @@ fn symmetrise(
 
 /// The lowest band of frequencies at which Re R(iω) = Im K(iω)/ω has an eigenvalue below zero.
 fn look_for_activity(pairs: &[Pair], count: usize) -> Option<Active> {
-    let resistance = |omega: f64| {
-        let mut matrix = DMatrix::zeros(count, count);
-        let mut size = 0.0;
+    let resistances = |omegas: &[f64]| {
+        let places: Vec<Complex<f64>> = omegas.iter().map(|&omega| Complex::new(0.0, omega)).collect();
+        let mut matrices = vec![(DMatrix::zeros(count, count), 0.0); omegas.len()];
         for ((i, j), [transfer, _]) in pairs {
-            let value = transfer.value(Complex::new(0.0, omega)) + transfer.spring();
-            (matrix[(*i, *j)], matrix[(*j, *i)]) = (value.im, value.im);
-            size += value.norm_sqr();
+            for ((matrix, size), value) in matrices.iter_mut().zip(transfer.values(&places)) {
+                let value = value + transfer.spring();
+                (matrix[(*i, *j)], matrix[(*j, *i)]) = (value.im, value.im);
+                *size += value.norm_sqr();
+            }
         }
-        symmetric_eigenvalues(matrix).min() / f64::sqrt(size)
+        let lowest = |(matrix, size)| symmetric_eigenvalues(matrix).min() / f64::sqrt(size);
+        matrices.into_iter().map(lowest).collect()
     };
     let tables = pairs.iter().map(|(_, [transfer, _])| transfer.numbers());
-    Frequencies::of(tables).look_for_activity(resistance)
+    Frequencies::of(tables).look_for_activity(resistances)
 }
 
 #[cfg(test)]

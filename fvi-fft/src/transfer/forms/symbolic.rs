@@ -138,6 +138,14 @@ impl Values for Symbolic {
         if self.is_beside { value - self.spring } else { value }
     }
 
+    fn values(&self, places: &[Complex<f64>]) -> Vec<Complex<f64>> {
+        let mut values = self.formula.values(places);
+        if self.is_beside {
+            values.iter_mut().for_each(|value| *value -= self.spring);
+        }
+        values
+    }
+
     fn series(&self, s: &Series) -> Series {
         let series = self.formula.series(s);
         if self.is_beside { series.add(&s.constant(-self.spring)) } else { series }
