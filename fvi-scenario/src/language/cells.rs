@@ -37,10 +37,11 @@ pub struct Place {
     pub factor: f64,
 }
 
-/// The rows below the header, and how many cells each has.
+/// The rows below the header, how many cells each has, and what separates them.
 struct Body {
     rows: Vec<Row>,
     width: usize,
+    separator: char,
 }
 
 /// Independent variables of tables: time, angular frequency, frequency in Hz.
@@ -127,11 +128,9 @@ pub fn cells<'v, 'd>(value: &'v Value<'d>, table: &Table<'_>) -> Result<Cells<'v
     };
     let over = read.over()?;
     let mut below = body.rows.as_slice();
-    if let Some((_, first)) = below.first()
-        && read.are_units(first, comma)
-    {
+    if let Some(units) = read.row_of_units(&layout, &body, comma)? {
         for place in &mut read.columns {
-            let unit = bare(first.get(place.number - 1).map_or("", String::as_str));
+            let unit = bare(units.get(place.number - 1).map_or("", String::as_str));
             if !is_blank(unit) {
                 place.unit = Some(unit.to_owned());
             }
@@ -246,7 +245,7 @@ impl Cells<'_, '_> {
             }
             self.add(name, index, unit);
         }
-        Ok(Body { rows, width })
+        Ok(Body { rows, width, separator })
     }
 
     /// The rows below the header of `columns = { omega = "Angular Frequency" }`, or from the first row on
@@ -299,7 +298,7 @@ impl Cells<'_, '_> {
                 self.add(own, number - 1, None);
             }
             let width = used_width(&rows[0].1);
-            return Ok(Body { rows, width });
+            return Ok(Body { rows, width, separator });
         }
         let names: Vec<String> = wanted.iter().map(|(own, number)| format!("{number} ({own})")).collect();
         Err(self.fault(1, format!("no row has numbers in the columns {}", names.join(", "))))
@@ -313,7 +312,7 @@ impl Cells<'_, '_> {
     ) -> Result<Body, InputError> {
         // The row that has most of the names, and how many.
         let mut nearest_row: Option<(usize, u64, Vec<String>)> = None;
-        let mut without_numbers: Option<(u64, Vec<String>, Vec<Row>)> = None;
+        let mut without_numbers: Option<(Row, Vec<Row>, char)> = None;
         for separator in layout.separators(comma) {
             let Ok(rows) = self.read(layout, separator) else { continue };
             let comments = layout.comments(separator);
@@ -329,13 +328,13 @@ impl Cells<'_, '_> {
                 let below = &rows[rows.partition_point(|(other, _)| other <= line)..];
                 // The same words stand above a header too, in a list of settings.
                 if are_above_numbers(below, &places, comma) {
-                    return self.header_of(*line, row, wanted, below.to_vec());
+                    return self.header_of((*line, row), wanted, below.to_vec(), separator);
                 }
-                without_numbers.get_or_insert_with(|| (*line, row.clone(), below.to_vec()));
+                without_numbers.get_or_insert_with(|| ((*line, row.clone()), below.to_vec(), separator));
             }
         }
-        if let Some((line, row, below)) = without_numbers {
-            return self.header_of(line, &row, wanted, below);
+        if let Some(((line, row), below, separator)) = without_numbers {
+            return self.header_of((line, &row), wanted, below, separator);
         }
         let (_, line, row) = nearest_row.unwrap_or_default();
         let missing = wanted.iter().map(|(_, name)| *name).find(|name| places_of(&row, name).is_empty());
@@ -352,10 +351,10 @@ impl Cells<'_, '_> {
 
     fn header_of(
         &mut self,
-        line: u64,
-        row: &[String],
+        (line, row): (u64, &[String]),
         wanted: &[(&str, &str)],
         rows: Vec<Row>,
+        separator: char,
     ) -> Result<Body, InputError> {
         self.header = line;
         for (own, name) in wanted {
@@ -365,12 +364,39 @@ impl Cells<'_, '_> {
             let cell = &row[column];
             self.add(own, column, if cell == name { unit_in(cell) } else { without_unit(cell).1 });
         }
-        Ok(Body { rows, width: used_width(row) })
+        Ok(Body { rows, width: used_width(row), separator })
     }
 
     fn add(&mut self, name: &str, index: usize, unit: Option<&str>) {
         let unit = unit.filter(|unit| !is_blank(unit)).map(str::to_owned);
         self.columns.push(Place { name: name.to_owned(), number: index + 1, unit, factor: 1.0 });
+    }
+
+    /// The units of all columns, if the first row below the header has them. Between spaces they are as many
+    /// as the names, or in line with these.
+    fn row_of_units(
+        &self,
+        layout: &Layout,
+        body: &Body,
+        comma: bool,
+    ) -> Result<Option<Vec<String>>, InputError> {
+        let Some((line, row)) = body.rows.first() else { return Ok(None) };
+        let are_units = |row: Vec<String>| self.are_units(&row, comma).then_some(row);
+        let has_numbers = row.iter().any(|cell| number_of(cell, comma).is_some());
+        if body.separator != ' ' || row.len() >= body.width || has_numbers {
+            return Ok(are_units(row.clone()));
+        }
+        let units = layout.below(self.header, *line).ok_or_else(|| {
+            let reason = format!(
+                "{}, which are not in line with the {} names of line {}: whose they are is not known; `columns = {{ f = 2, … }}` takes \
+                 the rows of numbers below, with columns by their numbers, from 1",
+                list_of(row.iter().map(String::as_str)),
+                body.width,
+                self.header
+            );
+            self.fault(*line, reason)
+        })?;
+        Ok(are_units(units))
     }
 
     /// Whether a row has units in place of numbers: words, and signs for numbers without one.

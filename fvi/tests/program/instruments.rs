@@ -146,6 +146,18 @@ fn files() -> Vec<(&'static str, &'static str, Vec<u8>)> {
             .into_bytes(),
         ),
         (
+            "STARe, spaces, units in brackets in line with the names, one of a column without any missing",
+            "columns = { f = \"Freq\", storage = \"E'\", loss = \"E''\" }",
+            latin(&with(
+                "Curve Name:\r\n  Rubber\r\nCurve Values:\r\n    Index      t       Ts    Freq      E'     E''   tan\r\n\
+                 \x20            [s]    [° C]    [Hz]   [MPa]   [MPa]\r\n",
+                |index, row| {
+                    let row = plain([row[0] / TAU, row[1], row[2]], "  ");
+                    format!("    {index}  {}.5  25.0  {row}  0.5\r", 60 + index)
+                },
+            )),
+        ),
+        (
             "NumPy's savetxt",
             "",
             with("# omega storage loss\n", |_, row| plain(row, " ")).into_bytes(),
@@ -266,6 +278,12 @@ fn what_is_not_a_table_says_what_it_is() {
             &["column 2 stands in `columns` twice"],
         ),
         ("columns = { omega = 1, storage = \"b\", loss = 3 }", rows.into(), &["columns.omega"]),
+        (
+            "columns = { f = \"f\", storage = \"a\", loss = \"b\" }",
+            "n f a b\n  [Hz] [Pa] [Pa]\n1 1 2 3\n".into(),
+            &["line 2", "`[Hz]`, `[Pa]`, `[Pa]`", "the 4 names of line 1", "columns = { f = 2"],
+        ),
+        ("", "omega,storage,loss\nlog(rad/s),Pa,Pa\n1,2,3\n".into(), &["column 1 (omega)", "`log(rad/s)`"]),
         ("", "omega,storage,loss\n1,2,12 %\n".into(), &["line 2", "column 3 (loss)", "empty cells, dashes"]),
     ];
     for (keys, data, expected) in cases {

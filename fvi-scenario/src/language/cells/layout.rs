@@ -120,6 +120,21 @@ impl Layout {
         self.said.or(found).unwrap_or(',')
     }
 
+    /// The cells of a line that stand below those of a header, where both are separated by spaces: their ends
+    /// or their beginnings are in line. `None` if they are not.
+    pub(super) fn below(&self, header: u64, line: u64) -> Option<Vec<String>> {
+        let words = |line: u64| self.text.lines().nth(line as usize - 1).map_or_else(Vec::new, words);
+        let (header, cells) = (words(header), words(line));
+        let place = |of: fn(&Word<'_>) -> usize| -> Option<Vec<String>> {
+            let mut row = vec![String::new(); header.len()];
+            for cell in &cells {
+                row[header.iter().position(|name| of(name) == of(cell))?] = cell.text.to_owned();
+            }
+            Some(row)
+        };
+        place(|word| word.end).or_else(|| place(|word| word.begin))
+    }
+
     pub(super) fn rows(&self, separator: char) -> Result<Vec<Row>, csv::Error> {
         separated(&self.text, separator)
     }
@@ -134,12 +149,43 @@ impl Layout {
     }
 }
 
+/// A word of a line, with the places of its letters.
+struct Word<'a> {
+    text: &'a str,
+    begin: usize,
+    end: usize,
+}
+
+/// The words between the spaces of a line; brackets hold together, "[rad / s]".
+fn words(line: &str) -> Vec<Word<'_>> {
+    let mut found = Vec::new();
+    let (mut begin, mut open) = (None, 0_u32);
+    for (index, (byte, letter)) in line.char_indices().chain([(line.len(), '\n')]).enumerate() {
+        match letter {
+            '[' | '(' => open += 1,
+            ']' | ')' => open = open.saturating_sub(1),
+            _ => {}
+        }
+        // What is not closed again holds nothing together.
+        let holds = open > 0 && line[byte..].contains([']', ')']);
+        match begin {
+            None if !letter.is_whitespace() => begin = Some((index, byte)),
+            Some((from, first)) if letter.is_whitespace() && !holds => {
+                found.push(Word { text: &line[first..byte], begin: from, end: index });
+                begin = None;
+            }
+            _ => {}
+        }
+    }
+    found
+}
+
 /// The rows of a text that is separated by tabs, semicolons, commas or bars, or by spaces.
 fn separated(text: &str, separator: char) -> Result<Vec<Row>, csv::Error> {
     let spaced;
     let (text, separator) = if separator == ' ' {
-        let lines = text.lines().map(|line| line.split_whitespace().collect::<Vec<_>>().join("\t"));
-        spaced = lines.collect::<Vec<_>>().join("\n");
+        let line = |line| words(line).into_iter().map(|word| word.text).collect::<Vec<_>>().join("\t");
+        spaced = text.lines().map(line).collect::<Vec<_>>().join("\n");
         (spaced.as_str(), '\t')
     } else {
         (text, separator)
@@ -172,6 +218,22 @@ mod tests {
         assert_eq!((number_of("1,5", true), number_of("1.5", false)), (Some(1.5), Some(1.5)));
         assert_eq!((number_of("1,5", false), number_of("1,234.5", true)), (None, None));
         assert_eq!((number_of("1.5D+03", false), number_of("D", false)), (Some(1500.0), None));
+    }
+
+    #[test]
+    fn spaces_divide_outside_of_brackets() {
+        let texts = |line| words(line).into_iter().map(|word| word.text).collect::<Vec<_>>();
+        assert_eq!(texts("  f  [rad / s] (° C)x "), ["f", "[rad / s]", "(° C)x"]);
+        assert_eq!(texts("G) (a b c"), ["G)", "(a", "b", "c"]);
+    }
+
+    #[test]
+    fn cells_stand_below_the_names_that_they_are_in_line_with() {
+        let below =
+            |header: &str, cells: &str| Layout::of(&format!("{header}\n{cells}\n")).unwrap().below(1, 2);
+        assert_eq!(below("Index     °t    f", "         [s] [Hz]").unwrap(), ["", "[s]", "[Hz]"][..]);
+        assert_eq!(below("Index  t  f     G", "       s  Hz").unwrap(), ["", "s", "Hz", ""][..]);
+        assert_eq!(below("Index  t  f", " s  Hz"), None);
     }
 
     #[test]

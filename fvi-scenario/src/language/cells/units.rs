@@ -63,7 +63,7 @@ fn plain(unit: &str) -> String {
     let unit = unit.replace("⁻¹", "-1").replace('−', "-");
     let word = |word: &str, by: &str, text: String| if text == word { by.to_owned() } else { text };
     let without: String =
-        unit.chars().filter(|letter| !letter.is_whitespace() && !"*·⋅^()".contains(*letter)).collect();
+        unit.chars().filter(|letter| !letter.is_whitespace() && !"*·⋅.^()".contains(*letter)).collect();
     let per: Vec<String> = without
         .split('/')
         .map(|part| {
@@ -79,8 +79,8 @@ fn plain(unit: &str) -> String {
 
 /// What a column with this unit is multiplied by.
 pub(super) fn factor_of(name: &str, unit: Option<&str>) -> Factor {
-    let Some(unit) = unit.map(plain) else { return Ok(if name == "f" { TAU } else { 1.0 }) };
-    let said = excerpt(&unit);
+    let Some(unit) = unit else { return Ok(if name == "f" { TAU } else { 1.0 }) };
+    let (said, unit) = (excerpt(unit), plain(unit));
     match name {
         "omega" | "f" => match unit.as_str() {
             "Hz" | "hz" | "HZ" => Ok(TAU),
@@ -181,6 +181,7 @@ mod tests {
             ("omega", Some("Hz"), TAU),
             ("omega", Some("rad / s"), 1.0),
             ("omega", Some("rad·s⁻¹"), 1.0),
+            ("omega", Some("rad.s-1"), 1.0),
             ("omega", Some("radians/sec"), 1.0),
             ("f", Some("rad s^-1"), 1.0),
             ("f", None, TAU),
@@ -192,12 +193,15 @@ mod tests {
         for (name, unit, number) in [
             ("omega", "1/s", None),
             ("f", "s⁻¹", None),
+            ("omega", "log (rad/s)", None),
             ("omega", "kHz", Some(1e3 * TAU)),
             ("t", "min", Some(60.0)),
             ("t", "test", None),
             ("tan_delta", "%", Some(0.01)),
         ] {
-            assert_eq!(factor_of(name, Some(unit)).unwrap_err().1, number, "{name} in {unit}");
+            let (reason, factor) = factor_of(name, Some(unit)).unwrap_err();
+            assert_eq!(factor, number, "{name} in {unit}");
+            assert!(reason.contains(&format!("`{unit}`")), "{name} in {unit}: {reason}");
         }
     }
 }
