@@ -10,6 +10,7 @@ mod builder;
 mod case;
 mod combinations;
 mod controller;
+mod convex;
 mod element;
 mod equation;
 mod event;

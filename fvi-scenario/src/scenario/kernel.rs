@@ -1,5 +1,6 @@
 //! `order` and `kernel` of a damping term, from which its transfer function is built.
 
+use super::convex::convex_near;
 use super::parameters::{read_parameters, symbols_of};
 use super::symbol::{Symbol, unsuited};
 use crate::language::document::{Document, Table, Value};
@@ -181,15 +182,13 @@ fn read_form(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction, I
 fn read_relaxation(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction, InputError> {
     table.allow(&["relaxation", "decay", "begin", "end", "activity"])?;
     let (decay, tolerances) = (read_decay(table)?, Tolerances::read(table)?);
-    let measured = Measured::read(value, decay, tolerances)?;
-    let build = |raise: f64| measured.transfer(value, decay, tolerances, raise);
-    let plain = build(0.0)?;
-    let Some(tolerance) = tolerances.activity.filter(|_| plain.active().is_some()) else { return Ok(plain) };
+    let measured = Measured::read(value)?;
     let largest = measured.largest();
-    match smallest_raise(tolerance, |share| Ok(build(share * largest)?.active().is_none()))? {
-        Some(share) => build(share * largest),
-        None => Ok(plain),
-    }
+    let measured = measured.complete(value, decay, tolerances, largest)?;
+    let plain = measured.transfer(value, decay, tolerances, 0.0)?;
+    let Some(tolerance) = tolerances.activity.filter(|_| plain.active().is_some()) else { return Ok(plain) };
+    let made = measured.made_passive(value, decay, tolerances, tolerance)?;
+    Ok(made.map_or(plain, |made| made.kernel))
 }
 
 pub(super) fn read_decay(table: &Table<'_>) -> Result<Option<f64>, InputError> {
@@ -200,18 +199,30 @@ pub(super) fn read_decay(table: &Table<'_>) -> Result<Option<f64>, InputError> {
 fn remedy(kernel: &Table<'_>) -> Result<String, InputError> {
     let Some(value) = kernel.optional("relaxation") else { return Ok(String::new()) };
     let (decay, tolerances) = (read_decay(kernel)?, Tolerances::read(kernel)?);
-    let measured = Measured::read(&value, decay, tolerances)?;
+    let measured = Measured::read(&value)?;
     let largest = measured.largest();
-    let is_passive =
-        |share: f64| Ok(measured.transfer(&value, decay, tolerances, share * largest)?.active().is_none());
-    Ok(smallest_raise(1.0, is_passive)?.map_or_else(String::new, remedy_of))
+    let measured = measured.complete(&value, decay, tolerances, largest)?;
+    let made = measured.made_passive(&value, decay, tolerances, 1.0)?;
+    Ok(made.map_or_else(String::new, |made| {
+        let share = at_least(made.share);
+        match made.is_raised {
+            true => remedy_of(made.share),
+            false => format!("; a falling convex function up to {share} of the largest |G| from it is passive, which `activity` = {share} takes"),
+        }
+    }))
 }
 
 /// The end of a sentence that refuses a kernel which is passive with G(0) raised by this share.
 pub(super) fn remedy_of(share: f64) -> String {
-    format!(
-        "; with G(0) raised by {share:.1e} of the largest |G| it is passive, which `activity` = {share:.1e} does"
-    )
+    let share = at_least(share);
+    format!("; with G(0) raised by {share} of the largest |G| it is passive, which `activity` = {share} does")
+}
+
+/// A share in words, rounded up, so that a tolerance as large is enough.
+pub(super) fn at_least(share: f64) -> String {
+    let text = format!("{share:.1e}");
+    let digit = 0.1 * libm::exp10(share.log10().floor());
+    if text.parse().is_ok_and(|told: f64| told < share) { format!("{:.1e}", share + digit) } else { text }
 }
 
 /// The smallest share of the largest |G|, to 5 %, by which G(0) has to rise for a kernel to be passive, if it
@@ -253,7 +264,7 @@ pub(super) struct Tolerances {
     begin: Option<f64>,
     /// What may be left at the last row.
     end: Option<f64>,
-    /// By how much G(0) may be raised so that the kernel is passive.
+    /// By how much rows may be changed so that the kernel is passive.
     pub(super) activity: Option<f64>,
 }
 
@@ -283,16 +294,21 @@ pub(super) struct Measured {
     pub(super) notes: Vec<String>,
 }
 
+/// A kernel that was made passive.
+struct MadePassive {
+    kernel: TransferFunction,
+    /// The largest change of a row, relative to the largest |G|.
+    share: f64,
+    /// Whether G(0) was raised.
+    is_raised: bool,
+}
+
 impl Measured {
-    /// Reads a file or rows, which then begin at t = 0, and end at 0 or with a time constant.
+    /// Reads a file or rows.
     ///
     /// # Errors
-    /// Names the row that is wrong, by how much, and the tolerance that takes it.
-    pub(super) fn read(
-        value: &Value<'_>,
-        decay: Option<f64>,
-        tolerances: Tolerances,
-    ) -> Result<Self, InputError> {
+    /// Names the row that is wrong.
+    pub(super) fn read(value: &Value<'_>) -> Result<Self, InputError> {
         let (file, rows) = if value.is_text() {
             let read = NumberTable::read(value, value.document(), &["G".to_owned()])?;
             let file = value.document().resolve(value.text()?).display().to_string();
@@ -302,62 +318,69 @@ impl Measured {
             let row = |row: &Value<'_>| row.vector(2).map(|row| (row[0], row[1]));
             (String::new(), rows.iter().map(row).collect::<Result<Vec<_>, _>>()?)
         };
-        let refused = |index: usize, reason: String| {
-            let reason = format!("row {}: {reason}", index + 1);
-            if value.is_text() { value.file_error(reason) } else { value.out_of_range(reason) }
-        };
         if rows.len() < 2 {
-            return Err(refused(0, "at least two rows are needed".to_owned()));
+            return Err(refused_row(value, 0, "at least two rows are needed"));
         }
         if let Some(index) = rows.windows(2).position(|pair| pair[1].0 <= pair[0].0) {
-            return Err(refused(
-                index + 1,
-                format!("t = {} does not come after the row before", rows[index + 1].0),
-            ));
+            let reason = format!("t = {} does not come after the row before", rows[index + 1].0);
+            return Err(refused_row(value, index + 1, &reason));
         }
-        let mut measured = Self { file, rows, notes: Vec::new() };
-        let largest = measured.largest();
-        let ((first, from), (second, to)) = (measured.rows[0], measured.rows[1]);
+        Ok(Self { file, rows, notes: Vec::new() })
+    }
+
+    /// The same from t = 0 on, to 0 or to a time constant; `largest` is what tolerances are relative to.
+    ///
+    /// # Errors
+    /// Names the row that is wrong, by how much, and the tolerance that takes it.
+    pub(super) fn complete(
+        mut self,
+        value: &Value<'_>,
+        decay: Option<f64>,
+        tolerances: Tolerances,
+        largest: f64,
+    ) -> Result<Self, InputError> {
+        let count = self.rows.len();
+        let ((first, from), (second, to)) = (self.rows[0], self.rows[1]);
         if first != 0.0 {
             let start = from - first * (to - from) / (second - first);
             let change = (start - from).abs() / largest;
-            let is_taken = first > 0.0 && tolerances.begin.is_some_and(|most| change <= most);
             let line = format!(
                 "the line through the first two rows goes to G(0) = {start:.6e}, {change:.1e} of the largest |G| from there"
             );
-            if first < 0.0 || (!is_taken && !change.is_finite()) {
-                return Err(refused(
-                    0,
-                    format!("t = {first} instead of 0, where a relaxation function begins"),
-                ));
+            if !(first > 0.0 && tolerances.begin.is_some_and(|most| change <= most)) {
+                let mut reason = format!("t = {first} instead of 0, where a relaxation function begins");
+                if first > 0.0 && change.is_finite() {
+                    reason += &format!("; {line}");
+                }
+                if first > 0.0 && change < 0.95 {
+                    reason += &format!(": `begin` ≥ {} takes that", at_least(change));
+                }
+                return Err(refused_row(value, 0, &reason));
             }
-            if !is_taken {
-                let reason = format!(
-                    "t = {first} instead of 0, where a relaxation function begins; {line}: `begin` ≥ {change:.1e} takes that"
-                );
-                return Err(refused(0, reason));
-            }
-            measured.notes.push(format!("the first row is at t = {first}: {line}"));
-            measured.rows.insert(0, (0.0, start));
+            self.notes.push(format!("the first row is at t = {first}: {line}"));
+            self.rows.insert(0, (0.0, start));
         }
-        let index = measured.rows.len() - 1;
-        let ((before, _), (end, modulus)) = (measured.rows[index - 1], measured.rows[index]);
+        let index = self.rows.len() - 1;
+        let ((before, _), (end, modulus)) = (self.rows[index - 1], self.rows[index]);
         if modulus != 0.0 && decay.is_none() {
             let left = modulus.abs() / largest;
             if tolerances.end.is_none_or(|most| left > most) {
-                let reason = format!(
+                let mut reason = format!(
                     "G = {modulus} at the end, t = {end}, {left:.1e} of the largest |G|: say how it goes on, by the time constant \
-                     `decay`, or end at 0, or let a line to 0 follow by `end` ≥ {left:.1e}"
+                     `decay`, or end at 0"
                 );
-                return Err(refused(index, reason));
+                if left < 0.95 {
+                    reason += &format!(", or let a line to 0 follow by `end` ≥ {}", at_least(left));
+                }
+                return Err(refused_row(value, count - 1, &reason));
             }
-            measured.notes.push(format!(
+            self.notes.push(format!(
                 "G = {modulus:.6e} is left at the last row, t = {end}, {left:.1e} of the largest |G|: a line to 0 over {:.6e} follows",
                 end - before
             ));
-            measured.rows.push((end + (end - before), 0.0));
+            self.rows.push((end + (end - before), 0.0));
         }
-        Ok(measured)
+        Ok(self)
     }
 
     /// The largest |G|.
@@ -396,6 +419,32 @@ impl Measured {
         of_formula(value, self.relaxation(decay, tolerances, (1.0, raise)))
     }
 
+    /// The kernel with the smaller one of two changes that make it passive, if it is at most this share of
+    /// the largest |G|: a rise of G(0), or the change to a convex function that falls.
+    fn made_passive(
+        &self,
+        value: &Value<'_>,
+        decay: Option<f64>,
+        tolerances: Tolerances,
+        most: f64,
+    ) -> Result<Option<MadePassive>, InputError> {
+        let largest = self.largest();
+        let (rows, change) = convex_near(&self.rows, decay);
+        let share = change / largest;
+        let mut convex = Self { rows, ..self.clone() };
+        convex.notes.push(format!(
+            "a falling convex function is in the place of G, at most {change:.3e} from it, {share:.1e} of the largest |G|: it is passive"
+        ));
+        let kernel = convex.transfer(value, decay, tolerances, 0.0)?;
+        let is_enough = share <= most && kernel.active().is_none();
+        let build = |share: f64| self.transfer(value, decay, tolerances, share * largest);
+        let most = if is_enough { share } else { most };
+        if let Some(share) = smallest_raise(most, |share| Ok(build(share)?.active().is_none()))? {
+            return Ok(Some(MadePassive { kernel: build(share)?, share, is_raised: true }));
+        }
+        Ok(is_enough.then_some(MadePassive { kernel, share, is_raised: false }))
+    }
+
     /// K and −K of an entry of a matrix, which need not be passive by itself.
     pub(super) fn of_matrix(
         &self,
@@ -409,6 +458,12 @@ impl Measured {
         };
         Ok([of(1.0)?, of(-1.0)?])
     }
+}
+
+/// An error about a row of a file, or of a list in the scenario.
+fn refused_row(value: &Value<'_>, index: usize, reason: &str) -> InputError {
+    let reason = format!("row {}: {reason}", index + 1);
+    if value.is_text() { value.file_error(reason) } else { value.out_of_range(reason) }
 }
 
 fn of_formula(value: &Value<'_>, made: Relaxation) -> Result<TransferFunction, InputError> {
@@ -646,9 +701,13 @@ mod tests {
         assert_eq!((file.spring(), file.active(), file.growth()), (0.0, None, 0.0));
         for (keys, reason) in [
             ("relaxation = \"late.csv\"", "row 1: t = 1 instead of 0"),
-            ("relaxation = \"late.csv\"", "`begin` ≥ 1.0e0 takes that"),
+            ("relaxation = \"late.csv\"", "1.0e0 of the largest |G| from there"),
+            ("relaxation = [[1, 1], [3, 0]]", "`begin` ≥ 5.0e-1 takes that"),
             ("relaxation = \"late.csv\"\nbegin = 1.5", "0 < x < 1"),
             ("relaxation = [[0, 1], [1, 0.5]]\nend = 0.1", "`end` ≥ 5.0e-1"),
+            // Rows have the numbers of the file also after one was added at 0, and the share is enough.
+            ("relaxation = [[1, 1], [2, 0.501]]\nbegin = 0.6", "row 2: G = 0.501 at the end"),
+            ("relaxation = [[0, 1], [1, 0.501]]\nend = 0.5", "`end` ≥ 5.1e-1"),
             ("relaxation = [[0, 1], [1, 0.5]]", "`decay`"),
             ("relaxation = [[0, 1], [0, 0]]", "does not come after"),
             ("relaxation = [[0, 1]]", "at least two rows"),
@@ -684,11 +743,11 @@ mod tests {
         let read = |keys: &str| {
             kernel_of_document(&Document::new("kernel.toml", Path::new("."), &format!("[kernel]\n{keys}\n")))
         };
-        // From t = 0.1 on, to 0.02, with noise of 0.003 that rises.
+        // It swings, from t = 0.1 on, with noise of 0.003.
         let noisy: Vec<String> = (1..40)
             .map(|k| {
                 let (t, noise) = (0.1 * f64::from(k), 0.003 * f64::from(k * k % 7 - 3));
-                format!("[{t}, {}]", (-t).exp() + noise)
+                format!("[{t}, {}]", (-t).exp() * (2.0 * t).cos() + noise)
             })
             .collect();
         let rows = format!("relaxation = [{}]", noisy.join(", "));
@@ -711,6 +770,21 @@ mod tests {
             (1..=1500).map(|k| resistance(&rows, 0.02 * f64::from(k))).fold(f64::INFINITY, min_or_nan)
         };
         assert!(lowest(0.0) < -1e-4 && lowest(raise) > -1e-6 && lowest(0.9 * raise) < 0.0, "{raise}");
+        // A change of all rows to a convex function is smaller where they fall with noise.
+        let logarithmic: Vec<String> = (0..150)
+            .map(|k| {
+                let (t, noise) = (libm::exp10(0.03 * f64::from(k) - 3.0), 1e-3 * f64::from(k * k % 7 - 3));
+                format!("[{t:e}, {:e}]", libm::exp(-t) + noise)
+            })
+            .collect();
+        let rows_of_decades = format!("relaxation = [{}]", logarithmic.join(", "));
+        let plain = read(&format!("{rows_of_decades}\nbegin = 0.1\nend = 0.05")).unwrap();
+        assert!(plain.active().is_some());
+        let convex = read(&format!("{rows_of_decades}\nbegin = 0.1\nend = 0.05\nactivity = 0.02")).unwrap();
+        assert!(convex.active().is_none() && convex.notes()[2].contains("convex"), "{:?}", convex.notes());
+        let change = convex.numbers().iter().zip(plain.numbers()).map(|(own, row)| (own - row).abs());
+        let change = change.fold(0.0, max_or_nan);
+        assert!(change > 2e-3 && change < 0.02, "{change}");
         // Where the tolerance is too small, it stays as it is, and is refused in a scenario with the size.
         let keys = format!("{rows}\nbegin = 0.2\nend = 0.05\nactivity = 1e-6");
         assert!(read(&keys).unwrap().active().is_some());

@@ -1,7 +1,7 @@
 //! `kernel = { relaxation = [["G00.csv", "G01.csv"], …] }`: a relaxation function for each pair of
 //! coordinates.
 
-use super::kernel::{Measured, Tolerances, read_decay, share, smallest_raise};
+use super::kernel::{Measured, Tolerances, at_least, read_decay, share, smallest_raise};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use fvi_fft::dense::symmetric_eigenvalues;
@@ -57,7 +57,8 @@ impl RelaxationMatrix {
         table.allow(&["relaxation", "decay", "begin", "end", "activity", "asymmetry"])?;
         let (decay, tolerances) = (read_decay(table)?, Tolerances::read(table)?);
         let asymmetry = table.optional("asymmetry").map(|value| share(&value)).transpose()?;
-        let (files, mut entries) = read_entries(value, count, decay, tolerances)?;
+        let (files, entries) = read_entries(value, count)?;
+        let mut entries = completed(entries, decay, tolerances)?;
         let mut notes = Vec::new();
         symmetrise(&mut entries, asymmetry, &mut notes)?;
         entries.retain(|((i, j), ..)| i <= j);
@@ -103,8 +104,6 @@ type Entry<'v> = ((usize, usize), Value<'v>, Measured);
 fn read_entries<'v>(
     value: &Value<'v>,
     count: usize,
-    decay: Option<f64>,
-    tolerances: Tolerances,
 ) -> Result<(Vec<Vec<String>>, Vec<Entry<'v>>), InputError> {
     let rows = value.list("rows of names of files")?;
     let shape = |place: &Value<'_>, found: usize| {
@@ -128,12 +127,27 @@ fn read_entries<'v>(
             }
             if entry.is_text() && !entry.text()?.is_empty() {
                 entry.document().resolve(entry.text()?).display().to_string().clone_into(&mut files[i][j]);
-                let measured = Measured::read(&entry, decay, tolerances)?;
+                let measured = Measured::read(&entry)?;
                 entries.push(((i, j), entry, measured));
             }
         }
     }
     Ok((files, entries))
+}
+
+/// The entries with a beginning and an end; tolerances are relative to the largest |G| of all.
+fn completed(
+    entries: Vec<Entry<'_>>,
+    decay: Option<f64>,
+    tolerances: Tolerances,
+) -> Result<Vec<Entry<'_>>, InputError> {
+    let largest = entries.iter().map(|(.., measured)| measured.largest()).fold(0.0, max_or_nan);
+    let mut made = Vec::with_capacity(entries.len());
+    for (place, value, measured) in entries {
+        let measured = measured.complete(&value, decay, tolerances, largest)?;
+        made.push((place, value, measured));
+    }
+    Ok(made)
 }
 
 /// Puts the mean of G_ij and G_ji in the place of both.
@@ -173,8 +187,9 @@ fn symmetrise(
         let share = most / largest;
         if tolerance.is_none_or(|tolerance| share > tolerance) {
             return refused(format!(
-                "; they differ by up to {most:.3e}, {share:.1e} of the largest |G|, at t = {time}: `asymmetry` ≥ {share:.1e} takes \
-                 their mean"
+                "; they differ by up to {most:.3e}, {share:.1e} of the largest |G|, at t = {time}: `asymmetry` ≥ {} takes \
+                 their mean",
+                at_least(share)
             ));
         }
         notes.push(format!(
@@ -226,6 +241,17 @@ mod tests {
             .with_attached("10.csv", "t,G\n0,0.2\n1,0.12\n2,0\n")
             .with_attached("11.csv", "t,G\n0,1\n1,0.3\n2,0\n");
         Scenario::from_document(document).map_err(|error| format!("{error} {:?}", error.problem()))
+    }
+
+    #[test]
+    fn tolerances_of_weak_couplings_are_relative_to_the_whole_matrix() {
+        // G₀₁ is noise of 1e-3 of G₀₀, which does not end at 0: all of what it is, and 1e-3 of the whole.
+        let text = "[system]\nmass = [1.0, 1.0]\n[[system.damping]]\nkernel = { relaxation = [[\"a\", \"n\"], [\"n\", \"a\"]], end = 2e-3 }\n[initial]\nposition = [1.0, 0.0]\n[time]\nstep = 0.01\nsteps = 10\n";
+        let document = Document::new("s.toml", Path::new("."), text)
+            .with_attached("a", "t,G\n0,2\n1,0.5\n2,0\n")
+            .with_attached("n", "t,G\n0,1e-3\n1,-1e-3\n2,2e-3\n");
+        let scenario = Scenario::from_document(document).unwrap();
+        assert!(scenario.warnings()[0].contains("1.0e-3 of the largest |G|"), "{:?}", scenario.warnings());
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! `kernel = { radiation = … }` and `kernel = { states = … }`: the waves about floating bodies.
 
-use super::kernel::{kernel_of_symbol, share};
+use super::kernel::{at_least, kernel_of_symbol, share};
 use super::relaxation_matrix::Pair;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
@@ -191,9 +191,9 @@ impl Waves {
             format!("the smallest eigenvalue of B is {lowest:.2e} of the largest damping, at ω = {omega}");
         if drives && !is_taken && !allow_active {
             return Err(refused(format!(
-                "a passive kernel: {line}; `activity` ≥ {:.1e} puts the nearest passive B in its place, `allow_active = true` \
+                "a passive kernel: {line}; `activity` ≥ {} puts the nearest passive B in its place, `allow_active = true` \
                  admits it",
-                -lowest
+                at_least(-lowest)
             )));
         }
         let keep = drives && !is_taken;
@@ -262,8 +262,8 @@ impl Waves {
         let line = format!("the smallest eigenvalue of Re K̂(iω) is {lowest:.2e} of |K̂|, at ω = {omega:.4e}");
         if drives && !is_taken && !allow_active {
             return Err(refused(format!(
-                "a passive kernel: {line}; `activity` ≥ {:.1e}, or `allow_active = true`, takes it as it is",
-                -lowest
+                "a passive kernel: {line}; `activity` ≥ {}, or `allow_active = true`, takes it as it is",
+                at_least(-lowest)
             )));
         }
         if drives {
@@ -320,7 +320,8 @@ fn symmetric(
     if most > tolerance.unwrap_or(1e-9) || most.is_nan() {
         return Err(format!(
             "a symmetric matrix of responses, as that of waves is without forward speed: residues differ from their transposes by \
-             {most:.1e} of the largest entry; `asymmetry` ≥ {most:.1e} takes their mean"
+             {most:.1e} of the largest entry; `asymmetry` ≥ {} takes their mean",
+            at_least(most)
         ));
     }
     if most > 1e-9 {

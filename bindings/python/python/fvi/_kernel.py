@@ -106,7 +106,8 @@ class Kernel(Keyed):
         G is linear between the times t, which begin at 0, and decays like e^{−t/decay} after the last one; without `decay` it
         must be zero there. Up to tolerances, shares of the largest |G|, other numbers are amended, which warnings tell: `begin`,
         the difference of G(0) on the line through the first two rows from the first one, which is later; `end`, what is left at
-        the last row, after which a line to 0 follows; `activity`, the smallest rise of G(0) with which the kernel is passive.
+        the last row, after which a line to 0 follows; `activity`, the smaller of two changes with which the kernel is passive, of
+        G(0) alone, or of all rows to a falling convex function.
         """
         times, moduli = np.atleast_1d(_arrays.numbers("t", t)), np.atleast_1d(_arrays.numbers("G", G))
         if times.ndim != 1 or times.shape != moduli.shape:

@@ -1,5 +1,6 @@
 //! Tables of added mass and radiation damping, and matrices of equations of states, as they are given.
 
+use super::at_least;
 use crate::language::cells::{Cells, cells};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
@@ -259,7 +260,8 @@ impl Data {
             );
             if share > tolerance.unwrap_or(super::ROUNDING) {
                 return Err(format!(
-                    "a symmetric matrix, as that of waves is without forward speed: {line}; `asymmetry` ≥ {share:.1e} takes the mean"
+                    "a symmetric matrix, as that of waves is without forward speed: {line}; `asymmetry` ≥ {} takes the mean",
+                    at_least(share)
                 ));
             }
             if share > super::ROUNDING {
@@ -286,16 +288,18 @@ impl Data {
         let (first, rest) = (left(&self.damping[0]), left(&self.damping[last]));
         if self.omega[0] > 0.0 && first > begin {
             return Err(format!(
-                "a table from low frequencies on: at the first row, ω = {}, B is {first:.1e} of the largest; `begin` ≥ {first:.1e} \
+                "a table from low frequencies on: at the first row, ω = {}, B is {first:.1e} of the largest; `begin` ≥ {} \
                  takes a line from B(0) = 0 to it",
-                self.omega[0]
+                self.omega[0],
+                at_least(first)
             ));
         }
         if rest > end {
             return Err(format!(
-                "a table to high frequencies: at the last row, ω = {}, B is {rest:.1e} of the largest; `end` ≥ {rest:.1e} takes a \
+                "a table to high frequencies: at the last row, ω = {}, B is {rest:.1e} of the largest; `end` ≥ {} takes a \
                  line from it to 0 at ω = {}",
                 self.omega[last],
+                at_least(rest),
                 fvi_fft::transfer::radiation::TAIL * self.omega[last]
             ));
         }
@@ -357,7 +361,8 @@ impl Data {
                 None => String::new(),
             };
             return Err(format!(
-                "{line}{other}: frequencies in rad/s and both in the same units are wanted; `inconsistency` ≥ {share:.1e} takes them"
+                "{line}{other}: frequencies in rad/s and both in the same units are wanted; `inconsistency` ≥ {} takes them",
+                at_least(share)
             ));
         }
         notes.push(line);
