@@ -310,6 +310,21 @@ fn weights_of_every_symbol_are_the_series_of_its_value() {
     }
 }
 
+#[test]
+fn a_slow_diffusion_has_hardly_any_weights_before_it_arrives() {
+    // Beside the spring w_n ≈ h f(nh), f = e^{−1/(4t)}/(2 √π t^{3/2}), whose largest value is at t = 1/6.
+    let (diffusion, step) = (kernel_of_symbol("exp(-sqrt(s))").unwrap(), 1e-6);
+    let first = multistep_weights(&diffusion, bdf(1), step, false, 40).unwrap();
+    assert!(
+        first[0] == -diffusion.spring() && first[1..].iter().all(|weight| weight.abs() < 1e-30),
+        "{first:?}"
+    );
+    let weights = multistep_weights(&diffusion, bdf(1), step, false, 20_000).unwrap();
+    let time = 19_999.0 * step;
+    let density = (-0.25 / time).exp() / (2.0 * std::f64::consts::PI.sqrt() * time.powf(1.5));
+    assert!((weights[19_999] / (step * density) - 1.0).abs() < 2e-2, "{} {density}", weights[19_999]);
+}
+
 /// K(D) u at t = `steps`·h by the last stage of Radau IIA with 3 stages.
 fn by_radau(transfer: &TransferFunction, step: f64, steps: usize, u: impl Fn(f64) -> f64) -> f64 {
     let method = radau();

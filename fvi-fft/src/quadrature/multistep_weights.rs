@@ -164,15 +164,24 @@ impl Head<'_> {
         (0..PLACES).map(size).filter(|size| size.is_finite()).fold(0.0, max_or_nan)
     }
 
-    /// The weights by a transform on a circle.
+    /// The weights by a transform on a circle, of more points where weights still rise behind the last one,
+    /// as those of a slow diffusion do.
     fn circle(&self, count: usize) -> Result<Circle, ParameterError> {
+        const MOST: usize = 1 << 17;
         let function = |s| self.transfer.value(s);
         let growth = self.transfer.growth();
-        let circle = transform((&function, growth), self.rule, self.step_size, self.on_increments, count);
-        if circle.weights.iter().all(|weight| weight.is_finite()) && circle.is_analytic() {
-            return Ok(circle);
+        let mut behind = f64::NAN;
+        for longer in [1, 16, 256].into_iter().filter(|longer| *longer == 1 || longer * count <= MOST) {
+            let wanted = longer * count;
+            let mut circle =
+                transform((&function, growth), self.rule, self.step_size, self.on_increments, wanted);
+            if circle.weights.iter().all(|weight| weight.is_finite()) && circle.is_analytic() {
+                circle.weights.truncate(count);
+                return Ok(circle);
+            }
+            behind = circle.behind;
         }
-        Err(self.refused(circle.behind))
+        Err(self.refused(behind))
     }
 
     fn refused(&self, value: f64) -> ParameterError {
