@@ -120,12 +120,18 @@ impl Scenario {
         })
     }
 
+    /// True if a force has `step` or `sign` of a velocity, as friction and dampers c sign(v)|v|^γ.
+    #[doc(hidden)]
+    pub fn jumps_with_velocities(&self) -> bool {
+        let with_velocity = |argument: &Node| argument.has_variable_from(self.coordinates());
+        let mut components = self.system.force.iter().flatten();
+        components.any(|component| jumps(component.root(), &with_velocity))
+    }
+
     /// Warns of forces that jump in the position, if steps do not end at the jumps.
     fn jumps_warning(&self) -> Option<String> {
-        let count = self.coordinates();
         let mut components = self.system.force.iter().flatten();
-        let with_velocity = |argument: &Node| argument.has_variable_from(count);
-        if components.clone().any(|component| jumps(component.root(), &with_velocity)) {
+        if self.jumps_with_velocities() {
             return Some(
                 "system.force: `step` or `sign` of a velocity jumps inside of steps, which leaves the order 1 at best; no \
                  steps end there: take a smooth function, as `tanh(v0/w)` with a small w"

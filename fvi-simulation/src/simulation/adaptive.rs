@@ -567,10 +567,10 @@ impl<'s> AdaptiveSteps<'s> {
         if self.scenario.equation.is_some() && !is_start {
             return self.ends(worst, tried);
         }
-        format!(
-            "{worst}, with steps of {tried:.1e} even, the shortest here (`time.shortest`): a jump of a force belongs on a grid point \
-             (`time.must_hit`), and a tolerance above what rounding leaves"
-        )
+        let reason = to_and_fro(self.scenario).unwrap_or(
+            "a jump of a force belongs on a grid point (`time.must_hit`), and a tolerance above what rounding leaves",
+        );
+        format!("{worst}, with steps of {tried:.1e} even, the shortest here (`time.shortest`): {reason}")
     }
 
     /// The message that the solution of an equation does not go on.
@@ -603,12 +603,19 @@ impl<'s> AdaptiveSteps<'s> {
         let asked = (rule.end, most);
         match progress.budget.out_of_reach((steps, progress.time), asked) {
             None => Ok(()),
-            Some(all) => Err(format!(
-                "some {all:.0e} steps would be needed up to the end, and a run makes at most {most:.0e}: with this scheme, of order \
-                 {order:.2}, they become fewer like `time.tolerance` to the power −{:.2}; take a larger tolerance, or a scheme of a \
-                 higher order",
-                1.0 / order
-            )),
+            Some(all) => {
+                let needed = format!(
+                    "some {all:.0e} steps would be needed up to the end, and a run makes at most {most:.0e}"
+                );
+                Err(match to_and_fro(scenario) {
+                    Some(reason) => format!("{needed}: {reason}"),
+                    None => format!(
+                        "{needed}: with this scheme, of order {order:.2}, they become fewer like `time.tolerance` to the power \
+                         −{:.2}; take a larger tolerance, or a scheme of a higher order",
+                        1.0 / order
+                    ),
+                })
+            }
         }
     }
 
@@ -702,6 +709,14 @@ impl From<StateError> for AttemptError {
     fn from(error: StateError) -> Self {
         Self::State(error)
     }
+}
+
+/// Why variational schemes take ever shorter steps where dampers c sign(v)|v|^γ hold a mass.
+fn to_and_fro(scenario: &Scenario) -> Option<&'static str> {
+    (scenario.scheme_descriptor().is_variational && scenario.jumps_with_velocities()).then_some(
+        "what a force with `sign` or `step` of a velocity holds moves to and fro by ever less in this scheme, which adaptive steps \
+         follow; with `scheme.kind` = \"collocation\" it rests, and equal steps (`time.step`) pass over it",
+    )
 }
 
 #[cfg(test)]

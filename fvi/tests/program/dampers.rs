@@ -1,6 +1,7 @@
 //! Viscous dampers c sign(v)|v|^γ with γ < 1, the commonest of earthquake engineering, and the hysteresis of
 //! Bouc and Wen.
 
+use crate::workplace::{Workplace, text};
 use fvi_host::run::Run;
 use fvi_scenario::scenario::Scenario;
 use serde_json::{Value, json};
@@ -66,6 +67,29 @@ fn a_damper_stops_a_mass_where_it_should_in_every_scheme_and_on_every_grid() {
             assert!(momentum[0].abs() < 0.03, "γ = {power}, {name}: {}", momentum[0]);
         }
     }
+}
+
+/// Where a variational scheme on adaptive steps gives up, it says which one does not, which takes few steps.
+#[test]
+fn adaptive_steps_say_which_scheme_lets_a_held_mass_rest() {
+    let place = Workplace::new();
+    let scenario = |scheme: &str| {
+        format!(
+            "[system]\nmass = [1.0]\npotential = \"2*q0^2\"\nforce = [\"-0.5*sign(v0)*abs(v0)^0.1\"]\n\
+             [[system.damping]]\norder = 0.5\ncoefficient = [0.1]\n[initial]\nposition = [1.0]\n\
+             [scheme]\n{scheme}\n[convolution]\nfamily = \"radau-iia\"\nstages = 2\n[time]\nend = 20.0\ntolerance = 1e-6\n"
+        )
+    };
+    place.write("galerkin.toml", &scenario("kind = \"galerkin\"\ndegree = 2"));
+    let output = place.fvi(&["run", "galerkin.toml"]);
+    let said = text(&output.stderr);
+    assert!(output.status.code() == Some(1) && said.contains("`scheme.kind` = \"collocation\""), "{said}");
+    place.write("collocation.toml", &scenario("kind = \"collocation\""));
+    let output = place.fvi(&["run", "collocation.toml", "--out", "out"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let summary: Value =
+        serde_json::from_str(&std::fs::read_to_string(place.path("out/summary.json")).unwrap()).unwrap();
+    assert!(summary["steps"].as_u64().unwrap() < 2000, "{}", summary["steps"]);
 }
 
 /// A mechanism, and a building that is pushed, freed and held by a damper in each storey: the schemes agree.
