@@ -1,7 +1,7 @@
 //! Damped modes near a frequency: zeros of the characteristic function in a disc, with their shapes.
 
 use super::{Equations, Linearised};
-use crate::simulation::stability::winding::{Fineness, turned};
+use crate::simulation::stability::winding::{Fineness, turned_by_slopes};
 use fvi_core::{max_or_nan, min_or_nan};
 use fvi_fft::dense::{complex_schur, symmetric_eigen};
 use fvi_fft::transfer::TransferFunction;
@@ -44,8 +44,8 @@ const LARGEST: f64 = 0.999;
 /// What tables up to half their time may change of a mode, relative to |s|.
 const OF_TABLES: f64 = 1e-3;
 
-/// For an edge: with a determinant of many factors its logarithm changes fast.
-const FINENESS: Fineness = Fineness { followed: 0.5, parts: 13, halvings: 24 };
+/// For the edge of a disc.
+const FINENESS: Fineness = Fineness { followed: 0.3, parts: 8, halvings: 22 };
 
 /// The `count` modes nearest to iω, and those that are as near as the last of them; all in |s − iω| < 0.999 ω
 /// if there are fewer.
@@ -58,8 +58,8 @@ const FINENESS: Fineness = Fineness { followed: 0.5, parts: 13, halvings: 24 };
 /// ```
 ///
 /// The zeros of det T in the disc are then counted by the argument principle. Where there are more than were
-/// found, the integrals ∮ z^k T⁻¹ dz, k = 0, 1, over its edge give the starts. Sources: \[GT17\] § 4,
-/// \[Beyn12\] for the integrals.
+/// found, undamped modes near the nearest of them, or the integrals ∮ z^k T⁻¹ dz, k = 0, 1, over the edge of
+/// the disc give the starts. Sources: \[GT17\] § 4, \[Beyn12\] for the integrals.
 ///
 /// # Errors
 /// A message, if the count differs from what was found, or the kernels do not tell the modes.
@@ -283,7 +283,7 @@ impl Search<'_> {
 
     fn modes(&self, count: usize) -> Result<Vec<Zero>, String> {
         let mut zeros = Vec::new();
-        for (s, x) in self.undamped(count + 3) {
+        for (s, x) in self.undamped(self.centre.im, count + 3) {
             self.add_from(&mut zeros, s, x);
         }
         let mut last = (0, 0);
@@ -322,9 +322,18 @@ impl Search<'_> {
         ))
     }
 
-    /// Adds the zeros in a disc that integrals over its edge tell; all of them if multiple ones make up their
+    /// Adds the zeros in a disc that undamped modes about the nearest one lead to, as where many lie close
+    /// together far from ω, or that integrals over its edge tell; all of them if multiple ones make up their
     /// number.
     fn complete(&self, zeros: &mut Vec<Zero>, radius: f64, wanted: usize) -> Option<Vec<Zero>> {
+        if let Some(nearest) = zeros.first().map(|zero| zero.s.im) {
+            for (s, x) in self.undamped(nearest, 2 * wanted + 6) {
+                self.add_from(zeros, s, x);
+            }
+            if zeros.iter().filter(|zero| self.distance(zero) < radius).count() >= wanted {
+                return None;
+            }
+        }
         for nodes in [24, 96] {
             for (k, start) in self.starts(radius, wanted + 6, nodes).into_iter().enumerate() {
                 self.add_from(zeros, start, Irregular(17 + k as u64).vector(self.system.size));
@@ -386,7 +395,7 @@ impl Search<'_> {
     /// Those that are known are divided out, of whichever side of the edge: the phase of the rest changes
     /// slowly, and counts what is missing.
     fn count(&self, centre: Complex<f64>, radius: f64, known: &[Zero]) -> Option<i64> {
-        let turned = turned(2.0 * PI, &FINENESS, |angle| {
+        let turned = turned_by_slopes(2.0 * PI, &FINENESS, |angle| {
             let s = centre + Complex::new(libm::cos(angle), libm::sin(angle)) * radius;
             let whole = self.factored(s, &self.system.transfers)?.log_determinant()?;
             let factor = |zero: &Zero| {
@@ -454,15 +463,16 @@ impl Search<'_> {
         if before < 1e-7 { zero(s, x) } else { None }
     }
 
-    /// Undamped modes near the frequency, at least `count` if there are as many.
-    fn undamped(&self, count: usize) -> Vec<(Complex<f64>, Vec<Complex<f64>>)> {
-        let omega = self.centre.im;
-        let real: Vec<Complex<f64>> = self
+    /// Undamped modes near a frequency, with the kernels at the centre; at least `count` if there are as
+    /// many.
+    fn undamped(&self, omega: f64, count: usize) -> Vec<(Complex<f64>, Vec<Complex<f64>>)> {
+        let mut real: Vec<Complex<f64>> = self
             .system
             .factors_at(self.centre, &self.system.transfers)
             .into_iter()
             .map(|factor| Complex::new(factor.re, 0.0))
             .collect();
+        real[0] = Complex::new(-omega * omega, 0.0);
         let mass: Vec<Complex<f64>> =
             (0..real.len()).map(|index| Complex::new(f64::from(u8::from(index == 0)), 0.0)).collect();
         // Beside the frequency, which may be one of the undamped modes.

@@ -94,6 +94,48 @@ pub(in crate::simulation) fn turned(
     Some(turned)
 }
 
+/// The same for a product of many factors, whose phase may turn several times within each part.
+///
+/// Slopes, from values beside each place, tell the increment over a part by Simpson's rule, the logarithm how
+/// far that is off but for whole turns. A part is halved until this is little, and Simpson's rule and the
+/// trapezoidal one differ by less than half a turn.
+pub(in crate::simulation) fn turned_by_slopes(
+    end: f64,
+    fineness: &Fineness,
+    logarithm: impl Fn(f64) -> Option<Complex<f64>>,
+) -> Option<f64> {
+    const BESIDE: f64 = 1e-8;
+    let at = |place: f64| {
+        let (before, behind) = (logarithm(place - BESIDE)?, logarithm(place + BESIDE)?);
+        let change = increment(before, behind);
+        Some((place, before + change * 0.5, change / (2.0 * BESIDE)))
+    };
+    let mut intervals = Vec::new();
+    let mut left = at(0.0)?;
+    for part in 1..=fineness.parts {
+        let right = at(end * part as f64 / fineness.parts as f64)?;
+        intervals.push((left, right, 0));
+        left = right;
+    }
+    let mut turned = 0.0;
+    while let Some((left, right, halvings)) = intervals.pop() {
+        let middle = at(0.5 * (left.0 + right.0))?;
+        let width = right.0 - left.0;
+        let simpson = (left.2 + middle.2 * 4.0 + right.2) * (width / 6.0);
+        let trapezoidal = (left.2 + middle.2 * 2.0 + right.2) * (width / 4.0);
+        let off = increment(simpson, increment(left.1, right.1));
+        if (simpson - trapezoidal).norm() < PI && off.norm() < fineness.followed {
+            turned += simpson.im + off.im;
+        } else if halvings < fineness.halvings {
+            intervals.push((left, middle, halvings + 1));
+            intervals.push((middle, right, halvings + 1));
+        } else {
+            return None;
+        }
+    }
+    Some(turned)
+}
+
 /// Difference of two logarithms, its phase in [−π, π].
 fn increment(from: Complex<f64>, to: Complex<f64>) -> Complex<f64> {
     let phase = to.im - from.im;
@@ -118,6 +160,31 @@ mod tests {
         match found {
             Count::Zeros(zeros) => Some(zeros),
             _ => None,
+        }
+    }
+
+    /// A row of zeros that crosses the circle, as of a chain near the end of its band.
+    #[test]
+    fn hundreds_of_zeros_close_together_are_counted() {
+        let zeros: Vec<Complex<f64>> = (1..=500)
+            .map(|k| {
+                let angle = f64::from(k) * PI / 1002.0;
+                Complex::new(-0.05 * angle.sin(), 2.0 * angle.sin())
+            })
+            .collect();
+        for (centre, radius) in [(2.6, 0.601), (2.6, 0.65), (1.0, 0.3), (1.9, 0.05), (3.0, 2.0)] {
+            let centre = Complex::new(0.0, centre);
+            let logarithm = |angle: f64| {
+                let s = centre + Complex::new(angle.cos(), angle.sin()) * radius;
+                Some(zeros.iter().map(|zero| Complex::new((s - zero).norm().ln(), (s - zero).arg())).sum())
+            };
+            let fineness = Fineness { followed: 0.3, parts: 8, halvings: 22 };
+            let turned = turned_by_slopes(2.0 * PI, &fineness, logarithm).unwrap();
+            let inside = zeros.iter().filter(|zero| (*zero - centre).norm() < radius).count();
+            assert!(
+                (turned / (2.0 * PI) - inside as f64).abs() < 1e-3,
+                "{centre}, {radius}: {turned} {inside}"
+            );
         }
     }
 

@@ -99,6 +99,21 @@ fn modes_of_a_chain_of_700_are_zeros_of_its_determinant() {
     }
 }
 
+/// Beyond its band hundreds of zeros lie side by side, across the edge of the disc.
+#[test]
+fn modes_at_the_end_of_a_band_are_told_apart() {
+    for (size, omega) in [(200, 2.6), (500, 2.6), (200, 3.5)] {
+        let (system, determinant) = chain(size);
+        let found = modes(&system, omega, 5);
+        assert_eq!(found.len(), 5, "{size}");
+        for (k, mode) in found.iter().enumerate() {
+            let exact = zero_of(&determinant, mode.place);
+            assert!((mode.place - exact).norm() < 1e-10, "{} {exact}", mode.place);
+            assert!(found[..k].iter().all(|other| (mode.place - other.place).norm() > 1e-6));
+        }
+    }
+}
+
 /// A square membrane has double frequencies, which damping by s^½ in proportion to the stiffness keeps.
 #[test]
 fn modes_of_a_square_are_counted_as_often_as_they_are() {
