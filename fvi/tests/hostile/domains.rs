@@ -123,7 +123,7 @@ fn run(document: Document) -> Result<Outcome, String> {
         let numbers = vec![0.0; scenario.coordinates()];
         let mut state = GridState { position: numbers.clone(), momentum: numbers, ..GridState::default() };
         for step in 0..scenario.time.steps {
-            let input = scenario.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or(&[]);
+            let input = scenario.input_over(step);
             if let Err(error) = simulation.step(input) {
                 outcome = failed(&error)?;
                 break;
