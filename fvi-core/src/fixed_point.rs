@@ -60,7 +60,7 @@ impl FixedGain {
         libm::ldexp(f64::from(self.mantissa), -self.shift)
     }
 
-    /// Bound on the error of [`times`](Self::times), in units of its result.
+    /// Bound on the error of its product with a number of 64 bits, in units of the product.
     pub fn rounding(self) -> f64 {
         match self.shift - 32 {
             _ if self.mantissa == 0 => 0.0,

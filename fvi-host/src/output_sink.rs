@@ -5,6 +5,7 @@
 use crate::results::files::write_text;
 use crate::results::files::{FileError, remove};
 use crate::results::growing_file::Mark;
+use crate::results::rows::Rows;
 use crate::results::run_traces::RunTraces;
 #[cfg(feature = "pictures")]
 use crate::results::snapshots;
@@ -70,29 +71,29 @@ impl<'a> BatchView<'a> {
         Self { batch, places, energies }
     }
 
-    pub(crate) fn position(&self, coordinate: usize) -> &'a [f64] {
+    fn position(&self, coordinate: usize) -> &'a [f64] {
         self.batch.position(self.places.start + coordinate)
     }
 
-    pub(crate) fn momentum(&self, coordinate: usize) -> &'a [f64] {
+    fn momentum(&self, coordinate: usize) -> &'a [f64] {
         self.batch.momentum(self.places.start + coordinate)
     }
 
-    pub(crate) fn time(&self, index: usize) -> f64 {
+    fn time(&self, index: usize) -> f64 {
         self.batch.times()[index]
     }
 
-    pub(crate) fn energy(&self, index: usize) -> f64 {
+    fn energy(&self, index: usize) -> f64 {
         self.energies[index]
     }
 
     /// The run's columns at the last state.
-    pub(crate) fn columns(&self) -> &'a [f64] {
+    fn columns(&self) -> &'a [f64] {
         self.batch.columns()
     }
 
     /// ∂q/∂θ and ∂p/∂θ of the coordinates `chosen`; none where nothing is differentiated.
-    pub(crate) fn sensitivities(&self, index: usize, chosen: &[usize]) -> impl Iterator<Item = f64> {
+    fn sensitivities(&self, index: usize, chosen: &[usize]) -> impl Iterator<Item = f64> {
         let of_all = self.batch.sensitivities(index).chunks(self.places.len().max(1));
         of_all.flat_map(|all| chosen.iter().map(|&coordinate| all[coordinate]))
     }
@@ -103,6 +104,23 @@ impl<'a> BatchView<'a> {
         let mut state = GridState { position: numbers(), momentum: numbers(), ..GridState::default() };
         self.read(index, chosen, &mut state);
         state
+    }
+
+    /// Adds the states at some indices of the batch, with the coordinates `chosen`, to rows.
+    pub(crate) fn add_to<I: Iterator<Item = usize>>(
+        &self,
+        rows: &mut Rows,
+        chosen: &[usize],
+        indices: impl Fn() -> I,
+    ) {
+        rows.time.extend(indices().map(|index| self.time(index)));
+        rows.energy.extend(indices().map(|index| self.energy(index)));
+        for index in indices() {
+            rows.position.extend(chosen.iter().map(|&coordinate| self.position(coordinate)[index]));
+            rows.momentum.extend(chosen.iter().map(|&coordinate| self.momentum(coordinate)[index]));
+            rows.derivatives.extend(self.sensitivities(index, chosen));
+            rows.of_columns.extend_from_slice(self.columns());
+        }
     }
 
     /// Writes the coordinates `chosen` at `index` of the batch to `state`, which has as many coordinates.

@@ -569,15 +569,11 @@ fn what_an_equation_does_not_have_is_refused() {
         let mut scenario = json!({
             "equation": { "order": 0.5, "right": "-x0", "initial": [1.0] },
             "time": { "end": 1.0 },
-            "output": {},
         });
         scenario[table].as_object_mut().unwrap().extend(keys.as_object().unwrap().clone());
         Scenario::from_value(&scenario)
     };
-    let refused = [
-        ("output", json!({ "momentum": "one-sided" }), "output.momentum"),
-        ("time", json!({ "energy_guard": "warn" }), "time.energy_guard"),
-    ];
+    let refused = [("time", json!({ "energy_guard": "warn" }), "time.energy_guard")];
     assert_eq!(ROWS.iter().filter(|row| row.beside == Feature::Equation).count(), refused.len());
     for (table, keys, path) in refused {
         assert!(equation(table, json!({})).is_ok());

@@ -1,6 +1,5 @@
 //! Rows of a trajectory in memory, column by column.
 
-use crate::output_sink::BatchView;
 use fvi_scenario::language::memory_limit::check_capacity;
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::GridState;
@@ -98,23 +97,6 @@ impl Rows {
         match scenario.output.times.len() {
             0 => (steps / scenario.output.every).saturating_add(2),
             times => times,
-        }
-    }
-
-    /// Adds the states of a batch at some of its indices, with the coordinates `chosen`.
-    pub(crate) fn take<I: Iterator<Item = usize>>(
-        &mut self,
-        batch: &BatchView<'_>,
-        chosen: &[usize],
-        indices: impl Fn() -> I,
-    ) {
-        self.time.extend(indices().map(|index| batch.time(index)));
-        self.energy.extend(indices().map(|index| batch.energy(index)));
-        for index in indices() {
-            self.position.extend(chosen.iter().map(|&coordinate| batch.position(coordinate)[index]));
-            self.momentum.extend(chosen.iter().map(|&coordinate| batch.momentum(coordinate)[index]));
-            self.derivatives.extend(batch.sensitivities(index, chosen));
-            self.of_columns.extend_from_slice(batch.columns());
         }
     }
 

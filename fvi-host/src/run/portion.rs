@@ -84,7 +84,7 @@ impl Portion<'_> {
             return;
         }
         for (case, rows) in motions.iter_mut().enumerate() {
-            rows.take(&run.batch_view(case), &self.place.chosen, || batch.multiples(output.every));
+            run.batch_view(case).add_to(rows, &self.place.chosen, || batch.multiples(output.every));
         }
     }
 }

@@ -123,8 +123,8 @@ impl Scenario {
         self.input.as_ref().and_then(|input| input.at_step(step)).unwrap_or_default()
     }
 
-    /// The sampled input held from a time on, as [`input_over`](Self::input_over), for steps that begin at the
-    /// times of samples.
+    /// The sampled input held from a time on, as [`input_over`](Self::input_over), for steps that begin at
+    /// the times of samples.
     pub fn input_from(&self, time: f64) -> &[f64] {
         self.input.as_ref().and_then(|input| input.from_time(time)).unwrap_or_default()
     }

@@ -121,7 +121,6 @@ features! {
     Tolerance: "a tolerance of the exponentials", "history.tolerance", |s| on(s.history.tolerance.is_some());
     MeanMomentum: "the mean of the momenta", "output.momentum",
         |s| on(s.output.momentum == ReportedMomentum::Mean);
-    Momentum: "a choice of momenta", "output.momentum", |s| on(s.document().has("output.momentum"));
     GuardedEnergy: "a guard of energies", "time.energy_guard", |s| on(s.time.energy_guard.is_some());
     Times: "rows between grid points", "output.times", |s| on(!s.output.times.is_empty());
     MemoryEnergy: "energies of memories", "output.memory_energy", |s| on(s.output.memory_energy);

@@ -23,7 +23,6 @@ pub const ROWS: &[Row] = &[
     row(Equation, Fit, "", OF_MECHANICS),
     row(Equation, Converge, "", "`fvi run`, whose steps follow `time.tolerance`"),
     row(Equation, Response, "", OF_MECHANICS),
-    row(Momentum, Equation, "it has no momenta", "`[output]` without this key"),
     row(GuardedEnergy, Equation, "it has no energy", "`[time]` without this key"),
     // Schemes and quadratures.
     row(
