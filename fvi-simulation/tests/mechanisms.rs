@@ -239,7 +239,8 @@ fn energy_of_a_mechanism_that_changes_though_nothing_drives_it_is_told() {
     let (reason, warning) = end_of(parabola, start, json!({ "step": 0.01, "end": 5.0 }));
     assert_eq!(reason, None);
     assert!(warning.as_ref().is_some_and(|warning| warning.contains("risen")), "{warning:?}");
-    // What a damper has taken up counts with the energy, which may fall, and what a force has done against it.
+    // What a damper has taken up counts with the energy, which may fall, and what a force has done counts
+    // against it.
     let end = |push: Option<&str>, speed: f64| {
         let mut system = json!({
             "kinetic": "0.5*v0^2 + 0.5*sin(q0)^2*v1^2",
