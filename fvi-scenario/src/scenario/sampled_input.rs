@@ -104,7 +104,7 @@ impl SampledInput {
 
     /// The input held from a time on, for steps that begin at the times of samples; `None` before the first
     /// sample.
-    fn from_time(&self, time: f64) -> Option<&[f64]> {
+    fn at_time(&self, time: f64) -> Option<&[f64]> {
         let after = self.times.partition_point(|&begin| begin <= time + same_time(time, 0.0));
         after.checked_sub(1).map(|index| self.samples[index].as_slice())
     }
@@ -126,7 +126,7 @@ impl Scenario {
     /// The sampled input held from a time on, as [`input_over`](Self::input_over), for steps that begin at
     /// the times of samples.
     pub fn input_from(&self, time: f64) -> &[f64] {
-        self.input.as_ref().and_then(|input| input.from_time(time)).unwrap_or_default()
+        self.input.as_ref().and_then(|input| input.at_time(time)).unwrap_or_default()
     }
 }
 

@@ -71,27 +71,11 @@ pub(in crate::simulation) fn turned(
     logarithm: impl Fn(f64) -> Option<Complex<f64>>,
 ) -> Option<f64> {
     let at = |place: f64| logarithm(place).map(|value| (place, value));
-    let mut intervals = Vec::new();
-    let mut left = at(0.0)?;
-    for part in 1..=fineness.parts {
-        let right = at(end * part as f64 / fineness.parts as f64)?;
-        intervals.push((left, right, 0));
-        left = right;
-    }
-    let mut turned = 0.0;
-    while let Some((left, right, halvings)) = intervals.pop() {
-        let middle = at(0.5 * (left.0 + right.0))?;
+    sum_over_parts(end, fineness, at, |[left, middle, right]| {
         let (first, second) = (increment(left.1, middle.1), increment(middle.1, right.1));
-        if first.norm() < fineness.followed && second.norm() < fineness.followed {
-            turned += first.im + second.im;
-        } else if halvings < fineness.halvings {
-            intervals.push((left, middle, halvings + 1));
-            intervals.push((middle, right, halvings + 1));
-        } else {
-            return None;
-        }
-    }
-    Some(turned)
+        let is_followed = first.norm() < fineness.followed && second.norm() < fineness.followed;
+        is_followed.then_some(first.im + second.im)
+    })
 }
 
 /// The same for a product of many factors, whose phase may turn several times within each part.
@@ -108,8 +92,28 @@ pub(in crate::simulation) fn turned_by_slopes(
     let at = |place: f64| {
         let (before, behind) = (logarithm(place - BESIDE)?, logarithm(place + BESIDE)?);
         let change = increment(before, behind);
-        Some((place, before + change * 0.5, change / (2.0 * BESIDE)))
+        Some((place, (before + change * 0.5, change / (2.0 * BESIDE))))
     };
+    sum_over_parts(end, fineness, at, |[left, middle, right]| {
+        let width = right.0 - left.0;
+        let ((first, before), (_, between), (last, behind)) = (left.1, middle.1, right.1);
+        let simpson = (before + between * 4.0 + behind) * (width / 6.0);
+        let trapezoidal = (before + between * 2.0 + behind) * (width / 4.0);
+        let off = increment(simpson, increment(first, last));
+        let is_followed = (simpson - trapezoidal).norm() < PI && off.norm() < fineness.followed;
+        is_followed.then_some(simpson.im + off.im)
+    })
+}
+
+/// Sum over parts of [0, `end`] of what `of` finds from a part's left end, middle and right end, each a place
+/// and a value; where it finds nothing the part is halved. `None` if a value does not exist, or the last
+/// halves are not enough.
+fn sum_over_parts<V: Copy>(
+    end: f64,
+    fineness: &Fineness,
+    at: impl Fn(f64) -> Option<(f64, V)>,
+    of: impl Fn([(f64, V); 3]) -> Option<f64>,
+) -> Option<f64> {
     let mut intervals = Vec::new();
     let mut left = at(0.0)?;
     for part in 1..=fineness.parts {
@@ -117,23 +121,19 @@ pub(in crate::simulation) fn turned_by_slopes(
         intervals.push((left, right, 0));
         left = right;
     }
-    let mut turned = 0.0;
+    let mut sum = 0.0;
     while let Some((left, right, halvings)) = intervals.pop() {
         let middle = at(0.5 * (left.0 + right.0))?;
-        let width = right.0 - left.0;
-        let simpson = (left.2 + middle.2 * 4.0 + right.2) * (width / 6.0);
-        let trapezoidal = (left.2 + middle.2 * 2.0 + right.2) * (width / 4.0);
-        let off = increment(simpson, increment(left.1, right.1));
-        if (simpson - trapezoidal).norm() < PI && off.norm() < fineness.followed {
-            turned += simpson.im + off.im;
-        } else if halvings < fineness.halvings {
-            intervals.push((left, middle, halvings + 1));
-            intervals.push((middle, right, halvings + 1));
-        } else {
-            return None;
+        match of([left, middle, right]) {
+            Some(found) => sum += found,
+            None if halvings < fineness.halvings => {
+                intervals.push((left, middle, halvings + 1));
+                intervals.push((middle, right, halvings + 1));
+            }
+            None => return None,
         }
     }
-    Some(turned)
+    Some(sum)
 }
 
 /// Difference of two logarithms, its phase in [−π, π].
