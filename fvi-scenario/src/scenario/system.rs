@@ -632,7 +632,11 @@ impl Along {
     ) -> Result<Self, InputError> {
         for key in ["attached", "scale", "strength"] {
             if let Some(other) = term.optional(key) {
-                return Err(belongs(&other, key, "attached"));
+                return Err(other.key_error(Problem::Incompatible {
+                    with: "`along`".to_owned(),
+                    allowed: "`coefficient` beside `along`: a number, or a matrix for several elongations"
+                        .to_owned(),
+                }));
             }
         }
         let symbols = symbols_of(parameters).with_coordinates(count);
