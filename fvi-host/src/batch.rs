@@ -153,6 +153,7 @@ impl Batch {
         let count = numbers.len() / width;
         let mut made: Vec<Option<Result<MemberRun, InputError>>> = (0..count).map(|_| None).collect();
         let jobs = jobs.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
+        let jobs = if self.members.are_independent() { jobs } else { 1 };
         let done = AtomicUsize::new(0);
         let make = |(places, numbers): (&mut [Option<_>], &[f64])| {
             for (place, numbers) in places.iter_mut().zip(numbers.chunks_exact(width)) {

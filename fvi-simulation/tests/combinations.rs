@@ -145,7 +145,8 @@ fn problems() -> Vec<Fragment> {
         problem("input", json!({ "input": { "samples": [[3.0, 0.0], [-1.0, 0.5]], "period": 0.25 } })),
         problem("controller", controller(0.0)),
         problem("delay", controller(0.013)),
-        problem("own terms", json!({ "own": true })),
+        problem("own terms", json!({ "own": "approximately" })),
+        problem("own terms with derivatives", json!({ "own": "exactly" })),
         Fragment {
             plain: system(json!({ "load": [push] })),
             ..problem("case", json!({ "case": [{ "name": "one", "load": [push] }] }))
@@ -345,7 +346,9 @@ fn is_mechanism(scenario: &Value) -> bool {
 }
 
 /// U(q) = q0⁴/4 in code.
-struct Quartic;
+struct Quartic {
+    exact: bool,
+}
 
 impl OwnTerms for Quartic {
     fn potential(&mut self, position: &[f64]) -> f64 {
@@ -367,6 +370,10 @@ impl OwnTerms for Quartic {
         stiffness[0] += 3.0 * position[0].powi(2);
     }
 
+    fn has_exact_derivatives(&self) -> bool {
+        self.exact
+    }
+
     fn take_largest_force(&mut self, largest: &mut [f64]) {
         largest[0] = 1.0;
     }
@@ -384,9 +391,13 @@ enum End {
 
 fn read(scenario: &Value) -> Result<Scenario, InputError> {
     let mut scenario = scenario.clone();
-    let own = scenario.as_object_mut().and_then(|keys| keys.remove("own")).is_some();
+    let own = scenario.as_object_mut().and_then(|keys| keys.remove("own"));
     let scenario = Scenario::from_value(&scenario)?;
-    Ok(if own { scenario.with_own_terms(SharedTerms::new(Quartic)) } else { scenario })
+    let terms = own.map(|own| SharedTerms::new(Quartic { exact: own == "exactly" }));
+    Ok(match terms {
+        Some(terms) => scenario.with_own_terms(terms),
+        None => scenario,
+    })
 }
 
 fn run(scenario: &Value, precision: Precision) -> End {

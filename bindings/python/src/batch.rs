@@ -3,13 +3,13 @@
 use crate::documents::Source;
 use crate::errors::{Failure, Outcome, guarded};
 use crate::run::{Arrays, Prepared, Record, arrays_of, precision as precision_of, read_knowing};
-use crate::terms::{Callables, ErrorSlot, PythonTerms, watched};
+use crate::terms::{Callables, ErrorSlot, Functions};
 use crate::watch::Watch;
 use fvi_host::batch::{Batch as HostBatch, MemberRun};
 use fvi_host::results::rows::Rows;
 use fvi_host::run::RunEnd;
 use fvi_scenario::language::memory_limit::check_capacity;
-use fvi_scenario::scenario::{Members, SharedTerms};
+use fvi_scenario::scenario::Members;
 use fvi_simulation::simulation::columns::Columns;
 use fvi_simulation::simulation::events::EventRecord;
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray2};
@@ -44,19 +44,11 @@ impl Batch {
     ) -> PyResult<Self> {
         let precision = precision_of(precision)?;
         let slot = ErrorSlot::default();
-        let in_code = terms.is_some() || events.iter().any(Option::is_some);
+        let functions = Functions { terms, events };
+        let in_code = functions.need_interpreter();
         guarded(|| {
-            let mut scenario = read_knowing(&source, None, Some(&prepared.matrices))?;
-            for (event, function) in scenario.events.iter_mut().zip(events) {
-                event.own = function.map(|function| watched(function, slot.clone()));
-            }
-            if let Some(callables) = terms {
-                let mut terms = PythonTerms::new(callables, scenario.coordinates(), slot.clone());
-                let velocity = scenario.initial_velocity();
-                let (start, position) = (scenario.time.start, &scenario.initial.position);
-                terms.look_at_the_start(start, position, velocity.as_deref())?;
-                scenario = scenario.with_own_terms(SharedTerms::new(terms));
-            }
+            let scenario = read_knowing(&source, None, Some(&prepared.matrices))?;
+            let scenario = functions.put_into(scenario, &slot, (true, false))?;
             let failure = |error| source.failure(&error);
             let members = Members::new(scenario, paths.iter().map(String::as_str)).map_err(failure)?;
             let batch = HostBatch::new(members, precision, prepared.tables.clone()).map_err(failure)?;

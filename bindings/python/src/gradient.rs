@@ -3,6 +3,7 @@
 use crate::documents::Source;
 use crate::errors::{Failure, Outcome, guarded};
 use crate::run::{Arrays, Prepared, Record, arrays_of, read_knowing};
+use crate::terms::{Callables, ErrorSlot, Functions};
 use crate::watch::Watch;
 use fvi_fft::memory::Tables;
 use fvi_host::gradient::{Cotangent, GradientError, MOST_BYTES, Recording as HostRecording};
@@ -23,6 +24,9 @@ pub(crate) struct Recording {
     scenario: Scenario,
     tables: Arc<Tables>,
     recording: HostRecording,
+    /// True if it calls functions of Python.
+    in_code: bool,
+    slot: ErrorSlot,
 }
 
 /// Arrays of a run, how it ended as JSON, its summary, the exception that stopped it, and its steps.
@@ -33,22 +37,27 @@ type Derivatives<'py> = [Bound<'py, PyArray1<f64>>; 4];
 
 /// Runs a scenario and records its steps.
 #[pyfunction]
-#[pyo3(signature = (source, prepared, most_bytes = None))]
+#[pyo3(signature = (source, prepared, most_bytes = None, terms = None))]
 pub(crate) fn record<'py>(
     py: Python<'py>,
     source: Source,
     prepared: &Prepared,
     most_bytes: Option<usize>,
+    terms: Option<Callables>,
 ) -> PyResult<Recorded<'py>> {
-    let (rows, summary, raised, recording) = py.detach(|| {
+    let (functions, slot) = (Functions { terms, ..Functions::default() }, ErrorSlot::default());
+    let in_code = functions.need_interpreter();
+    let run = || {
         guarded(|| {
             let scenario = read_knowing(&source, None, Some(&prepared.matrices))?;
+            let scenario = functions.put_into(scenario, &slot, (true, true))?;
             let tables = prepared.tables.clone();
-            let (rows, summary, raised, recording) =
-                recorded(&source, &scenario, &tables, most_bytes.unwrap_or(MOST_BYTES))?;
-            Ok((rows, summary, raised, Recording { source, scenario, tables, recording }))
+            let most = most_bytes.unwrap_or(MOST_BYTES);
+            let (rows, summary, raised, recording) = recorded(&source, &scenario, &tables, &slot, most)?;
+            Ok((rows, summary, raised, Recording { source, scenario, tables, recording, in_code, slot }))
         })
-    })?;
+    };
+    let (rows, summary, raised, recording) = if in_code { run() } else { py.detach(run) }?;
     let end = serde_json::to_string(&summary.in_short());
     let end = end.map_err(|error| Failure::Failed(error.to_string()))?;
     Ok((arrays_of(py, rows)?, end, Record { summary }, raised, recording))
@@ -57,23 +66,30 @@ pub(crate) fn record<'py>(
 /// Rows, summary, the exception that stopped the run, and its steps.
 type Made = (Rows, fvi_host::run::RunSummary, Option<PyErr>, HostRecording);
 
-fn recorded(source: &Source, scenario: &Scenario, tables: &Tables, most: usize) -> Outcome<Made> {
+fn recorded(
+    source: &Source,
+    scenario: &Scenario,
+    tables: &Tables,
+    slot: &ErrorSlot,
+    most: usize,
+) -> Outcome<Made> {
     let run = Run::of(scenario).tables(tables).recorded(most).start();
-    let mut run = run.map_err(|error| source.failure(&error))?;
+    let mut run =
+        run.map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?;
     let rows = Rows::of_cases(scenario).map_err(|error| Failure::NoRoom(error.to_string()))?;
     let mut rows = rows.into_iter().next().ok_or_else(|| Failure::Failed("no motion".to_owned()))?;
     let (mut watch, stop) = (Watch::new(None), AtomicBool::new(false));
     let Ok(end) = run.drive(&stop, |portion| {
         let batch = portion.batch();
         let steps = batch.first() + batch.len().saturating_sub(1);
-        if steps > 0 && !watch.tick(steps, None) {
+        if (steps > 0 && !watch.tick(steps, None)) || slot.is_full() {
             stop.store(true, Ordering::Relaxed);
         }
         portion.keep(slice::from_mut(&mut rows));
         Ok::<_, Infallible>(())
     });
     let recording = run.recording().ok_or_else(|| Failure::Failed("no steps were kept".to_owned()))?;
-    Ok((rows, run.summary(end), watch.into_raised(), recording))
+    Ok((rows, run.summary(end), slot.take().or(watch.into_raised()), recording))
 }
 
 #[pymethods]
@@ -92,15 +108,20 @@ impl Recording {
         momentum: PyReadonlyArray1<'py, f64>,
     ) -> PyResult<Derivatives<'py>> {
         let (position, momentum) = (position.as_slice()?.to_vec(), momentum.as_slice()?.to_vec());
-        let gradient = py.detach(|| {
+        let gradient = || {
             guarded(|| {
                 let by = Cotangent { position: &position, momentum: &momentum };
-                self.recording.gradient_with(&self.scenario, &self.tables, by).map_err(|error| match error {
+                let gradient = self.recording.gradient_with(&self.scenario, &self.tables, by);
+                if let Some(raised) = self.slot.take() {
+                    return Err(Failure::Raised(raised));
+                }
+                gradient.map_err(|error| match error {
                     GradientError::Input(error) => self.source.failure(&error),
                     other => Failure::Failed(other.to_string()),
                 })
             })
-        })?;
+        };
+        let gradient = if self.in_code { gradient() } else { py.detach(gradient) }?;
         let numbers = [gradient.parameters, gradient.position, gradient.momentum, gradient.force];
         Ok(numbers.map(|numbers| numbers.into_pyarray(py)))
     }

@@ -15,6 +15,7 @@ mod fit;
 mod gradient;
 mod loads;
 mod memory;
+mod native;
 mod response;
 mod run;
 mod studies;

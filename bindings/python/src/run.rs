@@ -2,7 +2,7 @@
 
 use crate::documents::Source;
 use crate::errors::{Failure, Outcome, guarded};
-use crate::terms::{Callables, ErrorSlot, PythonTerms, watched};
+use crate::terms::{Callables, ErrorSlot, Functions};
 use crate::watch::Watch;
 use fvi_fft::memory::Engine;
 use fvi_fft::memory::Tables;
@@ -13,7 +13,7 @@ use fvi_host::run::{
     Run, RunEnd, RunError, RunOptions, RunSnapshot as HostSnapshot, RunSummary, choose, run as run_into_files,
 };
 use fvi_scenario::language::Problem;
-use fvi_scenario::scenario::{Feature, KnownMatrices, Scenario, SharedTerms};
+use fvi_scenario::scenario::{Feature, KnownMatrices, Scenario};
 use fvi_simulation::simulation::{Precision, sample_fractions};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
@@ -73,42 +73,19 @@ pub(crate) fn run<'py>(
         }
         Ok(scenario)
     };
-    let in_code = terms.is_some() || events.iter().any(Option::is_some);
+    let functions = Functions { terms, events };
+    let needs_interpreter = functions.need_interpreter();
     let spent = || spent + begin.elapsed().as_secs_f64();
-    let (names, motions, raised, snapshot) = match in_code {
-        // The caller's functions are called several times a step, so that the interpreter can switch threads
-        // between their instructions.
-        true => {
+    let run = || {
+        guarded(|| {
             let slot = ErrorSlot::default();
-            guarded(|| {
-                let mut scenario = read()?;
-                for (event, function) in scenario.events.iter_mut().zip(events) {
-                    event.own = function.map(|function| watched(function, slot.clone()));
-                }
-                if let Some(callables) = terms {
-                    // Of an equation they act on its unknowns, and on derivatives with names.
-                    let unknowns = || scenario.system.names().count();
-                    let size =
-                        scenario.equation.as_ref().map_or_else(unknowns, |equation| equation.arguments());
-                    let mut terms = PythonTerms::new(callables, size, slot.clone());
-                    if resume.is_none() {
-                        let (start, position) = (scenario.time.start, &scenario.initial.position[..size]);
-                        let velocity = scenario.initial_velocity();
-                        terms.look_at_the_start(start, position, velocity.as_deref())?;
-                    }
-                    scenario = scenario.with_own_terms(SharedTerms::new(terms));
-                }
-                compute(&source, &scenario, (precision, tables, spent()), progress, &slot, (resume, keep))
-            })?
-        }
-        false => py.detach(|| {
-            guarded(|| {
-                let scenario = read()?;
-                let slot = ErrorSlot::default();
-                compute(&source, &scenario, (precision, tables, spent()), progress, &slot, (resume, keep))
-            })
-        })?,
+            let scenario = functions.put_into(read()?, &slot, (resume.is_none(), false))?;
+            compute(&source, &scenario, (precision, tables, spent()), progress, &slot, (resume, keep))
+        })
     };
+    // Functions of Python are called several times a step, so that the interpreter can switch threads between
+    // their instructions.
+    let (names, motions, raised, snapshot) = if needs_interpreter { run() } else { py.detach(run) }?;
     let motions = names.into_iter().zip(motions);
     let motions = motions.map(|(name, (rows, summary))| into_python(py, name, rows, summary));
     Ok((motions.collect::<PyResult<_>>()?, raised, snapshot.map(|snapshot| RunSnapshot { snapshot })))

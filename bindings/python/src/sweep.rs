@@ -92,9 +92,9 @@ impl Sweep {
                 };
                 let mut sweep = sweep?;
                 if let Some(terms) = terms {
-                    let slot = raised.clone();
+                    let (terms, slot) = (Arc::new(terms), raised.clone());
                     sweep = sweep.with_own_terms(move |scenario| {
-                        let terms = PythonTerms::new(terms.again(), scenario.coordinates(), slot.clone());
+                        let terms = PythonTerms::new(terms.clone(), scenario.coordinates(), slot.clone());
                         SharedTerms::new(terms)
                     });
                 }

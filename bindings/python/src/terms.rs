@@ -1,8 +1,10 @@
 //! Potentials and forces that are Python functions.
 
 use crate::errors::{Failure, Outcome};
+use crate::native::NativeFunction;
+use fvi_fft::sums::max_or_nan;
 use fvi_scenario::language::expression::Moment;
-use fvi_scenario::scenario::{OwnTerms, SharedFunction};
+use fvi_scenario::scenario::{OwnTerms, Scenario, SharedFunction, SharedTerms};
 use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyArithmeticError, PyValueError};
 use pyo3::prelude::*;
@@ -10,18 +12,35 @@ use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyFloat, PyList, PyTuple};
 use std::sync::{Arc, Mutex, PoisonError};
 
+/// A function of the caller's.
+enum Function {
+    Python(Py<PyAny>),
+    Native(NativeFunction),
+}
+
+impl<'py> FromPyObject<'_, 'py> for Function {
+    type Error = PyErr;
+
+    fn extract(given: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Ok(match NativeFunction::of(&given)? {
+            Some(function) => Self::Native(function),
+            None => Self::Python(given.to_owned().unbind()),
+        })
+    }
+}
+
 /// The functions, under the names of the Python part of the package.
 #[derive(FromPyObject)]
 pub(crate) struct Callables {
     /// U(q), ∇U(q) and ∂²U/∂q².
-    value: Option<Py<PyAny>>,
-    gradient: Option<Py<PyAny>>,
-    hessian: Option<Py<PyAny>>,
+    value: Option<Function>,
+    gradient: Option<Function>,
+    hessian: Option<Function>,
     /// F(t, q), ∂F/∂q and ∂F/∂v. A force without position is F(t), one with velocity F(t, q, v); the
     /// derivatives take the same arguments.
-    force: Option<Py<PyAny>>,
-    jacobian: Option<Py<PyAny>>,
-    velocity_jacobian: Option<Py<PyAny>>,
+    force: Option<Function>,
+    jacobian: Option<Function>,
+    velocity_jacobian: Option<Function>,
     takes_position: bool,
     takes_velocity: bool,
     /// Positions of the structural nonzeros of ∂²U/∂q², as pairs row, column; the Hessian then returns one
@@ -30,23 +49,63 @@ pub(crate) struct Callables {
 }
 
 impl Callables {
-    /// A clone of the functions.
-    pub(crate) fn again(&self) -> Self {
-        Python::attach(|py| {
-            let again =
-                |function: &Option<Py<PyAny>>| function.as_ref().map(|function| function.clone_ref(py));
-            Self {
-                value: again(&self.value),
-                gradient: again(&self.gradient),
-                hessian: again(&self.hessian),
-                force: again(&self.force),
-                jacobian: again(&self.jacobian),
-                velocity_jacobian: again(&self.velocity_jacobian),
-                takes_position: self.takes_position,
-                takes_velocity: self.takes_velocity,
-                places: self.places.clone(),
-            }
-        })
+    /// True if one of them is a function of Python.
+    pub(crate) fn need_interpreter(&self) -> bool {
+        let Self { value, gradient, hessian, force, jacobian, velocity_jacobian, .. } = self;
+        let all = [value, gradient, hessian, force, jacobian, velocity_jacobian];
+        all.into_iter().flatten().any(|function| matches!(function, Function::Python(_)))
+    }
+
+    /// True if derivatives of all that depends on the position or the velocity are among them.
+    fn have_derivatives(&self) -> bool {
+        (self.gradient.is_none() || self.hessian.is_some())
+            && (!self.takes_position || self.jacobian.is_some())
+            && (!self.takes_velocity || self.velocity_jacobian.is_some())
+    }
+}
+
+/// The functions of a run: a potential and forces, and what events watch.
+#[derive(Default)]
+pub(crate) struct Functions {
+    pub(crate) terms: Option<Callables>,
+    pub(crate) events: Vec<Option<Py<PyAny>>>,
+}
+
+impl Functions {
+    /// True if the run calls functions of Python.
+    pub(crate) fn need_interpreter(&self) -> bool {
+        self.terms.as_ref().is_some_and(Callables::need_interpreter) || self.events.iter().any(Option::is_some)
+    }
+
+    /// The scenario with them; `looks` if they are called at its start, `exactly` if it is differentiated in
+    /// another way than by its `[sensitivity]`.
+    ///
+    /// # Errors
+    /// If one fails there, returns what is not finite, or is not the derivative of the other.
+    pub(crate) fn put_into(
+        self,
+        mut scenario: Scenario,
+        slot: &ErrorSlot,
+        (looks, exactly): (bool, bool),
+    ) -> Outcome<Scenario> {
+        for (event, function) in scenario.events.iter_mut().zip(self.events) {
+            event.own = function.map(|function| watched(function, slot.clone()));
+        }
+        let Some(callables) = self.terms else { return Ok(scenario) };
+        // Of an equation they act on its unknowns, and on derivatives with names.
+        let unknowns = || scenario.system.names().count();
+        let size = scenario.equation.as_ref().map_or_else(unknowns, |equation| equation.arguments());
+        let mut terms = PythonTerms::new(Arc::new(callables), size, slot.clone());
+        if looks {
+            let velocity = scenario.initial_velocity();
+            let start = Place {
+                time: scenario.time.start,
+                position: &scenario.initial.position[..size],
+                velocity: velocity.as_deref(),
+            };
+            terms.look_at_the_start(start, exactly || scenario.sensitivity.is_some())?;
+        }
+        Ok(scenario.with_own_terms(SharedTerms::new(terms)))
     }
 }
 
@@ -80,7 +139,7 @@ const WIDER: f64 = 100.0;
 
 /// [`Callables`] with the interface that the library requires.
 pub(crate) struct PythonTerms {
-    callables: Callables,
+    callables: Arc<Callables>,
     size: usize,
     slot: ErrorSlot,
     /// Largest |F_i| since the last query of the energy guard.
@@ -91,19 +150,16 @@ pub(crate) struct PythonTerms {
 }
 
 impl PythonTerms {
-    pub(crate) fn new(callables: Callables, size: usize, slot: ErrorSlot) -> Self {
+    pub(crate) fn new(callables: Arc<Callables>, size: usize, slot: ErrorSlot) -> Self {
         let zeros = || vec![0.0; size];
         let (largest, nearby, difference) = (zeros(), zeros(), zeros());
         Self { callables, size, slot, largest, answer: Vec::new(), nearby, difference }
     }
 
-    /// Refuses functions that fail, or return values that are not finite, at the initial state.
-    pub(crate) fn look_at_the_start(
-        &mut self,
-        time: f64,
-        position: &[f64],
-        velocity: Option<&[f64]>,
-    ) -> Outcome<()> {
+    /// Refuses functions that fail, or return values that are not finite, at the initial state, and gradients
+    /// that are not those of the value; with `exactly` matrices, too, that are not the derivatives.
+    fn look_at_the_start(&mut self, start: Place<'_>, exactly: bool) -> Outcome<()> {
+        let Place { time, position, velocity } = start;
         let value = self.potential(position);
         let mut restoring = vec![0.0; self.size];
         // If the velocity requires the solution of equations, the force is first checked in the first step.
@@ -121,45 +177,34 @@ impl PythonTerms {
         } else {
             None
         };
-        match bad {
-            None => self.check_gradient(position),
-            Some((key, what)) => {
-                let message = format!("{key}: {what} is not finite at t = {time}, q = {position:?}");
-                Err(Failure::Input { key: key.to_owned(), value: String::new(), message })
+        if let Some((key, what)) = bad {
+            let message = format!("{key}: {what} is not finite at t = {time}, q = {position:?}");
+            return Err(Failure::Input { key: key.to_owned(), value: String::new(), message });
+        }
+        if self.callables.value.is_some() {
+            self.check_derivative(Which::Gradient, start)?;
+        }
+        if exactly && self.callables.have_derivatives() {
+            for which in [Which::Hessian, Which::Jacobian, Which::VelocityJacobian] {
+                self.check_derivative(which, start)?;
             }
         }
+        Ok(())
     }
 
-    /// Refuses a gradient that is not that of the value: at the start, and where differences of the value say
-    /// too little there, as at rest, at a point nearby.
-    fn check_gradient(&mut self, position: &[f64]) -> Outcome<()> {
-        if self.callables.value.is_none() || self.callables.gradient.is_none() {
+    /// Refuses a derivative that is not that of its function: at the start, and where differences say too
+    /// little there, as at rest, at a point nearby.
+    fn check_derivative(&mut self, which: Which, start: Place<'_>) -> Outcome<()> {
+        let (_, function) = self.callables.named(which);
+        if function.is_none() {
             return Ok(());
         }
         let apart =
             |(index, &q): (usize, &f64)| q + NEARBY * q.abs().max(1.0) * (1.0 + 0.3 * (index % 7) as f64);
-        let nearby: Vec<f64> = position.iter().enumerate().map(apart).collect();
-        for point in [position, &nearby] {
-            let (mut told, stride) = (true, self.size.div_ceil(MOST_CHECKED));
-            self.call(Which::Gradient, None, Some(point), self.size);
-            let gradient = self.answer.clone();
-            for coordinate in (0..self.size).step_by(stride.max(1)) {
-                let given = gradient[coordinate];
-                let Some((slope, error)) = self.slope(point, coordinate) else {
-                    told = false;
-                    continue;
-                };
-                let size = slope.abs().max(given.abs());
-                if (slope - given).abs() > TEN * error + ENOUGH * size {
-                    let message = format!(
-                        "potential.gradient: entry {coordinate} is {given} at q = {point:?}, where differences of the value give \
-                         {slope:.6}"
-                    );
-                    let (key, value) = ("potential.gradient".to_owned(), given.to_string());
-                    return Err(Failure::Input { key, value, message });
-                }
-                told &= size > TEN * error;
-            }
+        let away = |numbers: &[f64]| numbers.iter().enumerate().map(apart).collect::<Vec<f64>>();
+        let (nearby, then) = (away(start.position), start.velocity.map(away));
+        for place in [start, Place { position: &nearby, velocity: then.as_deref(), ..start }] {
+            let told = self.compare(which, place);
             // The domain of the functions may end nearby.
             if let Some(error) = self.slot.take()
                 && !Python::attach(|py| {
@@ -168,37 +213,108 @@ impl PythonTerms {
             {
                 return Err(Failure::Raised(error));
             }
-            if told {
+            if told? {
                 break;
             }
         }
         Ok(())
     }
 
-    /// ∂U/∂q of a coordinate by differences of U, with an estimate of their error; `None` where U is not
-    /// finite nearby.
-    fn slope(&mut self, point: &[f64], coordinate: usize) -> Option<(f64, f64)> {
-        let mut at = point.to_vec();
-        let mut value = |distance: f64| {
-            at[coordinate] = point[coordinate] + distance;
-            let rise = at[coordinate] - point[coordinate];
-            (rise, self.potential(&at))
+    /// Compares a derivative with differences of its function, coordinate by coordinate. True if these say
+    /// enough about all that were looked at.
+    fn compare(&mut self, which: Which, place: Place<'_>) -> Outcome<bool> {
+        let (of, along) = which.of();
+        let Some(by) = (if along == Along::Velocity { place.velocity } else { Some(place.position) }) else {
+            return Ok(true);
         };
-        let (_, middle) = value(0.0);
-        let mut slopes = [[0.0; 2]; 2];
-        let mut largest = middle.abs();
-        for (slopes, part) in slopes.iter_mut().zip([1.0, WIDER]) {
-            let distance = part * f64::EPSILON.cbrt() * point[coordinate].abs().max(1.0);
-            for (slope, side) in slopes.iter_mut().zip([distance, -distance]) {
-                let (rise, other) = value(side);
-                largest = largest.max(other.abs());
-                *slope = (other - middle) / rise;
+        let rows = if of == Which::Value { 1 } else { self.size };
+        let entries = match (&self.callables.places, which) {
+            (Some(places), Which::Hessian) => places.len() / 2,
+            _ => rows * self.size,
+        };
+        self.look(which, place, entries);
+        let given = self.answer.clone();
+        let entry = |terms: &Self, row: usize, column: usize| match (&terms.callables.places, which) {
+            (Some(places), Which::Hessian) => {
+                let pairs = places.as_chunks::<2>().0.iter().zip(&given);
+                let here = pairs.filter(|(pair, _)| **pair == [row as u32, column as u32]);
+                here.map(|(_, number)| number).sum()
+            }
+            _ => given[row * terms.size + column],
+        };
+        let (by, stride) = (by.to_vec(), self.size.div_ceil(MOST_CHECKED).max(1));
+        let mut told = true;
+        for column in (0..self.size).step_by(stride) {
+            let slopes = self.slopes(&by, column, |terms, by| {
+                let place = match along {
+                    Along::Position => Place { position: by, ..place },
+                    Along::Velocity => Place { velocity: Some(by), ..place },
+                };
+                terms.look(of, place, rows);
+                terms.answer.clone()
+            });
+            for (row, (slope, error)) in slopes.into_iter().enumerate() {
+                let given = entry(self, row, column);
+                let size = slope.abs().max(given.abs());
+                if !error.is_finite() {
+                    told = false;
+                } else if (slope - given).abs() > TEN * error + ENOUGH * size {
+                    let (name, _) = self.callables.named(which);
+                    let (of, _) = self.callables.named(of);
+                    let entry = if rows == 1 { column.to_string() } else { format!("({row}, {column})") };
+                    let message = format!(
+                        "{name}: entry {entry} is {given} at q = {:?}, where differences of {of} give {slope:.6}",
+                        place.position
+                    );
+                    return Err(Failure::Input { key: name.to_owned(), value: given.to_string(), message });
+                } else {
+                    told &= size > TEN * error;
+                }
             }
         }
-        let [near, far] = slopes.map(|[ahead, behind]| 0.5 * (ahead + behind));
-        let rounding = 8.0 * f64::EPSILON.powf(2.0 / 3.0) * largest;
-        let error = (near - far).abs() + (slopes[0][0] - slopes[0][1]).abs() + rounding;
-        error.is_finite().then_some((near, error))
+        Ok(told)
+    }
+
+    /// Writes the `count` values of a function at a place to `answer`.
+    fn look(&mut self, which: Which, place: Place<'_>, count: usize) {
+        let Place { time, position, velocity } = place;
+        match which {
+            Which::Value | Which::Gradient | Which::Hessian => self.call(which, None, Some(position), count),
+            Which::Force | Which::Jacobian | Which::VelocityJacobian => {
+                let position = self.callables.takes_position.then_some(position);
+                let velocity = velocity.filter(|_| self.callables.takes_velocity);
+                self.call_moving(which, Some(time), position, velocity, count);
+            }
+        }
+    }
+
+    /// Derivatives by one of the arguments, by differences, with estimates of their errors; an error is not
+    /// finite where a value is not.
+    fn slopes(
+        &mut self,
+        point: &[f64],
+        coordinate: usize,
+        mut look: impl FnMut(&mut Self, &[f64]) -> Vec<f64>,
+    ) -> Vec<(f64, f64)> {
+        let mut at = point.to_vec();
+        let middle = look(self, &at);
+        let mut looks = Vec::with_capacity(4);
+        for part in [1.0, WIDER] {
+            let distance = part * f64::EPSILON.cbrt() * point[coordinate].abs().max(1.0);
+            for side in [distance, -distance] {
+                at[coordinate] = point[coordinate] + side;
+                looks.push((at[coordinate] - point[coordinate], look(self, &at)));
+            }
+        }
+        let of_row = |(row, &middle): (usize, &f64)| {
+            let largest = looks.iter().fold(middle.abs(), |largest, (_, there)| max_or_nan(largest, there[row].abs()));
+            let slopes: Vec<f64> = looks.iter().map(|(rise, there)| (there[row] - middle) / rise).collect();
+            let [ahead, behind, far_ahead, far_behind] = [0, 1, 2, 3].map(|side| slopes[side]);
+            let (near, far) = (0.5 * (ahead + behind), 0.5 * (far_ahead + far_behind));
+            let rounding = 8.0 * f64::EPSILON.powf(2.0 / 3.0) * largest;
+            (near, (near - far).abs() + (ahead - behind).abs() + rounding)
+        };
+        middle.iter().enumerate().map(of_row).collect()
     }
 
     /// Calls a function and stores its `count` values in `answer`; NaN if it fails.
@@ -220,17 +336,18 @@ impl PythonTerms {
             self.answer.resize(count, f64::NAN);
             return;
         }
-        let (name, function) = match which {
-            Which::Value => ("potential.value", &self.callables.value),
-            Which::Gradient => ("potential.gradient", &self.callables.gradient),
-            Which::Hessian => ("potential.hessian", &self.callables.hessian),
-            Which::Force => ("force", &self.callables.force),
-            Which::Jacobian => ("force.jacobian", &self.callables.jacobian),
-            Which::VelocityJacobian => ("force.velocity_jacobian", &self.callables.velocity_jacobian),
-        };
-        let Some(function) = function else {
-            self.answer.resize(count, 0.0);
-            return;
+        let (name, function) = self.callables.named(which);
+        let function = match function {
+            Some(Function::Python(function)) => function,
+            Some(Function::Native(function)) => {
+                self.answer.resize(count, 0.0);
+                function.call(which == Which::Value, (time, position, velocity), &mut self.answer);
+                return;
+            }
+            None => {
+                self.answer.resize(count, 0.0);
+                return;
+            }
         };
         let answer = &mut self.answer;
         let result = Python::attach(|py| {
@@ -296,7 +413,15 @@ impl PythonTerms {
     }
 }
 
+/// A time, a position, and a velocity if it is known.
 #[derive(Clone, Copy)]
+struct Place<'a> {
+    time: f64,
+    position: &'a [f64],
+    velocity: Option<&'a [f64]>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
 enum Which {
     Value,
     Gradient,
@@ -306,7 +431,50 @@ enum Which {
     VelocityJacobian,
 }
 
+/// By what a function is differentiated.
+#[derive(Clone, Copy, PartialEq)]
+enum Along {
+    Position,
+    Velocity,
+}
+
+impl Which {
+    /// The function that it is a derivative of, and by what.
+    fn of(self) -> (Self, Along) {
+        match self {
+            Self::Value | Self::Gradient => (Self::Value, Along::Position),
+            Self::Hessian => (Self::Gradient, Along::Position),
+            Self::Force | Self::Jacobian => (Self::Force, Along::Position),
+            Self::VelocityJacobian => (Self::Force, Along::Velocity),
+        }
+    }
+}
+
+impl Callables {
+    /// The function and its name.
+    fn named(&self, which: Which) -> (&'static str, Option<&Function>) {
+        let (name, function) = match which {
+            Which::Value => ("potential.value", &self.value),
+            Which::Gradient => ("potential.gradient", &self.gradient),
+            Which::Hessian => ("potential.hessian", &self.hessian),
+            Which::Force => ("force", &self.force),
+            Which::Jacobian => ("force.jacobian", &self.jacobian),
+            Which::VelocityJacobian => ("force.velocity_jacobian", &self.velocity_jacobian),
+        };
+        (name, function.as_ref())
+    }
+}
+
 impl OwnTerms for PythonTerms {
+    fn again(&self) -> Option<SharedTerms> {
+        let again = Self::new(self.callables.clone(), self.size, self.slot.clone());
+        Some(SharedTerms::new(again))
+    }
+
+    fn has_exact_derivatives(&self) -> bool {
+        self.callables.have_derivatives()
+    }
+
     fn depends_on_position(&self) -> bool {
         self.callables.gradient.is_some() || self.callables.takes_position
     }

@@ -44,6 +44,61 @@ def test_gradients_are_sums_of_sensitivities():
             assert abs(found[name] - terms.sum()) < 1e-10 * np.abs(terms).sum(), (name, keys)
 
 
+def test_functions_with_exact_matrices_have_the_derivatives_of_words():
+    """A potential, a force of the velocity, and its reaction on the other coordinate, in Python and in words."""
+    words = dict(potential="1.3*q0^2 + (q1 - q0)^4 + 0.2*q0*q1", force=["sin(t) - 0.3*v0^3*q1", "-0.1*v1*v0"])
+
+    def gradient(q):
+        return [2.6 * q[0] - 4 * (q[1] - q[0]) ** 3 + 0.2 * q[1], 4 * (q[1] - q[0]) ** 3 + 0.2 * q[0]]
+
+    def hessian(q):
+        stiff = 12 * (q[1] - q[0]) ** 2
+        return [[2.6 + stiff, 0.2 - stiff], [0.2 - stiff, stiff]]
+
+    functions = dict(
+        potential=fvi.Potential(lambda q: 1.3 * q[0] ** 2 + (q[1] - q[0]) ** 4 + 0.2 * q[0] * q[1], gradient, hessian),
+        force=fvi.Force(
+            lambda t, q, v: [np.sin(t) - 0.3 * v[0] ** 3 * q[1], -0.1 * v[1] * v[0]],
+            jacobian=lambda t, q, v: [[0.0, -0.3 * v[0] ** 3], [0.0, 0.0]],
+            velocity_jacobian=lambda t, q, v: [[-0.9 * v[0] ** 2 * q[1], 0.0], [-0.1 * v[1], -0.1 * v[0]]],
+        ),
+    )
+    names = ["damping[0].order", "damping[1].kernel.strengths[1]", "mass[0]", "q1", "v0"]
+    paths = ["system.damping[0].order", "system.damping[1].kernel.strengths[1]", "system.mass[0]", "initial.position[1]",
+             "initial.velocity[0]"]
+    others = {key: MODEL[key] for key in MODEL if key not in ("potential", "parameters")}
+    for keys in ({}, {"scheme": "galerkin", "degree": 2}, {"scheme": "collocation", "stages": 2}):
+        expected = fvi.integrate(**others, **words, **keys, sensitivities=paths)
+        found = fvi.integrate(**others, **functions, **keys, sensitivities=paths)
+        for one, other in ((found.dq, expected.dq), (found.dp, expected.dp)):
+            assert np.abs(one - other).max() < 1e-10 * np.abs(other).max(), keys
+        q, p = cotangents(expected.q.shape)
+        gradients = [fvi.Model(**others, **terms, **keys).gradient(names, (q, p)) for terms in (functions, words)]
+        for name in names:
+            assert gradients[0][name] == pytest.approx(gradients[1][name], rel=1e-9), (name, keys)
+        assert np.abs(gradients[0].force - gradients[1].force).max() < 1e-9 * np.abs(gradients[1].force).max()
+
+
+@pytest.mark.parametrize(
+    ("which", "terms"),
+    [
+        ("potential.hessian", dict(potential=fvi.Potential(lambda q: (q**4).sum(), lambda q: 4 * q**3, lambda q: np.diag(11 * q**2)))),
+        ("force.jacobian", dict(force=fvi.Force(lambda t, q: -(q**3), lambda t, q: np.diag(-2 * q**2)))),
+        (
+            "force.velocity_jacobian",
+            dict(force=fvi.Force(lambda t, q, v: -(v**3), lambda t, q, v: np.zeros((2, 2)), lambda t, q, v: np.diag(-v))),
+        ),
+    ],
+)
+def test_wrong_matrices_are_refused_where_a_derivative_is_asked_for(which, terms):
+    given = dict(mass=[1.0, 2.0], position=[1.0, 0.2], velocity=[0.3, -0.5], step=0.1, steps=10, **terms)
+    assert fvi.integrate(**given).t[-1] == pytest.approx(1.0)
+    with pytest.raises(fvi.InputError, match=rf"{which}: entry \(0, 0\) is .* where differences of"):
+        fvi.integrate(**given, sensitivities=["initial.position[0]"])
+    with pytest.raises(fvi.InputError, match=which):
+        fvi.Model(**given).record(["q0"])
+
+
 def test_vectors_and_other_values_are_taken():
     model = fvi.Model(**MODEL)
     given = {"k": 1.3, "position": [0.9, 0.1], "damping[1].kernel.strengths": np.array([0.8, 0.7])}

@@ -113,6 +113,12 @@ impl Members {
         }
     }
 
+    /// True if members can be run at the same time: their terms in code, if any, can be
+    /// [copied](super::OwnTerms::again).
+    pub fn are_independent(&self) -> bool {
+        self.base.system.own_terms.as_ref().is_none_or(|terms| terms.again().is_some())
+    }
+
     /// The same member, read from the values of the file: its errors show its own numbers.
     ///
     /// # Errors
@@ -136,11 +142,18 @@ impl Members {
         if !self.paths.iter().any(|path| path.starts_with("history.")) {
             scenario.history = *history;
         }
-        scenario.system.own_terms.clone_from(&system.own_terms);
+        scenario = self.with_own_terms(scenario);
         for (event, own) in scenario.events.iter_mut().zip(events) {
             event.own.clone_from(&own.own);
         }
         Ok(scenario)
+    }
+
+    /// A member with the terms in code of the base, its own if there are such.
+    fn with_own_terms(&self, mut scenario: Scenario) -> Scenario {
+        let terms = self.base.system.own_terms.as_ref();
+        scenario.system.own_terms = terms.map(|terms| terms.again().unwrap_or_else(|| terms.clone()));
+        scenario
     }
 
     /// The places of paths in a scenario; `None` if another part of it depends on one of them.
@@ -172,7 +185,7 @@ impl Members {
         if !numbers.iter().all(|number| number.is_finite()) {
             return None;
         }
-        let mut scenario = self.base.clone();
+        let mut scenario = self.with_own_terms(self.base.clone());
         let (mut velocity, mut is_named) = (None, false);
         for (place, &number) in places.iter().zip(numbers) {
             let system = &mut scenario.system;

@@ -36,6 +36,18 @@ pub trait OwnTerms: Send {
         stiffness: &mut [f64],
     );
 
+    /// True if the matrices that [`add_linearisation`](Self::add_linearisation) adds are the derivatives to
+    /// rounding: then the motion has sensitivities and gradients. Newton's method alone takes approximate ones.
+    fn has_exact_derivatives(&self) -> bool {
+        false
+    }
+
+    /// The same terms for a run that is made at the same time as this one; `None`: there are no such runs, one
+    /// follows another.
+    fn again(&self) -> Option<SharedTerms> {
+        None
+    }
+
     /// True if F depends on the velocity. Then the following two methods are called instead of the two above;
     /// all terms count as depending on the position, with a full matrix.
     fn depends_on_velocity(&self) -> bool {
@@ -91,6 +103,11 @@ impl SharedTerms {
         self.with(|terms| terms.depends_on_velocity())
     }
 
+    /// True if they depend on the position, and their derivatives are not known to rounding.
+    pub fn have_approximate_derivatives(&self) -> bool {
+        self.depend_on_position() && self.with(|terms| !terms.has_exact_derivatives())
+    }
+
     /// True if they make the equations of a step dense: they depend on the position without stating the
     /// places, or on the velocity.
     pub fn are_full(&self) -> bool {
@@ -102,6 +119,11 @@ impl SharedTerms {
     /// True if the terms depend on the position and state the places of their derivatives.
     pub fn are_sparse(&self) -> bool {
         !self.are_full() && self.depend_on_position()
+    }
+
+    /// The same terms for a run that is made at the same time, if they [can be](OwnTerms::again).
+    pub fn again(&self) -> Option<Self> {
+        self.with(|terms| terms.again())
     }
 
     /// Calls `call` with the terms.

@@ -85,7 +85,7 @@ def exponentials(
     tolerance: float,
 ) -> list[_Array]: ...
 def record(
-    source: Any, prepared: Prepared, most_bytes: int | None = None
+    source: Any, prepared: Prepared, most_bytes: int | None = None, terms: Any = None
 ) -> tuple[_Arrays, str, Record, BaseException | None, Recording]: ...
 @final
 class RunSnapshot:

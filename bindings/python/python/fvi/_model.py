@@ -342,9 +342,6 @@ class Model:
                 raise InputError("velocity: cannot stand beside momentum: give one of them", "velocity")
             arguments["velocity"] = 0.0
         (title, directory, keys, files), functions = _scenario(**arguments)
-        if functions:
-            message = "functions of Python have no gradients here: use expressions"
-            raise InputError(message, "potential" if arguments["potential"] is not None else "force")
         size = len(np.atleast_1d(_vector_of((title, directory, keys, files), "position")))
         values, shapes = numbers_of(parameters, lambda name: size if paths[name] in VECTORS else None)
         asked: list[str] = []
@@ -356,7 +353,9 @@ class Model:
         if asked:
             keys["sensitivity"] = {"parameters": asked}
         with _arguments(), _renamed({path: name for name, path in paths.items()}):
-            made, end, record, raised, steps = _fvi.record((title, directory, keys, files), self._prepared, most_bytes)
+            made, end, record, raised, steps = _fvi.record(
+                (title, directory, keys, files), self._prepared, most_bytes, functions.terms
+            )
         t, q, p, energy, columns, derivatives = made
         mass = as_it_is(arguments["mass"])
         result = finish(result_of(t, q, p, energy, columns, end, record, mass, derivatives), raised, True)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from fvi import _arrays
 from fvi._errors import InputError
 from fvi._keyed import keys_of
+from fvi._native import Native, native
 from fvi._scenario import SEVERAL, Files, symmetric
 from fvi._sparsity import sparse_hessian
 from fvi._types import Action, Derivative, Direction
@@ -33,10 +34,23 @@ class Potential:
     hessian : callable, optional
         ∂²U/∂q², N×N numbers or a sparse SciPy matrix. Default: differences of the gradient, with one further call for each
         coordinate, or with a `pattern` a few calls. The result is the same to rounding, since only the convergence of Newton's
-        method depends on it.
+        method depends on it. Sensitivities and gradients need it: it is compared with differences at the start there.
     pattern : sparse matrix or array_like, optional
         Sparsity pattern of ∂²U/∂q²: the nonzero entries of this matrix and their mirror images. Default: the pattern of a sparse
         `hessian` at the start of the run. With it systems of more than 32 coordinates stay sparse.
+
+    Notes
+    -----
+    Each may be a function of C, a function pointer of ctypes with `argtypes` and `restype`, or what Numba's ``cfunc`` has compiled:
+
+    | | C | Numba |
+    |---|---|---|
+    | value | ``double U(const double *q)`` | ``float64(CPointer(float64))`` |
+    | gradient | ``void gradient(const double *q, double *out)`` | ``void(CPointer(float64), CPointer(float64))`` |
+    | hessian | ``void hessian(const double *q, double *out)``, row by row | the same |
+
+    Numbers that are not written are 0. Without functions of Python in it a run does not hold the interpreter's lock, and the runs
+    of a batch are made on all cores, so that such functions are called at the same time.
     """
 
     value: Function
@@ -65,6 +79,9 @@ class Force:
 
     At a grid point a force is evaluated at a time that differs from it by rounding, on the side of the current step: a force that
     jumps at a grid point, such as ``8.0*(t <= 1.0)``, jumps between two steps.
+
+    Functions of C are taken as by `Potential`: ``void F(double t, const double *q, double *out)``, or with ``const double *v``
+    behind q; the derivatives have the same arguments and write their matrices row by row.
     """
 
     value: Function
@@ -176,6 +193,8 @@ class Terms(NamedTuple):
 
 def parameters_without_default(function: Function) -> int | None:
     """Number of parameters of a function without default; `None` where it cannot be determined, or is arbitrary."""
+    if isinstance(function, Native):
+        return int(function.of_time) + 1 + int(function.moves)
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError):
@@ -204,7 +223,8 @@ def terms_of(
     if isinstance(potential, str):
         texts.append(f"({potential})")
     elif isinstance(potential, Potential):
-        value, gradient, hessian = potential.value, potential.gradient, potential.hessian
+        given = (("value", potential.value), ("gradient", potential.gradient), ("hessian", potential.hessian))
+        value, gradient, hessian = (native(f"{name}potential.{part}", f"potential.{part}", function) for part, function in given)
         for part, function in (("value", value), ("gradient", gradient), ("hessian", hessian)):
             if not callable(function) and not (part == "hessian" and function is None):
                 place = f"{name}potential.{part}"
@@ -214,10 +234,12 @@ def terms_of(
         raise InputError(message, f"{name}potential", repr(potential))
     if isinstance(force, str):
         force_texts = [force]
-    elif isinstance(force, Force) or callable(force):
+    elif isinstance(force, Force) or callable(force := native(f"{name}force", "force", force)):
         push = force.value if isinstance(force, Force) else force
         if isinstance(force, Force):
-            jacobian, velocity_jacobian = force.jacobian, force.velocity_jacobian
+            push = native(f"{name}force.value", "force", push)
+            jacobian = native(f"{name}force.jacobian", "force.jacobian", force.jacobian)
+            velocity_jacobian = native(f"{name}force.velocity_jacobian", "force.velocity_jacobian", force.velocity_jacobian)
         if not callable(push):
             raise InputError(f"{name}force.value = {push!r}: a function is needed", f"{name}force.value", repr(push))
         asked = parameters_without_default(push)
@@ -229,6 +251,10 @@ def terms_of(
             message = f"{place}: belongs to a force of (t, q, v); this one takes no velocity"
             raise InputError(message, place, repr(velocity_jacobian))
         of_position = takes_position(push)
+        for part, matrix in (("jacobian", jacobian), ("velocity_jacobian", velocity_jacobian)):
+            if isinstance(matrix, Native) and matrix.moves != of_velocity:
+                place = f"{name}force.{part}"
+                raise InputError(f"{place}: a function with the arguments of the force is needed", place, repr(matrix.owner))
     elif force is not None:
         force_texts = list(force)
         for index, text in enumerate(force_texts):

@@ -53,6 +53,8 @@ features! {
         };
     OwnTerms: "a potential or force in code that depends on the position", "system",
         |s| on(s.system.own_terms.as_ref().is_some_and(SharedTerms::depend_on_position));
+    ApproximateDerivatives: "a potential or force in code without exact derivatives", "system",
+        |s| on(s.system.own_terms.as_ref().is_some_and(SharedTerms::have_approximate_derivatives));
     Gyroscopic: "gyroscopic forces", "system.gyroscopic", |s| on(s.system.gyroscopic.is_some());
     Massless: "coordinate {i} (from 0), which has no mass", "system.mass",
         // What a kinetic energy in words leaves without mass a constraint may move.

@@ -11,6 +11,7 @@ const OF_MECHANICS: &str = "a scenario with `[system]`: coordinates without mass
 const ANY_WEIGHTS: &str = "\"direct\", \"block-fft\" or \"real-time\"";
 const LINEAR: &str = "cases of a linear structure, one factor for all: springs in `stiffness`, forces in `[[system.load]]` and `[[case.load]]`";
 const SMOOTH: &str = "expressions without jumps and kinks in the position";
+const EXACT: &str = "expressions, or functions with exact Hessian and Jacobian matrices";
 const WITH_MASS: &str = "a scenario without it where a coordinate has no mass";
 const MAXWELL: &str = "kernels that are Maxwell elements side by side";
 const CHOSEN: &str = "the scheme and the steps that `fvi run` has chosen: `scenario` in its `summary.json`";
@@ -270,7 +271,7 @@ pub const ROWS: &[Row] = &[
         "\"one-sided\" for Riemann–Liouville damping from q₀ ≠ 0 at several nodes with `convolution.order` ≥ 3: what is taken off the \
          momentum there is not differentiated",
     ),
-    row(Sensitivity, OwnTerms, "", "expressions: derivatives of code may be differences"),
+    row(ApproximateDerivatives, Sensitivity, "", EXACT),
     // What a scenario is used for.
     row(Steps, Gradient, "", "equal steps: derivatives are those of one grid"),
     row(Cases, Gradient, "", ONE_MOTION),
@@ -296,7 +297,7 @@ pub const ROWS: &[Row] = &[
     ),
     row(Gauss, Gradient, "", "`[sensitivity]`, which differentiates mechanisms and Gauss weights forwards"),
     row(Automatic, Gradient, "its steps are chosen by the motion", "a scheme and a step of your own"),
-    row(OwnTerms, Gradient, "", "expressions: derivatives of code may be differences"),
+    row(ApproximateDerivatives, Gradient, "", EXACT),
     row(Sensitivity, SinglePrecision, "", "double precision: `--precision f64`"),
     row(Sensitivity, Npz, "", "derivatives are columns of `trajectory.csv`"),
     row(Cases, OneMotion, "", ONE_MOTION),
