@@ -210,6 +210,7 @@ fn methods() -> Vec<Fragment> {
         ),
         method("adaptive gauss", gauss(json!({ "grid": "adaptive", "end": 1.0, "tolerance": 1e-5 }))),
         method("collocation", staged(collocation(), "radau-iia", 3)),
+        method("collocation of five stages", staged(collocation(), "radau-iia", 5)),
         method("collocation, Lobatto IIIC", staged(collocation(), "lobatto-iiic", 2)),
         method("order 1", convolution(json!({ "order": 1 }))),
         method("order 4", convolution(json!({ "order": 4 }))),

@@ -101,6 +101,8 @@ features! {
         |s| on(!matches!(s.convolution.family, ConvolutionFamily::RadauIia { .. }));
     Multistep: "a multistep rule", "convolution.family", |s| on(!s.convolution.family.is_staged());
     Staged: "a Runge–Kutta family", "convolution.family", |s| on(s.convolution.family.is_staged());
+    ManyStages: "more than three stages", "convolution.stages",
+        |s| on(matches!(s.convolution.family, ConvolutionFamily::RadauIia { stages } if stages > 3));
     Trapezoidal: "the trapezoidal rule", "convolution.symbol",
         |s| on(s.convolution.family == ConvolutionFamily::Trapezoidal);
     NotBdf: "a quadrature other than BDF", "convolution.family",

@@ -141,6 +141,18 @@ pub const ROWS: &[Row] = &[
     row(AnyStep, Multistep, "", "another engine here, or a Runge–Kutta family"),
     row(
         EqualSteps,
+        ManyStages,
+        "dampers are sums of relaxations with them, which take steps of any length",
+        "\"any-step\", which is what is taken without this key",
+    ),
+    row(
+        ManyStages,
+        OtherKernel,
+        "dampers are sums of relaxations with them",
+        "1 to 3 stages beside kernels whose singularities do not lie on the negative real axis",
+    ),
+    row(
+        EqualSteps,
         Steps,
         "its weights are for equal steps",
         "\"any-step\", which is what is taken without this key",
