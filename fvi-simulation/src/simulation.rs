@@ -55,6 +55,7 @@ pub mod step_batch;
 mod step_control;
 mod tangent;
 mod turns;
+mod velocity_kinks;
 
 use crate::model::{
     AnyScheme, AnySpace, ChannelDamping, EnergyRoom, Matrix, Model, States, Switched, channels_of,
@@ -86,6 +87,7 @@ use nalgebra::DMatrix;
 use piece::{Piece, WithinStep};
 use serde::Serialize;
 use step_batch::StepBatch;
+use velocity_kinks::VelocityKinks;
 
 /// The scalar type of a simulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -96,6 +98,16 @@ pub enum Precision {
     F64,
     /// Single precision, as on a microcontroller.
     F32,
+}
+
+impl Precision {
+    /// Twice its unit of rounding.
+    pub(crate) fn epsilon(self) -> f64 {
+        match self {
+            Self::F64 => f64::EPSILON,
+            Self::F32 => f64::from(f32::EPSILON),
+        }
+    }
 }
 
 /// A simulation of a scenario, with any number of coordinates.
@@ -611,7 +623,9 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
             follow_past(&mut integrator, scenario, past)?;
         }
         let has_switches = integrator.system().switches() > 0;
-        let pieces = (scenario.is_looked_into() || has_switches).then(<[Piece<T>; 2]>::default);
+        let is_looked_into =
+            scenario.is_looked_into() || has_switches || VelocityKinks::of(scenario).is_some();
+        let pieces = is_looked_into.then(<[Piece<T>; 2]>::default);
         let is_compared = scenario.reference.as_ref().is_some_and(|reference| reference.knows()[2]);
         let energies = match is_dear {
             true if is_compared => Energies::EveryStep,

@@ -5,6 +5,7 @@ use super::crossings::{CrossingState, Crossings, Verdict};
 use super::error_budget::ErrorBudget;
 use super::perturbed::Perturbed;
 use super::step_control::StepControl;
+use super::velocity_kinks::VelocityKinks;
 use super::{GridState, Precision, Simulation};
 use crate::model::Model;
 use fvi_core::{Instant, Mechanics, StateError, StepError, max_or_nan, min_or_nan};
@@ -84,8 +85,9 @@ pub(crate) struct AdaptiveSteps<'s> {
     scenario: &'s Scenario,
     rule: Adaptive,
     breaks: Breaks,
-    /// Jumps and kinks in the position, if there are any.
+    /// Jumps and kinks in the position, if there are any, and kinks in the velocity.
     crossings: Option<Crossings>,
+    velocity_kinks: Option<VelocityKinks>,
     progress: Progress,
     /// How perturbations grow; not known after a run has been continued.
     perturbed: Option<Perturbed>,
@@ -167,6 +169,14 @@ struct Pair {
     at_crossing: bool,
 }
 
+/// What jumps and kinks make of an accurate pair.
+enum Judged {
+    /// It stands; true if it ends at a jump or kink in the position.
+    Stands(bool),
+    /// Another one is needed, up to an earlier time if there is one; and what for.
+    Again(Option<f64>, &'static str),
+}
+
 impl<'s> AdaptiveSteps<'s> {
     /// `None` for a scenario with steps known in advance.
     ///
@@ -179,10 +189,7 @@ impl<'s> AdaptiveSteps<'s> {
         start: &GridState,
     ) -> Result<Option<Self>, InputError> {
         let Some(&rule) = scenario.time.adaptive() else { return Ok(None) };
-        let epsilon = match precision {
-            Precision::F64 => f64::EPSILON,
-            Precision::F32 => f64::from(f32::EPSILON),
-        };
+        let epsilon = precision.epsilon();
         let smallest = Adaptive::smallest_tolerance(epsilon);
         if rule.tolerance < smallest {
             let allowed =
@@ -246,6 +253,7 @@ impl<'s> AdaptiveSteps<'s> {
             breaks: Breaks::of(scenario, rule.shortest),
             forgetting,
             crossings,
+            velocity_kinks: VelocityKinks::of(scenario),
             momentum_scale,
             scenario,
             rule,
@@ -402,33 +410,24 @@ impl<'s> AdaptiveSteps<'s> {
             if self.turns_after_failure(simulation, &made)? {
                 continue;
             }
-            match (&mut self.crossings, &made, error) {
-                (Some(crossings), Ok(_), Some(error)) if error <= 1.0 => {
-                    let verdict = crossings.judge(simulation, [time, between, end], shortest, at_crossing);
-                    let verdict = match verdict {
-                        Ok(verdict) => verdict,
-                        Err(reason) => {
-                            simulation.restore(&self.saved).map_err(|error| error.to_string())?;
-                            return Err(reason);
-                        }
-                    };
-                    at_break |= matches!(verdict, Verdict::Ends);
-                    if let Verdict::EndAt(earlier) = verdict {
-                        crossing = Some(earlier);
-                    }
-                    if let Verdict::EndAt(_) | Verdict::Again = verdict {
+            let ends = [time, between, end];
+            if made.is_ok() && error.is_some_and(|error| error <= 1.0) {
+                match self.judge(simulation, ends, shortest, at_crossing)? {
+                    Judged::Stands(is_crossing) => at_break |= is_crossing,
+                    Judged::Again(earlier, what) => {
+                        crossing = earlier.or(crossing);
                         self.progress.counts.rejected += 1;
-                        simulation.restore(&self.saved).map_err(|error| error.to_string())?;
-                        worst = Some("a jump or kink in the position is not met".to_owned());
+                        worst = Some(what.to_owned());
                         continue;
                     }
                 }
-                (Some(crossings), Err(_), _) => crossings.not_made(time, length),
-                _ => {}
+            }
+            if let (Some(crossings), Err(_)) = (&mut self.crossings, &made) {
+                crossings.not_made(time, length);
             }
             if let (Ok(iterations), Some(error)) = (&made, error.filter(|&error| error <= 1.0)) {
                 self.progress.control.accept(length, error, at_break);
-                self.accept([time, between, end], at_break, input);
+                self.accept(ends, at_break, input);
                 return Ok(*iterations);
             }
             self.progress.counts.rejected += 1;
@@ -444,6 +443,41 @@ impl<'s> AdaptiveSteps<'s> {
             }
         }
         Err(self.too_rough(&worst.unwrap_or_default(), tried) + &self.reachable(least))
+    }
+
+    /// Looks for jumps and kinks inside a pair, which is undone if there are any.
+    ///
+    /// # Errors
+    /// If there is no motion from here, or more than one.
+    fn judge(
+        &mut self,
+        simulation: &mut Simulation,
+        pair: [f64; 3],
+        shortest: f64,
+        is_aimed: bool,
+    ) -> Result<Judged, String> {
+        let verdict = match &mut self.crossings {
+            Some(crossings) => crossings.judge(simulation, pair, shortest, is_aimed),
+            None => Ok(Verdict::Clear),
+        };
+        let kinks = self.velocity_kinks.as_mut();
+        let judged = match verdict {
+            Err(reason) => Err(reason),
+            Ok(Verdict::EndAt(earlier)) => {
+                Ok(Judged::Again(Some(earlier), "a jump or kink in the position is not met"))
+            }
+            Ok(Verdict::Again) => Ok(Judged::Again(None, "a jump or kink in the position is not met")),
+            Ok(verdict) => Ok(match kinks.and_then(|kinks| kinks.first_inside(simulation, pair)) {
+                Some(kink) if kink - pair[0] >= shortest && pair[2] - kink >= shortest => {
+                    Judged::Again(Some(kink), "a kink in the velocity is not met")
+                }
+                _ => Judged::Stands(matches!(verdict, Verdict::Ends)),
+            }),
+        };
+        if !matches!(judged, Ok(Judged::Stands(_))) {
+            simulation.restore(&self.saved).map_err(|error| error.to_string())?;
+        }
+        judged
     }
 
     /// Takes an accurate pair, at whose end the simulation is.

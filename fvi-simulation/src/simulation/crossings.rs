@@ -519,14 +519,17 @@ fn inside(side: Side, value: f64) -> f64 {
 }
 
 /// The minimum of the parabola through three values at equal distances.
-fn lowest(before: f64, now: f64, next: f64) -> f64 {
+pub(super) fn lowest(before: f64, now: f64, next: f64) -> f64 {
     let (slope, curvature) = (0.5 * (next - before), before - 2.0 * now + next);
     if curvature > 0.0 { now - 0.5 * slope * slope / curvature } else { now }
 }
 
 /// Searches for a time with a value ≤ 0 around the minimum between the first and the last of three times, by
 /// golden sections; returns it with the value.
-fn below_zero(mut at: impl FnMut(f64) -> f64, [mut low, _, mut high]: [f64; 3]) -> Option<(f64, f64)> {
+pub(super) fn below_zero(
+    mut at: impl FnMut(f64) -> f64,
+    [mut low, _, mut high]: [f64; 3],
+) -> Option<(f64, f64)> {
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let place = |low: f64, high: f64| [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
     let [mut left, mut right] = place(low, high);

@@ -261,6 +261,41 @@ fn steps_end_at_kinks_in_the_position_beside_a_drag() {
     }
 }
 
+/// v̇ = −2 − |v| and v̇ = −1 − max(v, 0): a kink where the velocity turns, which no node of a step shows if it
+/// lies before the first one.
+#[test]
+fn adaptive_steps_keep_their_tolerance_across_kinks_in_the_velocity() {
+    let end_time = 2.0_f64;
+    // Position and velocity of both.
+    let (turn, rest) = (2.5_f64.ln(), end_time - 2.5_f64.ln());
+    let magnitude = [3.0 - 2.0 * turn + 2.0 * rest - 2.0 * (rest.exp() - 1.0), 2.0 - 2.0 * rest.exp()];
+    let (turn, rest) = (4.0_f64.ln(), end_time - 4.0_f64.ln());
+    let maximum = [3.0 - turn - 0.5 * rest * rest, -rest];
+    for (force, exact) in
+        [("-2 - abs(v0)", magnitude), ("-1 - max(v0, 0)", maximum), ("-1 + min(0, -v0)", maximum)]
+    {
+        for scheme in [
+            "kind = \"collocation\"",
+            "kind = \"collocation\"\n[convolution]\nstages = 2",
+            "kind = \"collocation\"\n[convolution]\nstages = 5",
+            "kind = \"galerkin\"\ndegree = 2\n[convolution]\nfamily = \"radau-iia\"",
+        ] {
+            for exponent in [4, 5, 6, 7, 8, 9] {
+                let scenario = scenario(&format!(
+                    "[system]\nmass = [1.0]\nforce = [\"{force}\"]\n[initial]\nposition = [0.0]\nvelocity = [3.0]\n\
+                     [scheme]\n{scheme}\n[time]\ngrid = \"adaptive\"\nend = {end_time:?}\ntolerance = 1e-{exponent}\n"
+                ));
+                let state = end(&scenario, Precision::F64);
+                let tolerance = 10f64.powi(-exponent);
+                for (found, exact) in [state.position[0], state.momentum[0]].into_iter().zip(exact) {
+                    let error = (found - exact).abs() / exact.abs().max(3.0);
+                    assert!(error < 10.0 * tolerance, "{force}, {scheme}, {tolerance:e}: {error:e}");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn sensitivities_are_differences_of_runs() {
     let paths = [

@@ -1,0 +1,134 @@
+//! Kinks of forces in the velocity, at which adaptive steps end.
+
+use super::Simulation;
+use super::crossings::{below_zero, lowest};
+use super::events::zero;
+use fvi_core::min_or_nan;
+use fvi_scenario::language::expression::{Expression, Function, Kind, Moment, Node, Operator};
+use fvi_scenario::scenario::Scenario;
+
+/// Number of parts of each half step at whose ends arguments are evaluated.
+const LOOKS: usize = 8;
+
+/// Distance for differences of the position, as a part of the pair.
+const APART: f64 = 1e-5;
+
+/// A crossing counts as met at this fraction of the pair times √tolerance: what the wrong side changes there
+/// is of second order.
+const NEAR: f64 = 0.03;
+
+/// A minimum between evaluations is searched for if the parabola through three values falls below this
+/// fraction of the middle one.
+const LOW: f64 = 0.3;
+
+/// Arguments g(t, q, v) of `abs`, and differences of the two of `min` and `max`, in forces of the velocity:
+/// where one is zero the force has a kink.
+///
+/// A kink before the first node of a pair or behind its last one is seen by no difference of a whole step and
+/// its halves, since the forces are those of one side at all nodes. So pairs end there. Nothing slides along a
+/// kink, unlike a jump, and the side that follows from it is that of the motion.
+pub(super) struct VelocityKinks {
+    arguments: Vec<Expression>,
+    /// 0.03 √tolerance.
+    near: f64,
+    variables: Vec<f64>,
+    position: [Vec<f64>; 2],
+}
+
+impl VelocityKinks {
+    /// Those of the forces of a scenario with adaptive steps; `None` if there are none.
+    pub(super) fn of(scenario: &Scenario) -> Option<Self> {
+        let rule = scenario.time.adaptive()?;
+        let (size, mut arguments) = (scenario.coordinates(), Vec::new());
+        for component in scenario.system.force.iter().flatten() {
+            collect(component.root(), size, &mut |argument| arguments.push(component.with_root(argument)));
+        }
+        let near = NEAR * libm::sqrt(rule.tolerance);
+        let (variables, position) = (Vec::new(), [Vec::new(), Vec::new()]);
+        (!arguments.is_empty()).then_some(Self { arguments, near, variables, position })
+    }
+
+    /// The first time inside a finished pair at which one is crossed, away from both of its ends.
+    pub(super) fn first_inside(&mut self, simulation: &mut Simulation, pair: [f64; 3]) -> Option<f64> {
+        let [begin, middle, end] = pair;
+        let part = |from: f64, to: f64, look: usize| from + (to - from) * (look as f64 / LOOKS as f64);
+        let near = self.near * (end - begin);
+        let mut times = vec![begin + near];
+        times.extend((1..LOOKS).map(|look| part(begin, middle, look)));
+        times.push(middle);
+        times.extend((1..LOOKS).map(|look| part(middle, end, look)));
+        times.push(end - near);
+        let mut first = f64::INFINITY;
+        for index in 0..self.arguments.len() {
+            let mut at = |time: f64| self.value(simulation, index, (time, pair));
+            let values: Vec<f64> = times.iter().map(|&time| at(time)).collect();
+            if let Some(time) = first_crossing(&mut at, &times, &values) {
+                first = min_or_nan(first, time);
+            }
+        }
+        first.is_finite().then_some(first)
+    }
+
+    /// An argument at a time inside the pair.
+    fn value(&mut self, simulation: &mut Simulation, index: usize, (time, pair): (f64, [f64; 3])) -> f64 {
+        let [begin, middle, end] = pair;
+        // The polynomial is another one on each half.
+        let [from, to] = if time > middle { [middle, end] } else { [begin, middle] };
+        let apart = APART * (to - from);
+        let times = [(time - apart).max(from + 0.1 * apart), (time + apart).min(to)];
+        let [before, after] = &mut self.position;
+        simulation.position_at(times[0], before);
+        simulation.position_at(times[1], after);
+        let between = before.iter().zip(&*after);
+        self.variables.clear();
+        self.variables.extend(between.clone().map(|(before, after)| 0.5 * (before + after)));
+        self.variables.extend(between.map(|(before, after)| (after - before) / (times[1] - times[0])));
+        self.arguments[index].value(Moment::inside(time), &self.variables)
+    }
+}
+
+/// The first time at which values change their sign.
+fn first_crossing(at: &mut dyn FnMut(f64) -> f64, times: &[f64], values: &[f64]) -> Option<f64> {
+    for look in 1..times.len() {
+        let (before, now) = (values[look - 1], values[look]);
+        if before * now < 0.0 {
+            return Some(zero(at, (times[look - 1], before), (times[look], now)));
+        }
+        let Some(&next) = values.get(look + 1) else { break };
+        let side = if now < 0.0 { -1.0 } else { 1.0 };
+        let [before, now, next] = [before, now, next].map(|value| side * value);
+        if before > 0.0 && now <= before && now <= next && lowest(before, now, next) < LOW * now {
+            let there = [times[look - 1], times[look], times[look + 1]];
+            if let Some((time, value)) = below_zero(|time| side * at(time), there) {
+                return Some(zero(&mut |time| side * at(time), (there[0], before), (time, value)));
+            }
+        }
+    }
+    None
+}
+
+/// Passes the arguments of the kinks of an expression that depend on a velocity, the variables from `first` on.
+fn collect(node: &Node, first: usize, take: &mut dyn FnMut(Node)) {
+    match node.kind() {
+        Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => {}
+        Kind::Negation(inner) => collect(inner, first, take),
+        Kind::Call(function, argument) => {
+            if *function == Function::Abs && argument.has_variable_from(first) {
+                take((**argument).clone());
+            }
+            collect(argument, first, take);
+        }
+        Kind::Choice(function, sides) => {
+            let [left, right] = sides.as_ref();
+            if function.selects() && node.has_variable_from(first) {
+                take(Node::join(Operator::Subtract, left.clone(), right.clone()));
+            }
+            [left, right].into_iter().for_each(|side| collect(side, first, take));
+        }
+        Kind::Chain(head, operands) => {
+            collect(head, first, take);
+            operands.iter().for_each(|(_, operand)| collect(operand, first, take));
+        }
+        Kind::Power(sides) => sides.iter().for_each(|side| collect(side, first, take)),
+    }
+}
