@@ -230,6 +230,25 @@ fn a_motion_that_turns_beyond_a_right_angle_in_a_step_says_so() {
     );
 }
 
+/// U = 0 where a mechanism hangs: what rounding makes of it is no energy from nowhere, neither at rest nor
+/// before a force begins, nor where constraints leave no motion at all.
+#[test]
+fn a_mechanism_at_rest_stays_there_whatever_constant_its_potential_has() {
+    for shift in ["9.81*(q1 + 1)", "9.81*q1", "1e3*(q1 + 1) - 1e3*(q1^2 + q0^2 - 1)"] {
+        for force in [json!(["0", "0"]), json!(["step(t - 1)*sin(t - 1)", "0"])] {
+            for constraints in [json!(["q0^2 + q1^2 - 1"]), json!(["q0^2 + q1^2 - 1", "q0"])] {
+                let system = json!({
+                    "mass": [1.0, 1.0], "potential": shift, "force": force, "constraints": constraints,
+                });
+                let start = json!({ "position": [0.0, -1.0], "velocity": [0.0, 0.0] });
+                let (failure, notes) = run(&scenario(&system, &start, galerkin(2), (0.01, 300)));
+                assert_eq!(failure, None, "{shift}, {force}, {constraints}");
+                assert_eq!(notes, Vec::<String>::new(), "{shift}, {force}, {constraints}");
+            }
+        }
+    }
+}
+
 /// Without `[convolution]` the memory of a scheme of order 4 has order 2; nobody may miss that.
 #[test]
 fn a_memory_of_lower_order_than_its_scheme_says_so_where_nobody_asked_for_it() {

@@ -99,7 +99,7 @@ impl<'s> Motion<'s> {
         let inside = acts_inside_steps(scenario);
         let drive =
             Drive { inside: inside.then(|| SampledInput::of(Vec::new(), Vec::new())), ..Drive::default() };
-        let guard = Box::new(EnergyGuard::new(scenario, &state));
+        let guard = Box::new(EnergyGuard::new(scenario, precision, &state));
         let adaptive = AdaptiveSteps::new(scenario, precision, &mut simulation, &state)?
             .map(|steps| Box::new(steps.with_perturbed(precision, tables, &state)));
         let mut energies = Vec::new();
