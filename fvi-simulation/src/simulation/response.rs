@@ -51,8 +51,8 @@ pub struct Linearised {
 }
 
 /// True if forces, given with their derivatives by `linearised_at`, have none at a position: the difference
-/// of the forces at q ± δ is not δ (K₊ + K₋), or K₊ and K₋ differ, by 10⁻³. Of smooth forces both hold to
-/// O(δ).
+/// of the forces at q ± δ is not δ (K₊ + K₋), or K₊ and K₋ differ, by 10⁻³, and by 10⁻⁵ of the terms that may
+/// cancel in the products. Of smooth forces both hold to O(δ).
 fn has_kink(position: &[f64], mut linearised_at: impl FnMut(&[f64]) -> (Vec<f64>, Entries)) -> bool {
     let largest = position.iter().map(|number| number.abs()).fold(1.0, max_or_nan);
     // Coordinates move by different amounts: forces of differences of coordinates change, too.
@@ -61,15 +61,18 @@ fn has_kink(position: &[f64], mut linearised_at: impl FnMut(&[f64]) -> (Vec<f64>
     let mut side = |sign: f64| {
         let at: Vec<f64> = position.iter().zip(&moved).map(|(q, moved)| q + sign * moved).collect();
         let (force, stiffness) = linearised_at(&at);
-        let mut product = vec![0.0; force.len()];
-        stiffness.iter().for_each(|&(row, column, entry)| product[row] += entry * moved[column]);
-        (force, product)
+        let [mut product, mut terms] = [(); 2].map(|()| vec![0.0; force.len()]);
+        for &(row, column, entry) in &stiffness {
+            product[row] += entry * moved[column];
+            terms[row] += (entry * moved[column]).abs();
+        }
+        (force, product, terms)
     };
-    let ((above, rise), (below, fall)) = (side(1.0), side(-1.0));
+    let ((above, rise, terms), (below, fall, others)) = (side(1.0), side(-1.0));
     (0..position.len()).any(|i| {
         let (change, expected) = (above[i] - below[i], rise[i] + fall[i]);
         let scale = change.abs() + rise[i].abs() + fall[i].abs();
-        let rounding = 1e-12 * (above[i].abs() + below[i].abs());
+        let rounding = 1e-12 * (above[i].abs() + below[i].abs()) + 1e-5 * (terms[i] + others[i]);
         (change - expected).abs().max((rise[i] - fall[i]).abs()) > 1e-3 * scale + rounding
     })
 }

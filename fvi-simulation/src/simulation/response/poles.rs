@@ -321,8 +321,16 @@ impl<'a> Search<'a> {
     }
 
     /// The change of the phase of the function along a line.
+    ///
+    /// Far out the function is like s^d, with d = 2N and the multiplicities of the poles that are multiplied
+    /// out: along an arc its size is constant, and its phase turns by d times the angle, which whole turns in
+    /// each part would hide.
     fn turned(&self, chart: Chart, from: (f64, f64), to: (f64, f64)) -> Option<f64> {
-        turned(1.0, &FINENESS, |part| {
+        let multiplicities: f64 = self.taken_out.iter().map(|(_, multiplicity)| multiplicity).sum();
+        let degree = 2.0 * self.part.size() as f64 + multiplicities;
+        let parts = (degree * libm::hypot(to.0 - from.0, to.1 - from.1)).ceil() as usize;
+        let fineness = Fineness { parts: parts.max(FINENESS.parts), ..FINENESS };
+        turned(1.0, &fineness, |part| {
             let (x, y) = (from.0 + part * (to.0 - from.0), from.1 + part * (to.1 - from.1));
             self.logarithm(&chart.place(Complex::new(x, y)))
         })
@@ -634,6 +642,61 @@ mod tests {
             let (one, other) = (transfers[0].value(s) * 0.3, transfers[1].value(s) * 0.2);
             let determinant = (s * s + 2.0 + one) * (s * s + 3.0 + other) - 1.0;
             assert!(determinant.norm() < 1e-12, "{s}: {determinant}");
+        }
+    }
+
+    /// Two Prony series with matrices that do not commute, as many coordinates and times as make the function
+    /// like s³² and s⁶⁴ far out: against the eigenvalues of the equations of first order, with
+    /// ż = v − z/τ for each time τ.
+    #[test]
+    fn all_poles_of_series_on_matrices_that_do_not_commute_are_found() {
+        for (size, times) in [(4, 3), (8, 1), (8, 3), (6, 2)] {
+            let wave = |index: usize, turn: f64| libm::cos(1.0 + turn * index as f64);
+            let square = |turn: f64, scale: f64| {
+                let root = DMatrix::from_fn(size, size, |row, column| wave(row * size + column, turn));
+                (&root * root.transpose() + DMatrix::identity(size, size) * 0.5) * scale
+            };
+            let part = Part {
+                mass: None,
+                resistance: None,
+                stiffness: square(2.1, 1.0),
+                damping: vec![
+                    square(3.7, 0.05),
+                    DMatrix::from_fn(size, size, |row, column| {
+                        if row == column { 0.15 + 0.1 * wave(row, 1.3) } else { 0.0 }
+                    }),
+                ],
+            };
+            let numbers = |turn: f64| {
+                let of = |index: usize| {
+                    (1.0 + 0.5 * wave(index + 1, turn), (1.5 * wave(index + 1, turn + 0.7)).exp())
+                };
+                (0..times).map(of).unzip::<f64, f64, Vec<f64>, Vec<f64>>()
+            };
+            let series = [numbers(2.3), numbers(3.1)];
+            let transfers = series.clone().map(|(g, tau)| TransferFunction::prony(&g, &tau).unwrap());
+            let mut first_order = DMatrix::<f64>::zeros(size * (2 + 2 * times), size * (2 + 2 * times));
+            let one = DMatrix::<f64>::identity(size, size);
+            let mut put = |row: usize, column: usize, block: DMatrix<f64>| {
+                first_order.view_mut((row * size, column * size), (size, size)).copy_from(&block);
+            };
+            put(0, 1, one.clone());
+            put(1, 0, -&part.stiffness);
+            let of_all = series.iter().zip(&part.damping);
+            let relaxing = of_all.flat_map(|((g, tau), rho)| g.iter().zip(tau).map(move |pair| (pair, rho)));
+            for (index, ((g, tau), rho)) in relaxing.enumerate() {
+                put(1, 2 + index, rho * -*g);
+                put(2 + index, 1, one.clone());
+                put(2 + index, 2 + index, &one * -tau.recip());
+            }
+            let known: Vec<_> = first_order.complex_eigenvalues().iter().copied().collect();
+            let known: Vec<_> = known.into_iter().filter(|s| s.im >= 0.0).collect();
+            let found = places(&part, &transfers);
+            assert_eq!(found.len(), known.len(), "{size} coordinates, {times} times");
+            for s in found {
+                let nearest = known.iter().map(|other| (other - s).norm()).fold(f64::INFINITY, min_or_nan);
+                assert!(nearest < 1e-8 * s.norm(), "{size} coordinates, {times} times: {s}, {nearest:e}");
+            }
         }
     }
 }
