@@ -455,6 +455,37 @@ impl<T: Real> Stiffening<T> {
     }
 }
 
+/// True if a force that resists a velocity is not in balance although corrections are small: its slope ∂F/∂v
+/// is so steep that a correction of rounding size changes it as a whole, as that of c sign(v)|v|^γ on the way
+/// out of v = 0. At a solution the residual is far below |∂F/∂v| |v|.
+///
+/// Residual and velocities are stage by stage, the slopes row by row of each stage, for a step of this
+/// `length`; a slope is steep beside the `mass`.
+#[inline(always)]
+pub(crate) fn is_unbalanced<T: Real>(
+    coordinates: usize,
+    residual: &[T],
+    length: T,
+    [slopes, mass]: [&[T]; 2],
+    velocities: &[T],
+) -> bool {
+    let n = coordinates.max(1);
+    let heaviest = mass.iter().fold(T::zero(), |most, m| max_or_nan(most, m.abs()));
+    (0..n).any(|row| {
+        let (mut steepest, mut told) = (T::zero(), T::zero());
+        for (slopes, velocity) in slopes.chunks_exact(n * n).zip(velocities.chunks_exact(n)) {
+            let mut sum = T::zero();
+            for (&slope, &v) in slopes.iter().skip(row * n).zip(velocity) {
+                steepest = max_or_nan(steepest, slope.abs());
+                sum += (slope * v).abs();
+            }
+            told = max_or_nan(told, sum);
+        }
+        let off = residual.iter().skip(row).step_by(n).fold(T::zero(), |most, r| max_or_nan(most, r.abs()));
+        length * steepest > T::of(1e4) * heaviest && off > T::of(3.0) * length * told
+    })
+}
+
 /// The matrix of a correction, and how slopes enter it if it is stiffened.
 pub(crate) type Linearised<'a, E, T> = (&'a mut E, Option<Stiffened<T>>);
 

@@ -4,9 +4,10 @@ use crate::linear::{Singular, all_finite, at, factor, substitute};
 use crate::mechanism::definite::not_definite;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian, Second};
 use crate::mechanism::step::{Shape, add_compensated, add_transposed, copy, dot, from, product, put};
+use crate::newton::{Stiffened, Stiffening, is_unbalanced};
 use crate::real::{Real, max_or_nan};
 use crate::scheme::StepError;
-use crate::space::parts_mut;
+use crate::space::{part_mut, parts_mut};
 use crate::system::{Approach, Instant};
 
 /// Newton's corrections before the solution is followed from a short step.
@@ -165,6 +166,8 @@ pub(super) struct Conserving<'a, T, L, D> {
     pub(super) velocity: Option<&'a [T]>,
     /// A force held over the step; missing numbers are zero.
     pub(super) input: &'a [T],
+    /// How the derivatives of forces with respect to velocities enter the matrix, if it is stiffened.
+    pub(super) stiffened: Option<Stiffened<T>>,
 }
 
 impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
@@ -185,6 +188,11 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
         if let Ok(count) = self.follow(room, pivots) {
             return Ok(count);
         }
+        if room.resistance.iter().any(|&slope| slope != T::zero())
+            && let Ok(count) = self.solve_stiffened(room, pivots)
+        {
+            return Ok(count);
+        }
         // A potential that oscillates many times over the step bends the path as often. Parts of the velocity
         // without forces are starts, too.
         room.unknowns.fill(T::zero());
@@ -202,6 +210,44 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
             }
         }
         Err(last)
+    }
+
+    /// As [`solve`](Self::solve), by the iteration of [`Stiffening`], from velocities of zero.
+    fn solve_stiffened(&mut self, room: &mut Buffers<'_, T>, pivots: &mut [usize]) -> Result<u32, StepError> {
+        let (n, row) = (self.shape.n, Row::Share(T::one()));
+        room.unknowns.fill(T::zero());
+        put_last(room.unknowns, T::one());
+        let mut iteration = Stiffening::new();
+        let ended = loop {
+            self.stiffened = Some(iteration.slopes);
+            self.linearise(row, room);
+            self.write_last_equation(row, room);
+            let residual = size_of(room.residual);
+            if !(residual.is_finite() && all_finite(room.matrix)) {
+                break Err(StepError::NotFinite);
+            }
+            if factor(room.matrix, pivots).is_err() {
+                if iteration.widen() {
+                    continue;
+                }
+                break Err(StepError::SingularJacobian);
+            }
+            substitute(room.matrix, pivots, room.residual);
+            if !all_finite(room.residual) {
+                break Err(StepError::SingularJacobian);
+            }
+            room.unknowns.iter_mut().zip(&*room.residual).for_each(|(place, &change)| *place -= change);
+            let (change, extent) = (size_of(from(room.residual, 0, n)), size_of(from(room.unknowns, 0, n)));
+            let rounding = T::of(2.0) * T::EPSILON * (T::one() + extent);
+            match iteration.judge(residual, change, (rounding, extent)) {
+                Ok(true) => break Ok(DIRECT + iteration.count),
+                Ok(false) => {}
+                Err(error) => break Err(error),
+            }
+        };
+        self.stiffened = None;
+        self.evaluate(room);
+        if ended.is_ok() && !all_finite(room.residual) { Err(StepError::NotFinite) } else { ended }
     }
 
     /// Follows the solutions from that at θ = 0, which is `before`, to θ = 1 by their arc length: they may
@@ -387,7 +433,15 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
             let stalls = correction >= T::of(0.3) * last && is_rounding;
             if correction < close * scale || stalls {
                 self.evaluate(room);
-                return if all_finite(room.residual) { Ok(count) } else { Err(StepError::NotFinite) };
+                if !all_finite(room.residual) {
+                    return Err(StepError::NotFinite);
+                }
+                let [residual, velocity] =
+                    [&*room.residual, &*room.unknowns].map(|numbers| from(numbers, 0, n));
+                let matrices = [&*room.resistance, &*room.mass];
+                if !is_unbalanced(n, residual, self.length, matrices, velocity) {
+                    return Ok(count);
+                }
             }
             last = correction;
         }
@@ -567,7 +621,14 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
             stiffness: room.stiffness,
             resistance: room.resistance,
         };
-        self.system.second(instant, room.middle, velocity, parts);
+        if let Some(slopes) = self.stiffened {
+            copy(room.moved, velocity);
+            Stiffened::move_aside(part_mut(room.moved, n), slopes.aside);
+            self.system.second(instant, room.middle, from(room.moved, 0, n), parts);
+            room.resistance.iter_mut().for_each(|slope| *slope *= slopes.factor);
+        } else {
+            self.system.second(instant, room.middle, velocity, parts);
+        }
         self.system.turn(room.middle, velocity, room.tensions, room.turning, room.stiffness);
         // Σ_j Z₀ (G + ½θh Vᵀ∂²g), Ḡᵀ of it.
         room.pull.fill(T::zero());

@@ -650,6 +650,7 @@ where
             momentum: &*carried.momentum,
             velocity: is_polarised.then_some(&*carried.velocity),
             input,
+            stiffened: None,
         };
         let solved = equations.solve(&mut room, pivots);
         let corrections = solved.map_err(|error| equations.reason(error, &mut room))?;

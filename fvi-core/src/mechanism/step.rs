@@ -3,7 +3,7 @@
 use crate::linear::{Singular, all_finite, at, factor, substitute};
 use crate::mechanism::gauss_lobatto::GaussLobatto;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian, Second};
-use crate::newton::{Stiffened, Stiffening};
+use crate::newton::{Stiffened, Stiffening, is_unbalanced};
 use crate::real::{Real, max_or_nan};
 use crate::scheme::StepError;
 use crate::space::{part, part_from, parts_mut};
@@ -212,7 +212,15 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
             let stalls = correction >= T::of(0.3) * last && correction < near * scale;
             if correction < close * scale || stalls {
                 self.evaluate(room);
-                return if all_finite(room.residual) { Ok(count) } else { Err(StepError::NotFinite) };
+                if !all_finite(room.residual) {
+                    return Err(StepError::NotFinite);
+                }
+                let [residual, velocity] =
+                    [&*room.residual, &*room.unknowns].map(|numbers| part(numbers, velocities));
+                let matrices = [&*room.resistance, &*room.mass];
+                if !is_unbalanced(self.shape.n, residual, self.length, matrices, velocity) {
+                    return Ok(count);
+                }
             }
             last = correction;
         }

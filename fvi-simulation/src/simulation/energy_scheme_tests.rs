@@ -323,3 +323,49 @@ fn a_pendulum_at_rest_takes_the_smallest_pushes() {
         assert!(off < 1e-3 * angle[0].abs() + 1e-8, "{size}: {} {}", place[0], angle[0]);
     }
 }
+
+/// c sign(v)|v|^γ, γ < 1, whose slope is infinite at v = 0: for a quadratic potential the scheme is the
+/// midpoint rule, and so is the step of Gauss's weights at one node, beside a damper of no force; at two
+/// nodes it is Galerkin's of degree 2.
+#[test]
+fn dampers_whose_slope_is_infinite_at_rest_are_those_of_the_midpoint_rule() {
+    for (gamma, c) in [(0.05, 0.5), (0.1, 0.5), (0.1, 20.0), (0.3, 2.0), (0.5, 0.2), (0.7, 10.0)] {
+        for step in [0.02, 0.1] {
+            let forces: Vec<String> = ["1.7", "2.3"]
+                .iter()
+                .enumerate()
+                .map(|(i, rate)| format!("sin({rate}*t) - {c:?}*sign(v{i})*abs(v{i})^{gamma}"))
+                .collect();
+            let whole = |scheme: Value, convolution: Option<Value>| {
+                let mut keys = json!({
+                    "system": {
+                        "mass": [1.0, 0.5], "stiffness": [[5.0, -1.0], [-1.0, 2.0]], "force": forces,
+                        "damping": [{ "order": 0.5, "coefficient": [1e-14, 1e-14] }],
+                    },
+                    "initial": { "position": [1.0, 0.2], "velocity": [0.3, -0.1] },
+                    "scheme": scheme,
+                    "time": { "step": step, "end": 4.0 },
+                });
+                if let Some(convolution) = convolution {
+                    keys["convolution"] = convolution;
+                }
+                let scenario = Scenario::from_value(&keys).unwrap();
+                let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+                while !motion.is_done() {
+                    motion.advance().unwrap();
+                }
+                motion.state().position.clone()
+            };
+            let gauss = || Some(json!({ "family": "gauss" }));
+            let midpoint = whole(json!({ "kind": "low-order" }), None);
+            let two = |convolution| whole(json!({ "kind": "galerkin", "degree": 2 }), convolution);
+            let one = whole(json!({ "kind": "galerkin", "degree": 1 }), gauss());
+            let energy = whole(json!({ "kind": "energy" }), gauss());
+            for (found, known) in [(one, midpoint.clone()), (energy, midpoint), (two(gauss()), two(None))] {
+                for (found, known) in found.iter().zip(&known) {
+                    assert!((found - known).abs() < 1e-10, "{gamma}, {c}, {step}: {found} {known}");
+                }
+            }
+        }
+    }
+}
