@@ -882,7 +882,8 @@ impl MemoryRequest<'_> {
 /// Lags of the table for a run of `samples` samples: at least twice as many, and the same for runs that are
 /// not much longer, so that a run can be continued with the bits of one that was that long from the start.
 /// Each factor of four costs a few exponentials.
-fn reach_over(samples: usize) -> usize {
+#[doc(hidden)]
+pub fn reach_over(samples: usize) -> usize {
     let mut reach: usize = 1 << 20;
     while reach / 2 < samples && reach < usize::MAX / 4 {
         reach *= 4;

@@ -260,3 +260,11 @@ def test_scenarios_have_starts_and_pasts():
     assert np.array_equal(fvi.run(told.summary["scenario"]).q, told.q)
     with pytest.raises(fvi.InputError, match="past"):
         fvi.converge(scenario, (4, 6))
+
+
+@pytest.mark.parametrize("keys", [dict(scheme="energy"), dict(scheme="galerkin", degree=2, convolution="gauss")])
+def test_relaxations_of_gauss_weights_reach_beyond_the_first_run(keys):
+    pendulum = dict(mass=[1.0], potential="-9.81*cos(q0)", damping=fvi.Damping(0.5, 0.3), position=[2.0], step=0.001, **keys)
+    first = fvi.integrate(**pendulum, end=1.0)
+    second = fvi.integrate(continue_from=first, end=3.0)
+    assert (second.q == fvi.integrate(**pendulum, end=3.0).q[1000:]).all()

@@ -14,7 +14,7 @@ use fvi_core::{
 };
 use fvi_fft::dense;
 use fvi_fft::exponentials::relaxation_table::{relaxation_table, relaxation_table_derivative};
-use fvi_fft::memory::Engine;
+use fvi_fft::memory::{Engine, EngineError, reach_over};
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::transfer::derivative::TransferDerivative;
 use fvi_scenario::language::expression::Elementary;
@@ -31,8 +31,8 @@ const MOST_LOOKS: u32 = 16;
 /// Relative error of a kernel's relaxations.
 const TOLERANCE: f64 = 1e-13;
 
-/// Least number of steps that a table of relaxations serves: runs up to ten times as long have one table, so
-/// that a longer one may continue a shorter.
+/// Least number of steps, in the mean length of those of the run, that a table of relaxations serves on other
+/// than equal steps.
 const LEAST_STEPS: f64 = 1e3;
 
 pub(super) type Element<T> = Relaxing<T, Vec<T>, Vec<T>>;
@@ -403,9 +403,18 @@ pub(super) fn damper<T: Elementary>(
     (by, coefficient): (Option<&TransferDerivative>, Vec<T>),
 ) -> Result<Element<T>, InputError> {
     let time = &scenario.time;
-    let span = (time.time(time.steps) - time.start).max(LEAST_STEPS * time.step);
+    // A run on equal steps may be continued: its table reaches as far as those of engines for them.
+    let samples = time.steps.saturating_add(1);
+    let span = match &time.grid {
+        None => reach_over(scenario.history.planned.unwrap_or(samples)) as f64 * time.step,
+        Some(_) => (time.time(time.steps) - time.start).max(LEAST_STEPS * time.step),
+    };
     let asked = scenario.history.horizon.map_or(span, |samples| samples as f64 * time.step);
     let horizon = libm::pow(10.0, libm::log10(span).ceil()).max(asked);
+    if time.grid.is_none() && horizon < samples as f64 * time.step {
+        let error = EngineError::TableEnds { reach: (horizon / time.step) as usize, samples };
+        return Err(scenario.error_at("history.horizon", Problem::Unusable { reason: error.to_string() }));
+    }
     let term = &scenario.system.damping[index];
     let table = table::<T>((term, by), time.step, horizon).map_err(|error| {
         let paths = ["order", "kernel"].map(|key| format!("system.damping[{index}].{key}"));
