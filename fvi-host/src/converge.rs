@@ -182,6 +182,11 @@ pub fn converge(
         all = all.saturating_add(steps_of(level)?);
     }
     scenario.check_use(Feature::Converge)?;
+    if scenario.time.end() <= scenario.time.start {
+        let key = if scenario.document().has("time.end") { "time.end" } else { "time.steps" };
+        let reason = "a run without steps has no errors: an end after the start is needed".to_owned();
+        return Err(ConvergeError::Input(scenario.error_at(key, Problem::Unusable { reason })));
+    }
     let meets = |level| steps_of(level).is_ok_and(|steps| scenario.in_steps(steps).meets_reference());
     if !grids.levels.clone().any(meets) {
         let allowed =
