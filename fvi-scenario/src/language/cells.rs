@@ -7,7 +7,7 @@ use crate::language::excerpt::excerpt;
 use crate::language::expression::nearest;
 use layout::{Layout, Row, is_missing, number_of};
 use std::f64::consts::TAU;
-use units::{factor_of, is_unit, unit_in, without_unit};
+use units::{FREQUENCIES, factor_of, is_unit, unit_in, without_unit};
 
 mod layout;
 mod units;
@@ -462,9 +462,10 @@ impl Cells<'_, '_> {
             table.allow(&names)?;
             for (name, value) in table.entries() {
                 let factor = if OVER[1..].contains(&name) && value.number().is_err() {
-                    value.choice(&[("Hz", TAU), ("rad/s", 1.0)])?
+                    value.choice(&[&[("Hz", TAU), ("rad/s", 1.0)][..], &FREQUENCIES].concat())?
                 } else {
-                    value.positive()?
+                    // A number leads to the unit that the column has without it: for `f` that is Hz.
+                    value.positive()? * factor_of(name, None).unwrap_or(1.0)
                 };
                 said.push((name.to_owned(), factor));
             }

@@ -714,6 +714,19 @@ fn tables_are_read_as_instruments_write_them() {
                 format!("  {:e}  {:e}   {:e}", omega / (2.0 * PI), storage / 1e3, loss / 1e3)
             }),
         ),
+        // In kilohertz: a number for f leads to Hz.
+        (
+            "units = { f = 1000.0 }\n",
+            with("f,storage,loss\n", &|omega, storage, loss| {
+                format!("{:e},{storage:e},{loss:e}", omega / (2000.0 * PI))
+            }),
+        ),
+        (
+            "units = { f = \"kHz\" }\n",
+            with("f,storage,loss\n", &|omega, storage, loss| {
+                format!("{:e},{storage:e},{loss:e}", omega / (2000.0 * PI))
+            }),
+        ),
     ];
     for (keys, data) in files {
         let found = fitted_here(MATERIAL, &format!("{MATERIAL_FREE}{keys}"), &data);

@@ -93,7 +93,8 @@ pub(super) fn factor_of(name: &str, unit: Option<&str>) -> Factor {
             )),
             other => {
                 let reason = format!("a frequency in `{said}`, which is neither rad/s nor Hz");
-                Err((reason, known(other, &FREQUENCIES)))
+                let unit = if name == "f" { TAU } else { 1.0 };
+                Err((reason, known(other, &FREQUENCIES).map(|number| number / unit)))
             }
         },
         "t" => match unit.as_str() {
@@ -108,7 +109,8 @@ pub(super) fn factor_of(name: &str, unit: Option<&str>) -> Factor {
     }
 }
 
-const FREQUENCIES: [(&str, f64); 6] = [
+/// Further units of frequencies, in rad/s.
+pub(super) const FREQUENCIES: [(&str, f64); 6] = [
     ("mHz", 1e-3 * TAU),
     ("kHz", 1e3 * TAU),
     ("MHz", 1e6 * TAU),
@@ -195,6 +197,7 @@ mod tests {
             ("f", "s⁻¹", None),
             ("omega", "log (rad/s)", None),
             ("omega", "kHz", Some(1e3 * TAU)),
+            ("f", "kHz", Some(1e3)),
             ("t", "min", Some(60.0)),
             ("t", "test", None),
             ("tan_delta", "%", Some(0.01)),
