@@ -1,6 +1,7 @@
 """Fits of rheology beside SciPy's `least_squares` and `nnls` on formulas written here."""
 
 import numpy as np
+import pandas
 import pytest
 from scipy.optimize import least_squares, nnls
 
@@ -216,3 +217,38 @@ def test_models_are_compared_in_one_table():
     assert len(found.plot_models()[0].lines) == 4
     with pytest.raises(fvi.InputError, match="one model only"):
         fvi.fit(prony(1.0), [E], table).plot_models()
+
+
+def test_units_of_a_frame_are_read_as_those_of_a_file():
+    """In Hz, behind the name of a column, with that name or without its unit, with and without `columns`."""
+    frequencies = OMEGA / (2 * np.pi)
+    modulus_there = 2.0 + 5.0 * zener(1j * OMEGA, 0.4)
+    parts = {"storage": modulus_there.real, "loss": modulus_there.imag}
+    names = {"omega": "Frequency", "storage": "G'", "loss": "G''"}
+    named = pandas.DataFrame({"Frequency [Hz]": frequencies, "G' [kPa]": parts["storage"], "G'' [kPa]": parts["loss"]})
+    tables = [
+        {"frame": named, "columns": names},
+        {"frame": named, "columns": {"omega": "Frequency [Hz]", "storage": "G' [kPa]", "loss": "G'' [kPa]"}},
+        pandas.DataFrame({"omega / Hz": frequencies, **parts}),
+        {"frame": named.rename(columns={"Frequency [Hz]": "f"}), "columns": {**names, "omega": "f"}, "units": {"omega": "Hz"}},
+    ]
+    for table in tables:
+        scenario = solid({"kernel": {"form": "prony", "strengths": [1.0], "times": [1.0]}})
+        found = fvi.fit(scenario, {E: 1.0, RHO: 1.0, f"{KERNEL}.times[0]": 1.0}, table)
+        for path, truth in ((E, 2.0), (RHO, 5.0 * 0.4 / 0.4), (f"{KERNEL}.times[0]", 0.4)):
+            assert found.estimates[path] == pytest.approx(truth, rel=SAME)
+    with pytest.raises(fvi.InputError, match="MPa.*kPa|kPa.*MPa"):
+        fvi.fit(scenario, {E: 1.0}, {"frame": named.rename(columns={"G'' [kPa]": "G'' [MPa]"}), "columns": names})
+
+
+def test_messages_about_arrays_name_their_rows():
+    scenario = solid({"order": 0.5})
+    scenario["initial"] = {"position": [1.0]}
+    times = np.linspace(0.1, 1.2, 12)
+    with pytest.raises(fvi.InputError, match=r"^data\[0\], row 10: column 1 \(t\): t = 1.09.* is after the motion ends") as caught:
+        fvi.fit(scenario, {E: 1.0}, {"t": times, "q0": np.cos(times)})
+    assert caught.value.key == "data[0]"
+    times, positions = times[:8], np.cos(times[:8])
+    positions[3] = np.nan
+    found = fvi.fit(scenario, {E: 1.0}, {"t": times, "q0": positions})
+    assert "data[0]: 1 of 8 rows is left out, in which a number is missing: row 3" in found.notes

@@ -387,7 +387,7 @@ def fit(
     True
     """
     scenario, changed = scenario_of(scenario, keys)
-    scenario, given = source_of(scenario, by_path(overrides, changed))
+    scenario, given = source_of(scenario, by_path(overrides, changed, fit))
     files: dict[str, bytes] = {}
     if isinstance(data, Mapping) or _is_frame(data):
         data = [data]
@@ -409,7 +409,12 @@ def fit(
         plan["model"] = [_model(name, model) for name, model in models.items()]
     name, directory, written, more = source(plan, {}, "fit")
     progress = check_progress(progress)
-    records, best, scenarios, report, tables = _fvi.fit((name, directory, written, {**more, **files}), given, progress)
+    try:
+        records, best, scenarios, report, tables = _fvi.fit((name, directory, written, {**more, **files}), given, progress)
+    except InputError as error:
+        message = of_arrays(str(error), files)
+        place = re.match(r"data\[[0-9]+\]", message) if message != str(error) else None
+        raise InputError(message, place[0] if place else error.key, error.value) from error.__cause__
     found = [json.loads(record) for record in records]
     record = found[best]
     for model in found:
@@ -431,7 +436,7 @@ def fit(
         bic=_number(record["bic"]),
         converged=record["converged"],
         undetermined=tuple(record["undetermined"]),
-        notes=tuple(record["notes"]),
+        notes=tuple(of_arrays(note, files) for note in record["notes"]),
         name=record.get("name"),
         models={model["name"]: model for model in found if "name" in model},
         scenario=fitted[0],
@@ -489,8 +494,9 @@ def _table(index: int, given: Mapping[str, Any], files: dict[str, bytes]) -> dic
             message = f"{place}.file: cannot stand beside columns; here there are {', '.join(columns)}"
             raise InputError(message, f"{place}.file", str(keys["file"]))
         return {**keys, "file": str(Path(keys["file"]).absolute())}
+    headers: dict[str, str] = {}
     if "frame" in columns:
-        columns = {**_frame(place, columns.pop("frame"), keys.get("columns")), **columns}
+        columns = {**_frame(place, columns.pop("frame"), keys.get("columns"), headers), **columns}
     elif isinstance(keys.get("columns"), Mapping):
         columns = _named(place, columns, keys["columns"])
     keys.pop("columns", None)
@@ -518,11 +524,26 @@ def _table(index: int, given: Mapping[str, Any], files: dict[str, bytes]) -> dic
             raise InputError(message, f"{place}.{name}", str(array.shape))
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
-    table.writerow(order)
+    table.writerow([headers.get(name, name) for name in order])
     table.writerows(map(repr, row) for row in zip(*(array.tolist() for array in arrays)))
     keys["file"] = f"{place}.csv"
     files[keys["file"]] = text.getvalue().encode()
     return keys
+
+
+def of_arrays(text: str, files: Mapping[str, bytes]) -> str:
+    """A message about a file that arrays have become: by the place of the arrays and their rows, from 0."""
+
+    def rows(lines: re.Match[str]) -> str:
+        return f"row{lines[1]} " + re.sub("[0-9]+", lambda line: str(int(line[0]) - 2), lines[2])
+
+    for file in files:
+        place = re.escape(file.removesuffix(".csv"))
+        changed = re.sub(rf'({place})\.file = "{place}\.csv": (?:\./)?{place}\.csv', r"\1", text)
+        changed = re.sub(rf"(?:\./)?({place})\.csv", r"\1", changed)
+        if changed != text:
+            text = re.sub(r"\bline(s?) ([0-9]+(?:, [0-9]+)*)", rows, changed.replace(", line 1:", ":"))
+    return text
 
 
 def _is_frame(given: Any) -> bool:
@@ -530,8 +551,13 @@ def _is_frame(given: Any) -> bool:
     return all(hasattr(given, name) for name in ("columns", "to_numpy", "__getitem__")) and not isinstance(given, Mapping)
 
 
-def _frame(place: str, frame: Any, named: Any) -> dict[str, Any]:
-    """The columns of a table of pandas; its index is one of them where it has a name."""
+_UNIT = re.compile(r"\s*[\[(][^\[\]()]*[\])]$|\s*/\s*[^/]+$|\s+in\s+\S+$")
+"""A unit behind the name of a column: in brackets, behind a stroke or "in"."""
+
+
+def _frame(place: str, frame: Any, named: Any, headers: dict[str, str]) -> dict[str, Any]:
+    """The columns of a table of pandas; its index is one of them where it has a name. Names with the units behind them are added to
+    `headers`: they are read as those of a file are."""
     if not _is_frame(frame):
         raise InputError(f"{place}.frame: a table of pandas is needed", f"{place}.frame", repr(frame)[:60])
     if any(name is not None for name in getattr(getattr(frame, "index", None), "names", ())):
@@ -539,7 +565,19 @@ def _frame(place: str, frame: Any, named: Any) -> dict[str, Any]:
     columns = {name: frame[name] for name in frame.columns}
     if len(columns) != len(frame.columns):
         raise InputError(f"{place}.frame: two columns have one name", f"{place}.frame", str(list(frame.columns))[:60])
-    columns = _named(place, columns, named) if isinstance(named, Mapping) else columns
+    # By the names without units, unless two columns would have one.
+    parts = {name: _UNIT.search(name) for name in columns if isinstance(name, str)}
+    short = {name: name[: unit.start()] if unit else name for name, unit in parts.items()}
+    if len(set(short.values())) < len(short):
+        short = {name: name for name in short}
+    full = {own: name for name, own in short.items()}
+    if isinstance(named, Mapping):
+        named = {own: name if name in columns else full.get(name, name) for own, name in named.items()}
+        columns = _named(place, columns, named)
+    else:
+        named = {short.get(name, name): name for name in columns}
+        columns = {own: columns[name] for own, name in named.items()}
+    headers.update((own, own + unit[0]) for own, name in named.items() if (unit := parts.get(name)))
     return {name: np.asarray(column) for name, column in columns.items()}
 
 
