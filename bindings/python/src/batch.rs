@@ -56,6 +56,23 @@ impl Batch {
         })
     }
 
+    /// What velocities follow from in the run with these numbers, as JSON: the mass, with that of the fluid
+    /// about bodies; or a kinetic energy with its parameters and constraints.
+    fn moving(&self, py: Python<'_>, numbers: Vec<f64>) -> PyResult<String> {
+        py.detach(|| {
+            guarded(|| {
+                let scenario = self.batch.members().member(&numbers);
+                let scenario = scenario.map_err(|error| Failure::of_document(&error, self.in_file))?;
+                let failed = |error: serde_json::Error| Failure::Failed(error.to_string());
+                let mut system = serde_json::to_value(&scenario.system).map_err(failed)?;
+                if let Some(system) = system.as_object_mut() {
+                    system.retain(|key, _| ["mass", "kinetic", "parameters", "constraints"].contains(&key.as_str()));
+                }
+                serde_json::to_string(&system).map_err(failed)
+            })
+        })
+    }
+
     /// The run with these numbers.
     fn run_one<'py>(&self, py: Python<'py>, numbers: Vec<f64>) -> PyResult<One<'py>> {
         let run = || {

@@ -1,5 +1,6 @@
 """Systems that are integrated several times, and large ones with functions of time."""
 
+import pickle
 import time
 import warnings
 
@@ -9,6 +10,12 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
 import fvi
+
+
+MODEL_OF_TWO = dict(
+    mass=[1.0, 2.0], potential="0.5*k*q0^2 + 0.5*(q1 - q0)^2", parameters={"k": 1.0}, damping=fvi.Damping(0.5, [0.1, 0.2]),
+    position=[1.0, 0.0], step=0.05, steps=40,
+)
 
 
 def membrane(k):
@@ -161,3 +168,73 @@ def test_a_hundred_sparse_coordinates_are_solved_as_such():
     assert np.abs(dense.q - sparse.q).max() < 1e-13
     full = sp.csr_matrix(np.eye(n) + 0.001)
     assert fvi.integrate(**given, stiffness=full).summary["solver"]["kind"] == "dense"
+
+
+def test_velocities_of_runs_are_those_of_their_own_mass():
+    """Where the mass is among the numbers, where its kinetic energy has a parameter, and with the mass of the fluid about a body."""
+    common = dict(potential="q0^2 + q1^2", position=[1.0, 0.5], step=0.1, steps=5)
+    fluid = fvi.Kernel.states([[0.0, 1.0], [-1.44, -0.7]], [[0.0, 0.0], [1.0, 0.5]], [[0.0, 1.0], [0.0, 0.5]], infinite=[[0.3, 0.1], [0.1, 0.2]])
+    curved = dict(kinetic="0.5*(1 + a*q0^2)*v0^2 + 0.5*v1^2", **common)
+    many = dict(stiffness=np.ones(300), position=np.ones(300), step=0.1, steps=5)
+    cases = [
+        (dict(mass=[1.0, 2.0], **common), {"mass": [4.0, 8.0]}, dict(mass=[4.0, 8.0], **common)),
+        (dict(mass=[1.0, 2.0], **common), {"mass[0]": 4.0}, dict(mass=[4.0, 2.0], **common)),
+        (dict(mass=[[1.0, 0.2], [0.2, 2.0]], **common), {"mass[0][0]": 3.0}, dict(mass=[[3.0, 0.2], [0.2, 2.0]], **common)),
+        (dict(parameters={"a": 1.0}, **curved), {"a": 2.0}, dict(parameters={"a": 2.0}, **curved)),
+        (
+            dict(mass=[1.0, 2.0], damping=fvi.Damping(kernel=fluid), **common),
+            {"q0": 0.7},
+            dict(mass=[1.0, 2.0], damping=fvi.Damping(kernel=fluid), **{**common, "position": [0.7, 0.5]}),
+        ),
+        (dict(mass=np.ones(300), **many), {"q3": 2.0}, dict(mass=np.ones(300), **{**many, "position": [1.0] * 3 + [2.0] + [1.0] * 296})),
+    ]
+    for given, numbers, same in cases:
+        model, expected = fvi.Model(**given), fvi.integrate(**same)
+        of_batch = model.batch({name: [value, value] for name, value in numbers.items()})[1]
+        for found in (model.run(numbers), of_batch):
+            assert (found.q == expected.q).all()
+            assert np.abs(found.v - expected.v).max() < 1e-15, numbers
+            assert np.abs(found(0.25) - expected(0.25)).max() < 1e-15
+
+
+def test_names_of_a_model_are_those_of_its_arguments():
+    prony = fvi.Damping(kernel=fvi.Kernel.prony([1.0, 2.0, 0.5], [1.0, 0.1, 3.0]), coefficient=[0.3, 0.1])
+    model = fvi.Model(mass=[1.0, 2.0], potential="q0^2 + q1^2", damping=prony, position=[1.0, 0.5], step=0.1, steps=20)
+    by_name = model.gradient(["damping[0].kernel.strengths", "mass"], lambda result: result.q)
+    by_value = model.gradient({"damping[0].kernel.strengths": [1.0, 2.0, 0.5], "mass": [1.0, 2.0]}, lambda result: result.q)
+    for name in by_value.parameters:
+        assert (by_name[name] == by_value[name]).all() and len(by_name[name]) == {"mass": 2}.get(name, 3)
+    with pytest.raises(fvi.InputError, match=r"strengths: shape \(2,\) instead of \(3,\), the number of those of the model"):
+        model.run({"damping[0].kernel.strengths": [1.1, 2.2]})
+    with pytest.raises(fvi.InputError, match=r"`\[i\]` behind it: there are several"):
+        model.integrate(sensitivities=["system.damping[0].kernel.strengths"])
+    adaptive = dict(mass=[1.0], potential="q0^2", position=[1.0], scheme="collocation", grid="adaptive", end=2.0)
+    found = fvi.Model(tolerance=1e-4, **adaptive).run({"tolerance": 1e-8})
+    assert (found.q == fvi.integrate(tolerance=1e-8, **adaptive).q).all()
+    chain = fvi.Model(mass=np.ones(200), stiffness=np.diag(np.full(200, 2.0)), position=np.ones(200), step=0.1, steps=2)
+    with pytest.raises(fvi.InputError, match="a matrix of so many coordinates has no numbers here"):
+        chain.run({"stiffness[3][3]": 2.5})
+
+
+def test_a_misspelt_argument_is_told_before_a_missing_one():
+    with pytest.raises(fvi.InputError, match="positon: no such key; did you mean position"):
+        fvi.integrate(mass=[1.0], positon=[1.0], step=0.1, steps=2)
+    with pytest.raises(fvi.InputError, match="imput: no such key; did you mean input"):
+        fvi.response(fvi.System(mass=[1.0], stiffness=[[1.0]]), [1.0], imput=0)
+
+
+def test_models_are_pickled_as_they_were_given():
+    model = fvi.Model(**MODEL_OF_TWO)
+    again = pickle.loads(pickle.dumps(model))
+    assert (again.run({"k": 2.0}).q == model.run({"k": 2.0}).q).all()
+    assert (again.integrate().q == model.integrate().q).all()
+
+
+def test_numbers_of_a_controller_are_numbers_of_a_model():
+    controller = {"measured": 0, "actuated": 0, "kp": 2.0, "reference": "1"}
+    overrides = {"controller": [controller]}
+    model = fvi.Model(mass=[1.0], stiffness=[[1.0]], position=[0.0], step=0.05, steps=60, overrides=overrides)
+    runs = model.batch({"controller[0].kp": [2.0, 3.0]})
+    overrides = {"controller": [{**controller, "kp": 3.0}]}
+    expected = fvi.integrate(mass=[1.0], stiffness=[[1.0]], position=[0.0], step=0.05, steps=60, overrides=overrides)
+    assert (runs[1].q == expected.q).all() and np.abs(runs[0].q - runs[1].q).max() > 0.1

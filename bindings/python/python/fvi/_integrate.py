@@ -418,6 +418,8 @@ def _scenario(
     project: bool | None = None,
 ) -> tuple[Any, Functions]:
     """The scenario for the arguments of `integrate`, for the compiled part, and the functions among them."""
+    # First, since an argument that is missing may be one that is misspelt.
+    changes = by_path(overrides, keys, ARGUMENTS)
     if mass is None and kinetic is None:
         raise InputError("mass: needed, unless there is `kinetic` or a result to continue_from", "mass", "None")
     if mass is not None and kinetic is not None:
@@ -479,7 +481,6 @@ def _scenario(
         initial["momentum"] = _arrays.vector("momentum", 0.0 if momentum is None else momentum, size)
         if velocity is not None:
             raise InputError("velocity: cannot stand beside momentum: give one of them", "velocity")
-    changes = by_path(overrides, keys, ARGUMENTS)
     if isinstance(chosen := changes.get("output.coordinates"), slice):
         changes["output.coordinates"] = list(range(size))[chosen]
     scenario["initial"] = initial

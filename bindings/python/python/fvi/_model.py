@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,7 +21,7 @@ from fvi._integrate import _arguments, _integrated, _scenario, as_it_is, describ
 from fvi._result import Result, ending
 from fvi._run import Progress, check_progress, finish, raise_with, result_of
 from fvi._runs import Runs, runs_of
-from fvi._scenario import SHORT_NAMES, Ready, by_path, places_of, put, ready
+from fvi._scenario import SHORT_NAMES, Ready, by_path, key_of, places_of, put, ready
 from fvi._system import System
 from fvi._terms import Damping
 from fvi._types import FloatArray
@@ -40,6 +41,9 @@ VECTORS = ("initial.position", "initial.momentum", "initial.velocity")
 RIVALS = {"velocity": "momentum", "momentum": "velocity", "steps": "end", "end": "steps"}
 """Arguments that say the same in another way: the one given takes the place of the other."""
 
+TABLES = ("system", "initial", "scheme", "convolution", "time", "history", "output", "event", "input", "controller")
+"""Keys that paths of a scenario begin with."""
+
 OPTIONS = ("precision", "check", "progress", "keep_memory")
 
 
@@ -51,13 +55,16 @@ class _Known(NamedTuple):
     names: dict[str, str]
     coordinates: tuple[int, ...]
     mass: Any
+    """The mass, where it is a file."""
+    moves: bool
+    """Whether velocities follow from the momenta of each run in another way."""
 
 
 class Model:
     """A system that is integrated several times: with other loads, initial states or damping coefficients by `integrate`, with
     other numbers, once by `run` or many times by `batch`.
 
-    Work common to the runs is done once: reading and checking matrices, symbolic factorisation, and the numerical factorisation
+    Models are pickled if their functions are. Work common to the runs is done once: reading and checking matrices, symbolic factorisation, and the numerical factorisation
     where the matrix of the step is the same, as for other loads and initial states. A damping coefficient that is a multiple of
     an earlier one needs no check either. Results are bit-identical to those of `integrate`.
 
@@ -103,6 +110,13 @@ class Model:
         elif arguments.get("kinetic") is None:
             raise InputError("mass: needed by a model, unless there is `kinetic`", "mass", "None")
         self._arguments = self._taken(arguments)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What has been prepared and compiled is made anew.
+        return {"_arguments": self._arguments, "_size": self._size}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _prepared=_fvi.Prepared(), _compiled={})
 
     def integrate(self, **changes: Any) -> Result:
         """Integrates it.
@@ -164,7 +178,11 @@ class Model:
             if count is None:
                 numbers.append(_arrays.real(name, value) if not isinstance(value, (float, int)) else float(value))
             else:
-                numbers.extend(_arrays.vector(name, value, count).tolist())
+                array = _arrays.numbers(name, value)
+                if array.shape not in ((), (count,)):
+                    message = f"{name}: shape {array.shape} instead of ({count},), the number of those of the model"
+                    raise InputError(message, name, str(array.shape))
+                numbers.extend(np.broadcast_to(array, count).tolist())
         with _renamed(known.names):
             (t, q, p, energy, columns, derivatives), end, record, raised = known.batch.run_one(numbers)
         return finish(result_of(t, q, p, energy, columns, end, record, known.mass, derivatives), raised, check)
@@ -242,6 +260,7 @@ class Model:
                 error = _after_argument(end, known.names)
                 table["ends"][index] = InputError(f"run {index}: {error}", error.key, error.value)
         runs = runs_of(table, given, known.coordinates, known.mass)
+        runs._systems.update(_systems(known, columns, runs.status))
         for place, end in runs._ends.items():
             if end["status"] == "failed":
                 runs.errors[place] = StepError(f"run {place}: {ending({**end, 'steps': 0})[1]}", runs)
@@ -343,16 +362,19 @@ class Model:
             arguments["velocity"] = 0.0
         (title, directory, keys, files), functions = _scenario(**arguments)
         size = len(np.atleast_1d(_vector_of((title, directory, keys, files), "position")))
-        values, shapes = numbers_of(parameters, lambda name: size if paths[name] in VECTORS else None)
+        values, shapes = numbers_of(parameters, lambda name: size if paths[name] in VECTORS else _several_at(keys, paths[name]))
+        names = {path: name for name, path in paths.items()}
         asked: list[str] = []
         for name, value in values.items():
             path, shape = paths[name], shapes[name]
-            asked += [f"{path}[{index}]" for index in range(shape[0])] if shape else [path]
+            own = [f"{path}[{index}]" for index in range(shape[0])] if shape else [path]
+            names.update((f"sensitivity.parameters[{len(asked) + index}]", name) for index in range(len(own)))
+            asked += own
             if value is not None:
                 put(keys, path, value.tolist())
         if asked:
             keys["sensitivity"] = {"parameters": asked}
-        with _arguments(), _renamed({path: name for name, path in paths.items()}):
+        with _arguments(), _renamed(names):
             made, end, record, raised, steps = _fvi.record(
                 (title, directory, keys, files), self._prepared, most_bytes, functions.terms
             )
@@ -386,6 +408,15 @@ class Model:
             arguments["velocity"] = 0.0
         source, functions = _scenario(**arguments)
         size = len(np.atleast_1d(_vector_of(source, "position")))
+        for name, path in zip(names, moving):
+            # What is a file for many coordinates has no entries.
+            table, _, key = whole = re.split(r"\[\d+\](?!\.)", path, maxsplit=1)[0].partition(".")
+            value = _at(source[2], "".join(whole))
+            if table == "initial" and isinstance(value, str):
+                source[2][table][key] = _vector_of(source, key).tolist()
+            elif isinstance(value, str) and value in source[3]:
+                message = f"{name}: a matrix of so many coordinates has no numbers here; make a model with another one"
+                raise InputError(message, name, path)
         paths: list[str] = []
         counts: list[int | None] = []
         for path in moving:
@@ -400,11 +431,12 @@ class Model:
         with _arguments(), _renamed(by_path):
             batch = _fvi.Batch(source, paths, precision, self._prepared, functions.terms, functions.events)
         chosen = source[2].get("output", {}).get("coordinates")
-        mass = as_it_is(arguments["mass"])
-        if mass is None and arguments["mass"] is not None and not isinstance(arguments["mass"], Ready):
-            mass = np.atleast_1d(np.asarray(arguments["mass"], dtype=np.float64))
-            mass = np.full(size, mass[0]) if mass.shape == (1,) else mass
-        return _Known(batch, counts, by_path, tuple(range(size) if chosen is None else chosen), mass)
+        # The mass of a run that is no file is in its record, with that of the fluid about bodies.
+        kept = arguments["mass"]
+        mass = kept if isinstance(kept, Ready) or _arrays.is_sparse(kept) else None
+        in_words = arguments["kinetic"] is not None
+        moves = any(path.startswith("system.mass") or path.endswith(".infinite") or in_words for path in paths)
+        return _Known(batch, counts, by_path, tuple(range(size) if chosen is None else chosen), mass, moves)
 
     def _taken(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Arguments with large matrices converted once."""
@@ -462,8 +494,8 @@ def _path(name: str, arguments: Mapping[str, Any]) -> str:
     if head in ("loads", "elements"):
         return f"system.{head[:-1]}{rest}"
     if not rest and head in SHORT_NAMES:
-        return SHORT_NAMES[head]
-    if not rest or head not in ("system", "initial", "scheme", "convolution", "time", "history", "output", "event", "input"):
+        return key_of(head, arguments["keys"])
+    if not rest or head not in TABLES:
         import difflib
 
         known = [*(arguments["parameters"] or {}), "position", "momentum", "velocity", "parameters", "damping", *SHORT_NAMES]
@@ -482,14 +514,20 @@ def _vector_of(source: Any, key: str) -> Any:
     return np.load(io.BytesIO(source[3][value])) if isinstance(value, str) else value
 
 
-def _several_at(keys: Mapping[str, Any], path: str) -> int | None:
-    """How many numbers the scenario has at a path; None for one, and where there is none."""
+def _at(keys: Mapping[str, Any], path: str) -> Any:
+    """What the scenario has at a path; None where there is nothing."""
     place: Any = keys
     for step in places_of(path):
         try:
             place = place[step]
         except (KeyError, IndexError, TypeError):
             return None
+    return place
+
+
+def _several_at(keys: Mapping[str, Any], path: str) -> int | None:
+    """How many numbers the scenario has at a path; None for one, and where there is none."""
+    place = _at(keys, path)
     several = isinstance(place, list) and len(place) > 1 and all(isinstance(entry, (int, float)) for entry in place)
     return len(place) if several else None
 
@@ -518,6 +556,16 @@ def _columns(arrays: Mapping[str, FloatArray], counts: list[int | None]) -> tupl
         given[name] = np.broadcast_to(array, shape).copy()
         parts.append(given[name].reshape(runs, -1))
     return np.ascontiguousarray(np.concatenate(parts, axis=1)), given
+
+
+def _systems(known: _Known, columns: FloatArray, status: Any) -> dict[int, dict[str, Any]]:
+    """What velocities follow from in each run that was made."""
+    there = np.flatnonzero(status != -2).tolist()
+    if known.mass is not None or not there:
+        return {}
+    if not known.moves:
+        return dict.fromkeys(there, json.loads(known.batch.moving(columns[there[0]].tolist())))
+    return {place: json.loads(known.batch.moving(columns[place].tolist())) for place in there}
 
 
 @contextmanager

@@ -294,7 +294,7 @@ def response(
             raise InputError("omega: needed for a system without steps", "omega", "None")
         keys = {**keys, "step": np.pi / max(np.max(omega), np.finfo(float).tiny), "steps": 1}
     scenario, keys = scenario_of(scenario, keys)
-    _, given = source_of(scenario, by_path(overrides, keys))
+    _, given = source_of(scenario, by_path(overrides, keys, response))
 
     def numbers(name: str, values: Any) -> list[float] | None:
         if values is None:

@@ -251,9 +251,9 @@ class Result:
             else:
                 mass = loaded
         if not hasattr(mass, "tocsc"):
-            mass = np.asarray(mass, dtype=np.float64)
+            mass = np.atleast_1d(np.asarray(mass, dtype=np.float64))
         if mass.ndim == 1:
-            chosen = mass[self.coordinates]
+            chosen = mass[self.coordinates] if len(mass) > 1 else np.full(len(self.coordinates), mass[0])
             return np.asarray(np.where(chosen > 0.0, self.p / np.where(chosen > 0.0, chosen, 1.0), np.nan))
         if self.p.shape[1] != mass.shape[0]:
             message = "v: the mass couples coordinates, and some were left out of the result: choose all `coordinates`"

@@ -112,7 +112,7 @@ def run(
     fvi._errors.InputError: time.step = -1: not allowed; allowed: a number > 0
     """
     scenario, given_keys = scenario_of(scenario, keys)
-    changes = by_path(overrides, given_keys)
+    changes = by_path(overrides, given_keys, run)
     engine = changes.pop("history.engine", None) if not _history_settings(changes) else None
     functions = Functions()
     files: Files = {}
@@ -187,7 +187,7 @@ def run_cases(
     >>> {name: r.q.shape for name, r in fvi.run_cases(frame).items()}
     {'top': (1001, 2), 'both': (1001, 2)}
     """
-    changes = by_path(overrides, keys)
+    changes = by_path(overrides, keys, run_cases)
     engine = changes.pop("history.engine", None) if not _history_settings(changes) else None
     return compute_cases(
         source(scenario, changes), engine=engine, precision=precision, check=check, progress=progress

@@ -61,6 +61,8 @@ class Runs:
     _derivatives: FloatArray | None = None
     _coordinates: tuple[int, ...] = ()
     _mass: Any = None
+    _systems: dict[int, dict[str, Any]] = field(default_factory=dict)
+    """What velocities follow from in each run."""
 
     @property
     def success(self) -> NDArray[np.bool_]:
@@ -96,8 +98,12 @@ class Runs:
         rows = int(self.rows[place])
         known = {"status": "completed", **self._ends.get(place, {}), "steps": int(self.steps[place])}
         status, message = ending(known)
-        system = {"mass": self._mass.tolist()} if isinstance(self._mass, np.ndarray) and self._mass.size <= 1024 else {}
-        record = {**known, "events": self.events[place], "scenario": {"system": system, "output": {"coordinates": list(self._coordinates)}}}
+        scenario = {
+            "system": self._systems.get(place, {}),
+            "initial": {"position": self.q[place, :1].ravel().tolist(), "momentum": self.p[place, :1].ravel().tolist()},
+            "output": {"coordinates": list(self._coordinates)},
+        }
+        record = {**known, "events": self.events[place], "scenario": scenario}
         return Result(
             np.array(self.t[:rows] if self.t.ndim == 1 else self.t[place, :rows]),
             np.array(self.q[place, :rows]),
@@ -174,7 +180,12 @@ class Runs:
         )
 
 
-def runs_of(table: Mapping[str, Any], given: dict[str, FloatArray], coordinates: tuple[int, ...], mass: Any) -> Runs:
+def runs_of(
+    table: Mapping[str, Any],
+    given: dict[str, FloatArray],
+    coordinates: tuple[int, ...],
+    mass: Any,
+) -> Runs:
     """The runs of what the compiled part has returned."""
     count = len(table["rows"])
     status = np.zeros(count, dtype=np.int64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -289,17 +289,30 @@ def chooses(scheme: Any) -> bool:
     return isinstance(scheme, str) and scheme == "auto"
 
 
-def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any], others: Sequence[str] = ()) -> dict[str, Any]:
+def key_of(name: str, short: Mapping[str, Any]) -> str:
+    """The key that a short name stands for beside the others."""
+    if name == "tolerance" and chooses(short.get("scheme")):
+        return "scheme.tolerance"
+    if name == "tolerance" and is_adaptive(short.get("grid")):
+        return "time.tolerance"
+    return SHORT_NAMES[name]
+
+
+def by_path(
+    overrides: Mapping[str, Any] | None, short: Mapping[str, Any], others: Sequence[str] | Callable[..., Any] = ()
+) -> dict[str, Any]:
     """Changes given by short names or paths, as a dictionary by paths. `others` are further arguments of the call, which a
-    misspelt name may have meant."""
+    misspelt name may have meant, or the function that was called."""
     changes = {}
     for name, value in short.items():
         if name not in SHORT_NAMES:
             if name in INSTEAD:
                 raise InputError(f"{name}: no such argument here; use {INSTEAD[name]}", name, repr(value))
             import difflib
+            import inspect
 
-            near = difflib.get_close_matches(name, [*SHORT_NAMES, *others], 1)
+            further = inspect.signature(others).parameters if callable(others) else others
+            near = difflib.get_close_matches(name, [*SHORT_NAMES, *further], 1)
             advice = f"did you mean {near[0]}? " if near else ""
             message = f"{name}: no such key; {advice}Names here: {', '.join(SHORT_NAMES)}; others go into overrides by path"
             raise InputError(message, name, repr(value))
@@ -310,12 +323,6 @@ def by_path(overrides: Mapping[str, Any] | None, short: Mapping[str, Any], other
             # The name used by `weights` and `Memory`.
             changes["convolution.symbol"] = value
             continue
-        if name == "tolerance" and chooses(short.get("scheme")):
-            changes["scheme.tolerance"] = value
-            continue
-        if name == "tolerance" and is_adaptive(short.get("grid")):
-            changes["time.tolerance"] = value
-            continue
-        changes[SHORT_NAMES[name]] = value
+        changes[key_of(name, short)] = value
     changes.update(overrides or {})
     return changes

@@ -68,7 +68,7 @@ def converge(
     if first > last or last > 40:
         raise InputError(f"levels = {levels}: not allowed; allowed: 0 ≤ first ≤ last ≤ 40", "levels", str(levels))
     scenario, changed = scenario_of(scenario, keys)
-    changes = by_path(overrides, changed)
+    changes = by_path(overrides, changed, converge)
     engine = changes.pop("history.engine", None)
     _, given = source_of(scenario, changes)
     rows, warning = _fvi.converge(given, first, last, _arrays.whole("intervals", intervals, 1), _arrays.real("from_time", from_time), engine, progress)

@@ -147,7 +147,7 @@ def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None, **key
     2.69908 0.619222 0.969410
     """
     problem, plant = _with_plant(problem)
-    text, controller, (response, steps) = _fvi.tune(source(problem, by_path(overrides, keys)), plant)
+    text, controller, (response, steps) = _fvi.tune(source(problem, by_path(overrides, keys, tune)), plant)
     record = json.loads(text)
     for warning in record["warnings"]:
         warnings.warn(warning, stacklevel=2)
