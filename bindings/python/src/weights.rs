@@ -7,6 +7,7 @@ use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::quadrature::multistep_weights::multistep_weights;
 use fvi_fft::quadrature::runge_kutta_weights::RungeKuttaWeights;
 use fvi_fft::transfer::multistep_rule::MultistepRule;
+use fvi_fft::sums::max_or_nan;
 use fvi_scenario::language::memory_limit::check_capacity;
 use fvi_scenario::scenario::{Convolution, DampedAt};
 use numpy::{IntoPyArray, PyArrayDyn, PyArrayMethods};
@@ -60,7 +61,9 @@ pub(crate) fn weights<'py>(
                     ));
                 }
             };
-            if numbers.iter().all(|weight| *weight == 0.0 || weight.is_normal()) {
+            // Late ones may underflow, as those of exp(−s).
+            let largest = numbers.iter().fold(0.0, |most, weight| max_or_nan(most, weight.abs()));
+            if largest == 0.0 || largest.is_normal() {
                 Ok((numbers, stages))
             } else {
                 let allowed = "a step whose weights, h^(-exponent) in size, double precision holds";
