@@ -359,6 +359,9 @@ impl Reader<'_> {
         };
         match *rest {
             [("order", [])] if self.has(term, "order") => self.kernel(term, "order", 0),
+            [("kernel", []), (name, [])] if self.has(term, &format!("kernel.{name}[1]")) => {
+                Err(self.refused("`[i]` behind it: there are several"))
+            }
             [("kernel", []), (name, [])] if self.has(term, &format!("kernel.{name}")) => {
                 self.kernel(term, name, 0)
             }
