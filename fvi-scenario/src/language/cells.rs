@@ -50,6 +50,9 @@ pub const OVER: [&str; 3] = ["t", "omega", "f"];
 /// Largest number of a column in `columns`.
 const MOST_COLUMNS: usize = 100_000;
 
+/// Keys that say how a table is written.
+pub const AS_WRITTEN: [&str; 3] = ["columns", "units", "decimal"];
+
 /// Suffix of the column with the standard deviations of another one.
 pub const DEVIATION: &str = "_deviation";
 
@@ -102,6 +105,13 @@ impl Cells<'_, '_> {
     fn sort(&mut self, column: usize) {
         self.rows.sort_by(|(_, a), (_, b)| a[column].total_cmp(&b[column]));
     }
+}
+
+/// Refuses the keys of a file beside what is none.
+pub fn refuse_as_written(table: &Table<'_>, with: &str) -> Result<(), InputError> {
+    let Some(key) = AS_WRITTEN.iter().find_map(|key| table.optional(key)) else { return Ok(()) };
+    let (with, allowed) = (with.to_owned(), "this key beside a text file".to_owned());
+    Err(key.key_error(Problem::Incompatible { with, allowed }))
 }
 
 /// Reads the file of a table; `table` is its entry in the fit.

@@ -3,10 +3,10 @@
 use super::convex::convex_near;
 use super::parameters::{read_parameters, symbols_of};
 use super::symbol::{Symbol, unsuited};
+use crate::language::cells::{AS_WRITTEN, Cells, cells, refuse_as_written};
 use crate::language::document::{Document, Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::Symbols;
-use crate::language::number_table::NumberTable;
 use fvi_core::ParameterError;
 use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::given_weights::GivenWeights;
@@ -180,9 +180,9 @@ fn read_form(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction, I
 
 /// Reads a relaxation function: a file with the columns `t,G`, or rows of t and G.
 fn read_relaxation(table: &Table<'_>, value: &Value<'_>) -> Result<TransferFunction, InputError> {
-    table.allow(&["relaxation", "decay", "begin", "end", "activity"])?;
+    table.allow(&[&["relaxation", "decay", "begin", "end", "activity"], &AS_WRITTEN[..]].concat())?;
     let (decay, tolerances) = (read_decay(table)?, Tolerances::read(table)?);
-    let measured = Measured::read(value)?;
+    let measured = Measured::read(value, table)?;
     let largest = measured.largest();
     let measured = measured.complete(value, decay, tolerances, largest)?;
     let plain = measured.transfer(value, decay, tolerances, 0.0)?;
@@ -199,7 +199,7 @@ pub(super) fn read_decay(table: &Table<'_>) -> Result<Option<f64>, InputError> {
 fn remedy(kernel: &Table<'_>) -> Result<String, InputError> {
     let Some(value) = kernel.optional("relaxation") else { return Ok(String::new()) };
     let (decay, tolerances) = (read_decay(kernel)?, Tolerances::read(kernel)?);
-    let measured = Measured::read(&value)?;
+    let measured = Measured::read(&value, kernel)?;
     let largest = measured.largest();
     let measured = measured.complete(&value, decay, tolerances, largest)?;
     let made = measured.made_passive(&value, decay, tolerances, 1.0)?;
@@ -304,17 +304,34 @@ struct MadePassive {
 }
 
 impl Measured {
-    /// Reads a file or rows.
+    /// Reads a file, with the keys for it in the table of the kernel, or rows.
     ///
     /// # Errors
     /// Names the row that is wrong.
-    pub(super) fn read(value: &Value<'_>) -> Result<Self, InputError> {
+    pub(super) fn read(value: &Value<'_>, table: &Table<'_>) -> Result<Self, InputError> {
+        let mut notes = Vec::new();
         let (file, rows) = if value.is_text() {
-            let read = NumberTable::read(value, value.document(), &["G".to_owned()])?;
-            let file = value.document().resolve(value.text()?).display().to_string();
-            (file, read.rows.iter().map(|row| (row[0], row[1])).collect::<Vec<_>>())
+            let read = cells(value, table)?;
+            let (Some(time), Some(modulus), 2) = (read.column("t"), read.column("G"), read.columns.len())
+            else {
+                let names: Vec<&str> = read.columns.iter().map(|place| place.name.as_str()).collect();
+                let reason = format!(
+                    "the columns are {}, where t and G are needed; `columns = {{ t = \"…\", G = \"…\" }}` says which of the file they are",
+                    names.join(", ")
+                );
+                return Err(read.fault(read.header, reason));
+            };
+            // What other keys are needed to read again is kept as rows.
+            let is_plain = AS_WRITTEN.iter().all(|key| table.optional(key).is_none());
+            let name = value.document().resolve(value.text()?).display().to_string();
+            let file = if is_plain { name.clone() } else { String::new() };
+            if let Some(note) = Cells::left_out_note(&read.left_out, None) {
+                notes.push(format!("{name}: {note}"));
+            }
+            (file, read.values(time).into_iter().zip(read.values(modulus)).collect::<Vec<_>>())
         } else {
             let rows = value.list("a file, or a list of rows [t, G]")?;
+            refuse_as_written(table, "rows")?;
             let row = |row: &Value<'_>| row.vector(2).map(|row| (row[0], row[1]));
             (String::new(), rows.iter().map(row).collect::<Result<Vec<_>, _>>()?)
         };
@@ -325,7 +342,7 @@ impl Measured {
             let reason = format!("t = {} does not come after the row before", rows[index + 1].0);
             return Err(refused_row(value, index + 1, &reason));
         }
-        Ok(Self { file, rows, notes: Vec::new() })
+        Ok(Self { file, rows, notes })
     }
 
     /// The same from t = 0 on, to 0 or to a time constant; `largest` is what tolerances are relative to.
@@ -686,7 +703,10 @@ mod tests {
             let document = Document::new("kernel.toml", Path::new("."), &format!("[kernel]\n{keys}\n"))
                 .with_attached("G.csv", "t,G\n0,1\n0.5,0.6\n2,0\n")
                 .with_attached("rises.csv", "t,G\n0,1\n0.5,1.6\n2,0\n")
-                .with_attached("late.csv", "t,G\n1,1\n2,0\n");
+                .with_attached("late.csv", "t,G\n1,1\n2,0\n")
+                .with_attached("written.csv", "Curve 3\nG(t);Time;T\nkPa;min;K\n0;0,0333333333333333;20\n0,6;0,00833333333333333;20\nNaN;0,02;20\n1;0;20\n")
+                .with_attached("tabs.csv", "t\tG\n0\t1\n0.5\t0.6\n2\t0\n")
+                .with_attached("three.csv", "t,G,T\n0,1,20\n0.5,0.6,20\n2,0,20\n");
             kernel_of_document(&document).map_err(|error| {
                 let help = miette::Diagnostic::help(&error).map(|help| help.to_string()).unwrap_or_default();
                 format!("{error} {help}")
@@ -698,6 +718,10 @@ mod tests {
         );
         let s = Complex::new(0.3, 1.0);
         assert_eq!(file.value(s), rows.value(s));
+        // As a rheometer writes it: another order, units, a decimal comma, a missing number.
+        let written = "relaxation = \"written.csv\"\ncolumns = { t = \"Time\", G = \"G(t)\" }\ndecimal = \",\"\nunits = { t = 60.0 }";
+        assert!((read(written).unwrap().value(s) - rows.value(s)).norm() < 1e-13);
+        assert_eq!(read("relaxation = \"tabs.csv\"").unwrap().value(s), rows.value(s));
         assert_eq!((file.spring(), file.active(), file.growth()), (0.0, None, 0.0));
         for (keys, reason) in [
             ("relaxation = \"late.csv\"", "row 1: t = 1 instead of 0"),
@@ -712,6 +736,8 @@ mod tests {
             ("relaxation = [[0, 1], [0, 0]]", "does not come after"),
             ("relaxation = [[0, 1]]", "at least two rows"),
             ("relaxation = \"G.csv\"\norder = 1", "unknown key"),
+            ("relaxation = \"three.csv\"", "the columns are t, G, T, where t and G are needed"),
+            ("relaxation = \"G.csv\"\ncolumns = { t = \"Time\", G = \"G\" }", "here `Time` is missing"),
         ] {
             let message = read(keys).unwrap_err();
             assert!(message.contains(reason), "{keys}: {message}");

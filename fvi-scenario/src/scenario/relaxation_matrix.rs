@@ -2,8 +2,10 @@
 //! coordinates.
 
 use super::kernel::{Measured, Tolerances, at_least, read_decay, share, smallest_raise};
+use crate::language::cells::AS_WRITTEN;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
+use crate::language::value_at;
 use fvi_fft::dense::symmetric_eigenvalues;
 use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::relaxation::Frequencies;
@@ -26,6 +28,9 @@ pub struct RelaxationMatrix {
     /// names of the tolerances.
     #[serde(flatten)]
     pub tolerances: BTreeMap<&'static str, f64>,
+    /// How the files are written: `columns`, `units`, `decimal`.
+    #[serde(flatten)]
+    pub written: toml::Table,
     /// Sentences on how they were amended.
     #[serde(skip)]
     pub notes: Vec<String>,
@@ -54,10 +59,11 @@ impl RelaxationMatrix {
         value: &Value<'_>,
         count: usize,
     ) -> Result<(Self, Vec<Pair>), InputError> {
-        table.allow(&["relaxation", "decay", "begin", "end", "activity", "asymmetry"])?;
+        let own = ["relaxation", "decay", "begin", "end", "activity", "asymmetry"];
+        table.allow(&[&own[..], &AS_WRITTEN].concat())?;
         let (decay, tolerances) = (read_decay(table)?, Tolerances::read(table)?);
         let asymmetry = table.optional("asymmetry").map(|value| share(&value)).transpose()?;
-        let (files, entries) = read_entries(value, count)?;
+        let (files, entries) = read_entries(value, table, count)?;
         let mut entries = completed(entries, decay, tolerances)?;
         let mut notes = Vec::new();
         symmetrise(&mut entries, asymmetry, &mut notes)?;
@@ -93,7 +99,13 @@ impl RelaxationMatrix {
         }
         let mut kept = BTreeMap::from_iter(tolerances.keys());
         kept.extend(asymmetry.map(|asymmetry| ("asymmetry", asymmetry)));
-        Ok((Self { files, decay, tolerances: kept, notes, raise, active }, pairs))
+        let path = value.path().strip_suffix(".relaxation").unwrap_or_default();
+        let mut written = match value_at(&value.document().values()?, path) {
+            Some(toml::Value::Table(keys)) => keys.clone(),
+            _ => toml::Table::new(),
+        };
+        written.retain(|key, _| AS_WRITTEN.iter().any(|own| *own == key));
+        Ok((Self { files, decay, tolerances: kept, written, notes, raise, active }, pairs))
     }
 }
 
@@ -103,6 +115,7 @@ type Entry<'v> = ((usize, usize), Value<'v>, Measured);
 /// Reads the files, and their names row by row.
 fn read_entries<'v>(
     value: &Value<'v>,
+    table: &Table<'_>,
     count: usize,
 ) -> Result<(Vec<Vec<String>>, Vec<Entry<'v>>), InputError> {
     let rows = value.list("rows of names of files")?;
@@ -127,7 +140,7 @@ fn read_entries<'v>(
             }
             if entry.is_text() && !entry.text()?.is_empty() {
                 entry.document().resolve(entry.text()?).display().to_string().clone_into(&mut files[i][j]);
-                let measured = Measured::read(&entry)?;
+                let measured = Measured::read(&entry, table)?;
                 entries.push(((i, j), entry, measured));
             }
         }

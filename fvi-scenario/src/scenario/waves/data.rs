@@ -1,7 +1,7 @@
 //! Tables of added mass and radiation damping, and matrices of equations of states, as they are given.
 
 use super::at_least;
-use crate::language::cells::{Cells, cells};
+use crate::language::cells::{Cells, cells, refuse_as_written};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
 use crate::language::matrix_file::Arrays;
@@ -31,14 +31,7 @@ impl Data {
     ) -> Result<Self, InputError> {
         let is_csv = value.is_text() && !value.text()?.to_lowercase().ends_with(".npz");
         if !is_csv {
-            for key in ["columns", "units", "decimal"] {
-                if let Some(other) = table.optional(key) {
-                    return Err(other.key_error(Problem::Incompatible {
-                        with: "`radiation`".to_owned(),
-                        allowed: "this key beside a text file".to_owned(),
-                    }));
-                }
-            }
+            refuse_as_written(table, "`radiation`")?;
         }
         let mut read = if is_csv {
             Self::of_cells(table, value, notes)?
