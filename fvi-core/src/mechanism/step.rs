@@ -261,13 +261,34 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
             let rounding = T::of(2.0) * T::EPSILON * (T::one() + extent);
             self.evaluate(room);
             if iteration.judge(residual, change, (rounding, extent))? {
-                return if all_finite(room.residual) {
-                    Ok(MOST_CORRECTIONS + iteration.count)
-                } else {
-                    Err(StepError::NotFinite)
-                };
+                if !all_finite(room.residual) {
+                    return Err(StepError::NotFinite);
+                }
+                self.balance(room, pivots)?;
+                return Ok(MOST_CORRECTIONS + iteration.count);
             }
         }
+    }
+
+    /// Changes the forces at the nodes by the rest that the equations need: where a velocity is 0 as far as
+    /// numbers tell it, what holds it is known by that alone. h Σ_j a_ij δF_j is the residual of node i.
+    fn balance(&self, room: &mut StepBuffers<'_, T>, pivots: &mut [usize]) -> Result<(), StepError> {
+        let Shape { s, n, .. } = self.shape;
+        let (rule, needed) = (parts_mut(room.slopes, s * s).0, parts_mut(room.matrix, s).0);
+        let pivots = parts_mut(pivots, s).0;
+        let nodes = (0..s).flat_map(|i| (0..s).map(move |j| (i, j)));
+        rule.iter_mut().zip(nodes).for_each(|(place, (i, j))| *place = self.length * self.rule.matrix(i, j));
+        factor(rule, pivots).map_err(|Singular| StepError::SingularJacobian)?;
+        for coordinate in 0..n {
+            let of_node = |i: usize| at(room.residual, i * n + coordinate);
+            needed.iter_mut().enumerate().for_each(|(i, place)| *place = of_node(i));
+            substitute(rule, pivots, needed);
+            for (j, &force) in needed.iter().enumerate() {
+                let place = j * n + coordinate;
+                put(room.forces, place, at(room.forces, place) + force);
+            }
+        }
+        Ok(())
     }
 
     /// Subtracts the solution; multipliers are solved for in units of 1/h.

@@ -276,8 +276,8 @@ fn adaptive_steps_keep_their_tolerance_across_kinks_in_the_velocity() {
     {
         for scheme in [
             "kind = \"collocation\"",
-            "kind = \"collocation\"\n[convolution]\nstages = 2",
-            "kind = \"collocation\"\n[convolution]\nstages = 5",
+            "kind = \"collocation\"\n[convolution]\nfamily = \"radau-iia\"\nstages = 2",
+            "kind = \"collocation\"\n[convolution]\nfamily = \"radau-iia\"\nstages = 5",
             "kind = \"galerkin\"\ndegree = 2\n[convolution]\nfamily = \"radau-iia\"",
         ] {
             for exponent in [4, 5, 6, 7, 8, 9] {

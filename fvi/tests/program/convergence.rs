@@ -57,6 +57,16 @@ fn numbers(place: &Workplace, name: &str) -> Vec<f64> {
 }
 
 #[test]
+fn a_run_without_steps_is_refused_by_its_end() {
+    let place = Workplace::new();
+    let output = converge(&place, &root_scenario("").replace("end = 1.0", "end = 0.0"), "3..4");
+    assert_eq!(output.status.code(), Some(2));
+    let said = text(&output.stderr);
+    assert!(said.contains("time.end = 0.0") && said.contains("an end after the start is needed"), "{said}");
+    assert!(!place.path("out").exists());
+}
+
+#[test]
 fn errors_orders_and_a_picture_against_the_reference_and_a_finer_run() {
     let place = Workplace::new();
     let output = converge(&place, &root_scenario(""), "4..8");
