@@ -7,7 +7,7 @@ use crate::damping::Damping;
 use crate::galerkin::in_place;
 use crate::linear::add_multiple;
 use crate::linear::all_finite;
-use crate::newton::{ASIDE, Equations, Linearised, StepMatrix, Stiffened, newton, size};
+use crate::newton::{ASIDE, Equations, Linearised, StepMatrix, Stiffened, damped_newton, newton, size};
 use crate::node_galerkin::NodeStorage;
 use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
@@ -159,7 +159,11 @@ impl<T: Real> CollocationTables<'_, T> {
             };
             mechanics.moment_correction(&rule, work.moment_correction)
         };
-        let moment_correction = if rough { part(work.moment_correction, work.forces.len()) } else { &[] };
+        // Room for a correction, where there are no moments.
+        let (moment_correction, spare) = match (rough, &mut *work.moment_correction) {
+            (true, moments) => (part(moments, work.forces.len()), &mut [][..]),
+            (false, room) => (&[][..], part_mut(room, work.increments.len())),
+        };
         let mut equations = CollocationEquations {
             moment_correction,
             tables: self,
@@ -195,12 +199,19 @@ impl<T: Real> CollocationTables<'_, T> {
             LINEAR_CORRECTIONS
         } else {
             let moves = equations.mechanics.depends_on_velocity();
-            let balance = |accelerations: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
-                equations.residual(accelerations, residual, matrix);
-            };
+            let mut balance =
+                |accelerations: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
+                    equations.residual(accelerations, residual, matrix);
+                };
             // A residual below the rounding of the positions, divided by h², does not change an acceleration.
             let offset = size(X::slice(position)) / (step.size * step.size);
-            newton(work.increments, work.residual, (offset, moves), work.matrix, balance)?.iterations
+            match newton(work.increments, work.residual, (offset, moves), work.matrix, &mut balance) {
+                Ok(converged) => converged.iterations,
+                Err(failure) => {
+                    let room = [&mut *work.residual, spare];
+                    damped_newton(work.increments, room, (offset, failure), work.matrix, balance)?.iterations
+                }
+            }
         };
         self.place_stages(work.increments, X::slice(&velocity), step.size, work.stages);
         let rise = last_vector(work.stages, coordinates);

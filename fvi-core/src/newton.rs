@@ -558,6 +558,69 @@ pub(crate) fn newton<T: Real, B: Block<T>, E: Equations<T, B>>(
     }
 }
 
+/// Largest number of residuals in [`damped_newton`].
+const MOST_RESIDUALS: u32 = 400;
+
+/// Solves residual(x) = 0 from x = 0 where [`newton`] failed: Newton's corrections, of which a quarter, a
+/// sixteenth … is taken until the residual is a number and smaller than before.
+///
+/// So it follows √x = r down from a guess that is far too large, where a whole correction leads to x < 0.
+/// `correction` is left as by `newton`; `kept` has room for a correction, and without it `failure` is all.
+/// Source: \[Kelley95\] §8.1.
+///
+/// # Errors
+/// `failure`, that of `newton`.
+#[cold]
+pub(crate) fn damped_newton<T: Real, B: Block<T>, E: Equations<T, B>>(
+    unknowns: &mut [T],
+    [correction, kept]: [&mut [T]; 2],
+    (offset, failure): (T, StepError),
+    matrix: &mut E,
+    mut balance: impl FnMut(&[T], &mut [T], Option<Linearised<'_, E, T>>),
+) -> Result<Converged<T>, StepError> {
+    let mut corrections = Corrections::new(offset);
+    let mut count = 0;
+    unknowns.fill(T::zero());
+    while kept.len() == unknowns.len() {
+        balance(unknowns, correction, Some((&mut *matrix, None)));
+        let residual = size(correction);
+        if !residual.is_finite() || matrix.solve(correction).is_err() {
+            break;
+        }
+        kept.copy_from_slice(correction);
+        let (change, extent) = subtract_and_fold(unknowns, kept, max_or_nan);
+        if !change.is_finite() {
+            break;
+        }
+        if let Ok(Verdict::Converged(converged)) = corrections.judge(residual, (change, extent), false) {
+            return Ok(Converged { iterations: MAX_ITERATIONS + converged.iterations, ..converged });
+        }
+        // Among rounding errors residuals no longer fall.
+        let is_small = change <= T::EPSILON.sqrt() * (offset + extent);
+        loop {
+            count += 1;
+            balance(unknowns, correction, None);
+            let next = size(correction);
+            if next < residual || is_small && next.is_finite() {
+                break;
+            }
+            if count > MOST_RESIDUALS {
+                return Err(failure);
+            }
+            for (x, kept) in unknowns.iter_mut().zip(&mut *kept) {
+                // From 0 without rounding, however small the part is.
+                *x += *kept;
+                *kept *= T::of(0.25);
+                *x -= *kept;
+            }
+        }
+        if count > MOST_RESIDUALS {
+            break;
+        }
+    }
+    Err(failure)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -634,6 +697,47 @@ mod tests {
                     let ended = converged.is_ok() && error <= bound;
                     assert!(ended, "{c} |x|^{power}, root {root:e}: {converged:?}, {error:e}");
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn a_root_where_the_slope_at_the_start_is_infinite_is_found_from_far_above() {
+        // x/h + √x = r with r² far below h r, where √x is not defined below 0, or continued by 0.
+        for (h, r) in [(1e-3, 1e-6), (1e-12, 1e-18), (1e-12, 1e-40), (1e-6, 1e-150)] {
+            for below in [f64::NAN, 0.0] {
+                let root = |x: f64| if x < 0.0 { below } else { libm::sqrt(x) };
+                let mut matrix = StepMatrix::<f64, 1, 1>::zero();
+                let mut balance =
+                    |x: &[f64],
+                     residual: &mut [f64],
+                     matrix: Option<Linearised<'_, StepMatrix<f64, 1, 1>, f64>>| {
+                        residual[0] = x[0] / h + root(x[0]) - r;
+                        if let Some((matrix, _)) = matrix {
+                            let slope = if x[0] > 0.0 { 0.5 / libm::sqrt(x[0]) } else { 0.0 };
+                            Equations::<f64, Coefficients<f64, 1>>::clear(matrix);
+                            matrix.add(0, 0, 1.0 / h + slope, &Coefficients::Diagonal([1.0].into()));
+                        }
+                    };
+                let (mut unknown, mut correction) = ([0.0], [0.0]);
+                let whole = newton::<_, Coefficients<f64, 1>, _>(
+                    &mut unknown,
+                    &mut correction,
+                    (0.0, false),
+                    &mut matrix,
+                    &mut balance,
+                );
+                let failure = whole.expect_err("whole corrections lead below 0");
+                damped_newton::<_, Coefficients<f64, 1>, _>(
+                    &mut unknown,
+                    [&mut correction, &mut [0.0]],
+                    (0.0, failure),
+                    &mut matrix,
+                    balance,
+                )
+                .unwrap();
+                let error = (unknown[0] / h + libm::sqrt(unknown[0]) - r).abs();
+                assert!(error <= 4.0 * f64::EPSILON * r, "{h:e}, {r:e}: {unknown:?}, {error:e}");
             }
         }
     }
