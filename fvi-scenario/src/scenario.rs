@@ -571,6 +571,14 @@ impl Scenario {
         }
     }
 
+    /// True if its file has a key that a key of the system it stands for comes from.
+    pub(crate) fn has_key(&self, path: &str) -> bool {
+        match &self.equation {
+            Some(equation) => self.document.has(&equation.key(path)),
+            None => self.document.has(path),
+        }
+    }
+
     /// An error about the first of these values that is in the file, or about the first path if none is.
     pub fn error_at_first(&self, paths: &[&str], problem: Problem) -> InputError {
         let path = paths.iter().find(|path| self.document.has(path)).or(paths.first());

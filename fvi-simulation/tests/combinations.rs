@@ -434,7 +434,8 @@ fn row_of(error: &InputError) -> Option<&'static Row> {
     ROWS.iter().find(|row| {
         let plain = |key: &str| key.replace(['[', ']', 'i', '0', '1', '2'], "");
         let name = row.beside.name().replace(" i ", " 1 ");
-        row.instead == allowed && with.starts_with(&name) && plain(error.key()) == plain(&row.refused.key())
+        let is_key = |key: String| plain(error.key()) == plain(&key);
+        row.instead == allowed && with.starts_with(&name) && row.refused.keys().any(is_key)
     })
 }
 

@@ -32,11 +32,11 @@ impl Row {
     /// The error for a scenario that has both, or has the refused one and is put to the use beside it.
     fn error(&self, scenario: &Scenario) -> Option<InputError> {
         let index = self.refused.find(scenario)?;
+        let path = self.refused.path(scenario, index);
         let mut with = if self.beside.is_use() {
             self.beside.name()
         } else {
-            let other = self.beside.find(scenario)?;
-            format!("{} (`{}`)", self.beside.name_of(other), self.beside.shown(scenario, other))
+            self.beside.shown(scenario, self.beside.find(scenario)?)
         };
         if !self.why.is_empty() {
             let _ = write!(with, ": {}", self.why);
@@ -45,7 +45,7 @@ impl Row {
             let _ = write!(with, "; {numbers}");
         }
         let problem = Problem::Incompatible { with, allowed: self.instead.to_owned() };
-        Some(scenario.error_at(&self.refused.path(scenario, index), problem))
+        Some(scenario.error_at(&path, problem))
     }
 }
 
@@ -87,7 +87,11 @@ pub fn page() -> String {
             _ => None,
         });
         let others: Vec<_> = others.map(Feature::name).collect();
-        let key = if feature.is_use() { String::new() } else { format!("`{}`", feature.key()) };
+        let key = feature
+            .keys()
+            .next()
+            .filter(|_| !feature.is_use())
+            .map_or_else(String::new, |key| format!("`{key}`"));
         let _ = writeln!(page, "| {} | {key} | {} |", feature.name(), others.join("; "));
     }
     page += "\n| this | beside | does not go, because | instead |\n|---|---|---|---|\n";
@@ -100,6 +104,12 @@ pub fn page() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::language::Document;
+    use std::path::Path;
+
+    fn refused(text: &str) -> InputError {
+        Scenario::from_document(Document::new("test.toml", Path::new(""), text)).unwrap_err()
+    }
 
     #[test]
     fn the_page_of_the_book_is_this_table() {
@@ -107,6 +117,56 @@ mod tests {
         let text = std::fs::read_to_string(path).unwrap();
         let (_, printed) = text.split_once(MARK).unwrap();
         assert!(printed == page(), "print it anew: {MARK}");
+    }
+
+    #[test]
+    fn errors_name_keys_that_the_file_has() {
+        let equation = "[equation]\norder = 0.6\nright = \"-x0\"\ninitial = 1.0\n";
+        let pendulum = "[system]\nmass = [1.0, 1.0]\npotential = \"9.81*q1\"\nconstraints = [\"q0^2 + q1^2 - 1\"]\n\
+            [initial]\nposition = [1.0, 0.0]\n";
+        let steps = "[time]\nstep = 0.01\nend = 1.0\n";
+        let chosen = "[time]\nend = 1.0\ntolerance = 1e-6\n";
+        let spring = "[[system.damping]]\norder = 0.0\ncoefficient = 1.0\nalong = \"q0\"\n";
+        for (text, key, line, with) in [
+            (
+                format!("{equation}{chosen}[scheme]\nkind = \"galerkin\"\ndegree = 2\n"),
+                "time.tolerance",
+                7,
+                "(`scheme.kind`)",
+            ),
+            (
+                format!("{equation}[time]\nend = 1.0\n[scheme]\nkind = \"low-order\"\n"),
+                "time.end",
+                6,
+                "(`scheme.kind`)",
+            ),
+            (
+                format!("{pendulum}[convolution]\nat = \"main-nodes\"\n{steps}"),
+                "convolution.at",
+                8,
+                "(`system.constraints`)",
+            ),
+            (format!("{pendulum}{chosen}"), "time.tolerance", 9, "(`system.constraints`)"),
+            (
+                format!("{pendulum}[scheme]\nkind = \"galerkin\"\ndegree = 2\npoints = 3\n{steps}"),
+                "scheme.points",
+                10,
+                "(`system.constraints`)",
+            ),
+            (format!("{pendulum}{spring}{steps}"), "system.damping[0].order", 8, "(`system.constraints`)"),
+        ] {
+            let error = refused(&text);
+            assert_eq!((error.key(), error.line()), (key, Some(line)), "{error}");
+            assert!(error.to_string().contains(with), "{error}");
+        }
+    }
+
+    #[test]
+    fn defaults_are_called_defaults() {
+        let text = "[system]\nmass = [1.0]\n[initial]\nposition = [1.0]\n\
+            [time]\ngrid = \"points\"\npoints = [0.0, 0.1, 0.3]\n";
+        let message = refused(text).to_string();
+        assert!(message.contains("a multistep rule, the default of `convolution.family`:"), "{message}");
     }
 
     #[test]

@@ -7,10 +7,26 @@ use super::super::{Action, Damping, Derivative, GridRule, Scenario};
 use fvi_fft::memory::Engine;
 use fvi_fft::quadrature::ConvolutionFamily;
 
+/// Keys that choose multistep weights, and what chooses a Runge–Kutta method or Gauss's, without a family.
+const MULTISTEP: [&str; 5] =
+    ["convolution.symbol", "convolution.order", "convolution.at", "convolution", "scheme.kind"];
+const STAGED: [&str; 6] = [
+    "convolution.stages",
+    "convolution",
+    "system.constraints",
+    "system.kinetic",
+    "scheme.kind",
+    "system.damping",
+];
+const MECHANISM: [&str; 2] = ["system.constraints", "system.damping"];
+
+/// Keys by which steps are chosen on the way without a grid.
+const TOLERANCE: [&str; 2] = ["time.tolerance", "time.end"];
+
 /// Defines [`Feature`]: a name, the key, and a predicate that returns the index of what it found. In names
-/// and keys `{i}` stands for that index.
+/// and keys `{i}` stands for that index. After `or` come the keys that bring it where its own is not written.
 macro_rules! features {
-    ($($feature:ident: $name:literal, $key:literal, $find:expr;)*) => {
+    ($($feature:ident: $name:literal, $key:literal $(or $others:expr)?, $find:expr;)*) => {
         /// A feature of a scenario, or a use that a scenario can be put to.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum Feature {
@@ -28,6 +44,14 @@ macro_rules! features {
             fn definition(self) -> (&'static str, &'static str, fn(&Scenario) -> Option<usize>) {
                 match self {
                     $(Self::$feature => ($name, $key, $find),)*
+                }
+            }
+
+            /// Keys that bring it without its own.
+            fn other_keys(self) -> &'static [&'static str] {
+                match self {
+                    $($(Self::$feature => &$others,)?)*
+                    _ => &[],
                 }
             }
         }
@@ -71,18 +95,19 @@ features! {
             ConvolutionFamily::Trapezoidal => jump(s, |term| term.transfer.growth() > 0.0),
             _ => None,
         };
-    Mechanism: "a Lagrangian, constraints or elongations", "system", |s| on(s.system.is_mechanism());
+    Mechanism: "a Lagrangian, constraints or elongations", "system.kinetic" or MECHANISM, |s| on(s.system.is_mechanism());
     Constraints: "constraints", "system.constraints", |s| on(!s.system.constraints.is_empty());
-    NotGauss: "a family other than Gauss's", "convolution.family",
+    NotGauss: "a family other than Gauss's", "convolution.family" or MULTISTEP,
         |s| on(!matches!(s.convolution.family, ConvolutionFamily::Gauss { .. }));
-    Gauss: "Gauss weights", "convolution.family",
+    Gauss: "Gauss weights", "convolution.family" or STAGED,
         |s| on(matches!(s.convolution.family, ConvolutionFamily::Gauss { .. }));
     NotGalerkin: "a scheme other than Galerkin's", "scheme.kind",
         |s| on(!matches!(s.scheme, Scheme::Galerkin { .. } | Scheme::Energy));
     Energy: "the energy scheme", "scheme.kind", |s| on(s.scheme == Scheme::Energy);
     Projected: "a start that is moved onto constraints", "initial.project", |s| on(s.initial.project);
     Unconstrained: "a system without constraints", "system", |s| on(s.system.constraints.is_empty());
-    RiemannLiouville: "damping of Riemann and Liouville's form, or of order 0", "system.damping[{i}]",
+    RiemannLiouville: "damping of Riemann and Liouville's form, or of order 0",
+        "system.damping[{i}].derivative" or ["system.damping[{i}].order", "system.damping[{i}]"],
         |s| s.system.damping.iter().position(|term| term.derivative == Derivative::RiemannLiouville);
     Past: "a past", "initial.past", |s| on(s.initial.past.is_some());
     LaterStart: "a later start", "time.start", |s| on(s.time.start != 0.0);
@@ -92,20 +117,20 @@ features! {
     OneNode: "a scheme without stages", "scheme.kind",
         |s| on(!matches!(s.scheme, Scheme::Galerkin { .. } | Scheme::Collocation | Scheme::Energy));
     Collocation: "collocation", "scheme.kind", |s| on(s.scheme == Scheme::Collocation);
-    OwnQuadrature: "a quadrature of the action", "scheme.points", |s| on(s.scheme.quadrature().is_some());
+    OwnQuadrature: "a quadrature of the action", "scheme.points" or ["scheme.quadrature"], |s| on(s.scheme.quadrature().is_some());
     NoVelocities: "a node at the beginning of a step, or more nodes than the degree", "scheme", |s| on(!has_velocities(s));
     NotForMassless: "a scheme that does not determine coordinates without mass", "scheme",
         |s| on(!determines_massless(s));
-    NoBalance: "a scheme without an exact balance of energies", "scheme", |s| on(!has_balance(s));
-    NotRadau: "a family other than Radau IIA", "convolution.family",
+    NoBalance: "a scheme without an exact balance of energies", "scheme" or ["convolution", "time.tolerance"], |s| on(!has_balance(s));
+    NotRadau: "a family other than Radau IIA", "convolution.family" or MULTISTEP,
         |s| on(!matches!(s.convolution.family, ConvolutionFamily::RadauIia { .. }));
-    Multistep: "a multistep rule", "convolution.family", |s| on(!s.convolution.family.is_staged());
-    Staged: "a Runge–Kutta family", "convolution.family", |s| on(s.convolution.family.is_staged());
+    Multistep: "a multistep rule", "convolution.family" or MULTISTEP, |s| on(!s.convolution.family.is_staged());
+    Staged: "a Runge–Kutta family", "convolution.family" or STAGED, |s| on(s.convolution.family.is_staged());
     ManyStages: "more than three stages", "convolution.stages",
         |s| on(matches!(s.convolution.family, ConvolutionFamily::RadauIia { stages } if stages > 3));
     Trapezoidal: "the trapezoidal rule", "convolution.symbol",
         |s| on(s.convolution.family == ConvolutionFamily::Trapezoidal);
-    NotBdf: "a quadrature other than BDF", "convolution.family",
+    NotBdf: "a quadrature other than BDF", "convolution.family" or STAGED,
         |s| on(!matches!(s.convolution.family, ConvolutionFamily::Bdf { .. }));
     AtNodes: "damping at the nodes", "convolution.at", |s| on(s.convolution.at == DampedAt::Nodes);
     AtMainNodes: "damping at the main nodes", "convolution.at",
@@ -113,9 +138,9 @@ features! {
     Starting: "starting weights", "convolution.starting", |s| on(!s.convolution.starting.is_empty());
     SafeStarting: "starting weights that must not grow", "convolution.starting",
         |s| on(!s.convolution.starting.is_empty() && !s.time.allow_unstable);
-    Steps: "steps that differ", "time.grid", |s| on(s.time.grid.is_some());
+    Steps: "steps that differ", "time.grid" or TOLERANCE, |s| on(s.time.grid.is_some());
     UnrefinableSteps: "a grid without a finer one of the same shape", "time.grid", unrefinable;
-    Adaptive: "steps chosen on the way", "time.grid", |s| on(s.time.adaptive().is_some());
+    Adaptive: "steps chosen on the way", "time.grid" or TOLERANCE, |s| on(s.time.adaptive().is_some());
     AnyStep: "the engine for steps of any length", "history.engine",
         |s| on(s.history.engine == Some(Engine::AnyStep));
     EqualSteps: "an engine for equal steps", "history.engine",
@@ -148,7 +173,7 @@ features! {
     Npz: "the output format npz", "", |_| None;
     OneMotion: "a run of one motion", "", |_| None;
     Motion: "a motion", "", |_| None;
-    AnotherEnd: "another end", "", |_| None;
+    AnotherEnd: "another end (`--until`, `--steps`)", "", |_| None;
     Sweep: "a sweep", "", |_| None;
     Converge: "`fvi converge`", "", |_| None;
     Fit: "a fit", "", |_| None;
@@ -162,9 +187,13 @@ impl Feature {
         self.definition().0.replace("{i}", "i")
     }
 
-    /// The key that turns it on; empty for uses.
-    pub fn key(self) -> String {
-        self.definition().1.replace("{i}", "i")
+    /// The keys that bring it, the one that turns it on first; an empty one for uses.
+    pub fn keys(self) -> impl Iterator<Item = String> {
+        self.all_keys().map(|key| key.replace("{i}", "i"))
+    }
+
+    fn all_keys(self) -> impl Iterator<Item = &'static str> {
+        [self.definition().1].into_iter().chain(self.other_keys().iter().copied())
     }
 
     /// True if it is a use of a scenario and not a part of it.
@@ -187,10 +216,15 @@ impl Feature {
         self.definition().0.replace("{i}", &index.to_string())
     }
 
-    /// The key as a message shows it: tables as their headers.
+    /// The name with the key that a message shows, tables as their headers; of a default, whose key is not in
+    /// the file, that it is one.
     pub(super) fn shown(self, scenario: &Scenario, index: usize) -> String {
-        let key = self.definition().1;
-        if key.starts_with('[') { key.to_owned() } else { self.path(scenario, index) }
+        let (key, name) = (self.definition().1, self.name_of(index));
+        match (self.written(scenario, index), key.starts_with('[')) {
+            (Some(_), true) => format!("{name} (`{key}`)"),
+            (Some(path), _) => format!("{name} (`{path}`)"),
+            (None, _) => format!("{name}, the default of `{}`", self.path(scenario, index)),
+        }
     }
 
     /// Numbers of what was found, where the place does not tell them.
@@ -202,14 +236,24 @@ impl Feature {
 
     /// The path of what was found in the document of the scenario.
     pub(super) fn path(self, scenario: &Scenario, index: usize) -> String {
-        let key = self.definition().1;
-        let key = if key.starts_with('[') { key.trim_matches(['[', ']']) } else { key };
-        let path = key.replace("{i}", &index.to_string());
-        // One controller may stand without brackets.
-        let alone = key.replace("[{i}]", "");
-        let has = |path: &str| scenario.document().has(path);
-        if index == 0 && !has(&path) && has(&alone) { alone } else { path }
+        self.written(scenario, index).unwrap_or_else(|| path_of(self.definition().1, index))
     }
+
+    /// The same, if the document has it: of the keys that bring it the first that is written.
+    pub(super) fn written(self, scenario: &Scenario, index: usize) -> Option<String> {
+        let mut paths = self.all_keys().flat_map(|key| {
+            // One controller may stand without brackets.
+            let alone = (index == 0).then(|| path_of(&key.replace("[{i}]", ""), index));
+            [path_of(key, index)].into_iter().chain(alone)
+        });
+        paths.find(|path| scenario.has_key(path))
+    }
+}
+
+/// The path that a key with this index is at.
+fn path_of(key: &str, index: usize) -> String {
+    let key = if key.starts_with('[') { key.trim_matches(['[', ']']) } else { key };
+    key.replace("{i}", &index.to_string())
 }
 
 /// The first sample of a force inside a step that is known beforehand, with that step.

@@ -40,8 +40,8 @@ pub const ROWS: &[Row] = &[
         "\"bdf\" here, or `scheme.kind = \"galerkin\"` or, with Radau IIA, \"collocation\"",
     ),
     row(
-        Staged,
         OwnQuadrature,
+        Staged,
         "",
         "leave out `scheme.quadrature` and `scheme.points`: the nodes are those of the Runge–Kutta method",
     ),
@@ -79,13 +79,13 @@ pub const ROWS: &[Row] = &[
         NotGauss,
         Mechanism,
         "only the weights of the method that moves the mechanism keep its order and take no energy from nowhere",
-        "\"gauss\" here, which is what is taken without this key",
+        "`convolution.family` = \"gauss\", which is what is taken without `[convolution]`",
     ),
     row(
         NotGauss,
         Energy,
         "the energy stored in the dampers is known for the weights of the midpoint rule",
-        "\"gauss\" here, which is what is taken without this key",
+        "`convolution.family` = \"gauss\", which is what is taken without `[convolution]`",
     ),
     row(
         Energy,
@@ -98,7 +98,8 @@ pub const ROWS: &[Row] = &[
         RiemannLiouville,
         Gauss,
         "the force K(D) q of the initial position begins at once",
-        "\"caputo\" here; a damping of order 0 is a spring of `system.stiffness` or `system.potential`",
+        "\"caputo\" as `derivative`; in place of a damping of order 0 a spring: `system.stiffness`, `system.potential`, or along an \
+         elongation `[[system.element]]` with `along`",
     ),
     row(GivenWeights, Gauss, "weights do not tell the kernel K(s), whose relaxations dampers take", MAXWELL),
     row(
@@ -120,7 +121,12 @@ pub const ROWS: &[Row] = &[
         "each of its dampers is a sum of relaxations that takes steps of any length",
         "\"any-step\", which is what is taken without this key",
     ),
-    row(Adaptive, Gauss, "", "a grid that is known beforehand: \"uniform\", \"graded\" or \"points\""),
+    row(
+        Adaptive,
+        Gauss,
+        "",
+        "steps that are known beforehand: `time.step`, or `time.grid` = \"uniform\", \"graded\" or \"points\"",
+    ),
     row(Past, Gauss, "", "a motion that begins at the start, with its memories at rest"),
     row(Cases, Gauss, "", ONE_MOTION),
     row(
@@ -135,7 +141,7 @@ pub const ROWS: &[Row] = &[
         Steps,
         Multistep,
         "its weights are for equal steps",
-        "\"uniform\" here; or `scheme.kind` = \"collocation\", or \"galerkin\" with `convolution.family` = \"radau-iia\" or \
+        "equal steps (`time.step`); or `scheme.kind` = \"collocation\", or \"galerkin\" with `convolution.family` = \"radau-iia\" or \
          \"lobatto-iiic\", which take steps of any length",
     ),
     row(AnyStep, Multistep, "", "another engine here, or a Runge–Kutta family"),
@@ -324,7 +330,12 @@ pub const ROWS: &[Row] = &[
     row(Automatic, Converge, "it chooses the steps", CHOSEN),
     row(Automatic, Fit, "every point would choose another one", CHOSEN),
     row(Automatic, Response, "a response is that of one scheme", CHOSEN),
-    row(Steps, AnotherEnd, "", "\"uniform\" here: the other grids end where they say"),
+    row(
+        Steps,
+        AnotherEnd,
+        "",
+        "another `time.end` in the file: grids of steps that differ end where it says",
+    ),
     row(Cases, Sweep, "", ONE_MOTION),
     row(Cases, Converge, "", ONE_MOTION),
     row(
