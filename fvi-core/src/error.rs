@@ -16,7 +16,13 @@ pub struct ParameterError {
 
 impl fmt::Display for ParameterError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} = {} is not allowed: it must be {}", self.parameter, self.value, self.allowed)
+        let Self { parameter, value, allowed } = self;
+        // Not with hundreds of zeros.
+        match value.abs() {
+            size if size == 0.0 || (1e-12..1e16).contains(&size) => write!(f, "{parameter} = {value}")?,
+            _ => write!(f, "{parameter} = {value:e}")?,
+        }
+        write!(f, " is not allowed: it must be {allowed}")
     }
 }
 

@@ -8,6 +8,7 @@ use crate::language::expression::Moment;
 use fvi_core::{max_or_nan, min_or_nan};
 use fvi_fft::exponentials::rate_table::SMALLEST_TOLERANCE as SMALLEST_ERROR_OF_RATES;
 use fvi_fft::memory::RATE_TOLERANCE;
+use std::ops::RangeInclusive;
 
 /// Largest number of steps chosen during the run.
 pub(super) const MOST_STEPS_CHOSEN: usize = 10_000_000;
@@ -26,6 +27,9 @@ const SMALL_PART: f64 = 0.03;
 /// for this multiple of `scale`. Below the bound the square of a step leaves the range of double precision.
 const SHORTEST_OF_CREEP: f64 = 1e-140;
 const LARGEST_CREEP: f64 = 1e3;
+
+/// Ends of which the squares of steps, down to the shortest, are in the range of double precision.
+const ENDS: RangeInclusive<f64> = 1e-140..=1e140;
 
 /// Margin of the size of that motion where it is known.
 const KNOWN_CREEP: f64 = 10.0;
@@ -99,6 +103,17 @@ pub struct Start {
     pub push: f64,
 }
 
+impl Start {
+    /// t^γ as messages show it; powers below the smallest that is told apart are not.
+    pub fn shown_creep(&self) -> String {
+        if self.creep > LEAST_CREEP {
+            format!("t^{:.3}", self.creep)
+        } else {
+            format!("t to a power of {LEAST_CREEP} or less")
+        }
+    }
+}
+
 impl Adaptive {
     /// The tolerance of an equation, if none is given.
     pub(super) const USUAL_TOLERANCE: f64 = 1e-6;
@@ -107,6 +122,11 @@ impl Adaptive {
     pub(super) fn read(table: &Table<'_>, start: Start) -> Result<Self, InputError> {
         let positive = |key: &str| table.optional(key).map(|value| value.positive()).transpose();
         let end = table.required("end")?.positive()?;
+        if !ENDS.contains(&end) {
+            let allowed =
+                format!("{:e} ≤ end ≤ {:e}: measure time in another unit", ENDS.start(), ENDS.end());
+            return Err(table.required("end")?.out_of_range(allowed));
+        }
         let tolerance = match (table.optional("tolerance"), start.of_equation) {
             (None, true) => Self::USUAL_TOLERANCE,
             _ => {

@@ -8,7 +8,7 @@ use super::step_control::StepControl;
 use super::velocity_kinks::VelocityKinks;
 use super::{GridState, Precision, Simulation};
 use crate::model::Model;
-use fvi_core::{Instant, Mechanics, StateError, StepError, max_or_nan, min_or_nan};
+use fvi_core::{Instant, Mechanics, MemoryError, StateError, StepError, max_or_nan, min_or_nan};
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Adaptive, Scenario, Term};
@@ -198,10 +198,10 @@ impl<'s> AdaptiveSteps<'s> {
         }
         if precision == Precision::F32 && rule.shortest < SHORTEST_IN_SINGLE * rule.end {
             let allowed = format!(
-                "at least {:.1e} in single precision, whose range ends below (absent, it is {:.1e}, for a start like t^{:.3})",
+                "at least {:.1e} in single precision, whose range ends below (absent, it is {:.1e}, for a start like {})",
                 SHORTEST_IN_SINGLE * rule.end,
                 rule.shortest,
-                rule.start.creep
+                rule.start.shown_creep()
             );
             return Err(scenario.error_at("time.shortest", Problem::OutOfRange { allowed }));
         }
@@ -553,6 +553,9 @@ impl<'s> AdaptiveSteps<'s> {
             Err(AttemptError::Step(StepError::NotFinite)) if self.scenario.equation.is_some() => {
                 "the right side, or the result, is not a finite number".to_owned()
             }
+            Err(AttemptError::Step(StepError::Memory(MemoryError::StepLength))) => {
+                "a step shorter than `time.shortest` is needed".to_owned()
+            }
             Err(AttemptError::Step(reason)) => reason.to_string(),
             _ => format!("the error is {:.1e} times the tolerance", error.unwrap_or(f64::INFINITY)),
         }
@@ -594,16 +597,22 @@ impl<'s> AdaptiveSteps<'s> {
             };
             return format!(
                 "{worst}, with steps of {tried:.1e} even, the shortest here (`time.shortest`): {what} \
-                 like t^{:.3}, and `time.tolerance` asks for a first step of {asked}",
-                start.creep
+                 like {}, and `time.tolerance` asks for a first step of {asked}",
+                start.shown_creep()
             );
         }
         if self.scenario.equation.is_some() && !is_start {
             return self.ends(worst, tried);
         }
-        let reason = to_and_fro(self.scenario).unwrap_or(
-            "a jump of a force belongs on a grid point (`time.must_hit`), and a tolerance above what rounding leaves",
-        );
+        let usual = match self.scenario.equation {
+            Some(_) => {
+                "at the start the right side is no number, or its slopes hide the solution, or the tolerance is below what rounding leaves"
+            }
+            None => {
+                "a jump of a force belongs on a grid point (`time.must_hit`), and a tolerance above what rounding leaves"
+            }
+        };
+        let reason = to_and_fro(self.scenario).unwrap_or(usual);
         format!("{worst}, with steps of {tried:.1e} even, the shortest here (`time.shortest`): {reason}")
     }
 

@@ -282,6 +282,12 @@ impl Crossings {
             match self.judge_beginning(simulation, place)? {
                 Beginning::OnSide(from) => armed[self.trials[place].0] = from,
                 Beginning::Again => return Ok(Verdict::Again),
+                Beginning::Unclear if self.times[LOOKS / 2] - begin < apart => {
+                    let name = simulation.switches().describe_switch(self.trials[place].0);
+                    return Err(format!(
+                        "{name} is crossed at t = {begin}, and no step, down to the shortest (`time.shortest`), tells to which side"
+                    ));
+                }
                 Beginning::Unclear => return Ok(Verdict::EndAt(self.times[LOOKS / 2])),
             }
         }
