@@ -429,6 +429,7 @@ pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Opt
             let distance = strsim::damerau_levenshtein(&name.to_lowercase(), &candidate.to_lowercase());
             (distance <= most).then_some((distance, candidate))
         })
-        .min_by_key(|&(distance, _)| distance)
+        // Of two that are as near `x0` is meant by `x`, rather than `t`.
+        .min_by_key(|&(distance, candidate)| (distance, !candidate.starts_with(name)))
         .map(|(_, candidate)| candidate)
 }

@@ -259,6 +259,9 @@ fn an_unknown_name_comes_with_the_known_ones() {
     let error = Expression::parse("stifness*q0", &symbols).unwrap_err();
     assert_eq!(error.to_string(), "unknown name `stifness` (column 1)");
     assert_eq!(error.advice().unwrap(), "did you mean `stiffness`? Known here: t, q0, stiffness, pi");
+    // `t` is as near.
+    let error = Expression::parse("-q", &symbols).unwrap_err();
+    assert!(error.advice().unwrap().starts_with("did you mean `q0`?"));
 }
 
 #[test]
