@@ -551,7 +551,8 @@ impl EnergyGuard {
 /// all the same, since its step is never checked before the run, and what it dissipates is known.
 fn may_lose(scenario: &Scenario, is_mechanism: bool) -> Option<f64> {
     if is_mechanism {
-        return Some(CHANGED);
+        // With as many constraints as coordinates nothing moves.
+        return (scenario.system.constraints.len() < scenario.coordinates()).then_some(CHANGED);
     }
     if !scenario.system.damping.is_empty() {
         return None;
