@@ -32,7 +32,6 @@ impl Row {
     /// The error for a scenario that has both, or has the refused one and is put to the use beside it.
     fn error(&self, scenario: &Scenario) -> Option<InputError> {
         let index = self.refused.find(scenario)?;
-        let path = self.refused.path(scenario, index);
         let mut with = if self.beside.is_use() {
             self.beside.name()
         } else {
@@ -45,7 +44,7 @@ impl Row {
             let _ = write!(with, "; {numbers}");
         }
         let problem = Problem::Incompatible { with, allowed: self.instead.to_owned() };
-        Some(scenario.error_at(&path, problem))
+        Some(scenario.error_at(&self.refused.path(scenario, index), problem))
     }
 }
 
