@@ -520,13 +520,15 @@ fn shape<T: Real>(points: &[T], own: usize, tau: T) -> (T, T) {
     (value, derivative)
 }
 
-/// ∫₀^θ ℓ_j and ∫₀^θ (θ − s) ℓ_j(s) ds, by three Gauss points, which are exact up to degree 5.
+/// ∫₀^θ ℓ_j and ∫₀^θ (θ − s) ℓ_j(s) ds, by Gauss points that are exact for the degrees of up to seven nodes.
 fn integrals_of_shape<T: Real>(nodes: &[T], j: usize, theta: T) -> [T; 2] {
-    let (mut points, mut weights) = ([0.0; 3], [0.0; 3]);
-    let rule = gauss_rule(&mut points, &mut weights);
-    debug_assert!(rule.is_ok(), "there is a rule of three points");
+    let (mut points, mut weights) = ([0.0; 4], [0.0; 4]);
+    let count = if nodes.len() > 5 { 4 } else { 3 };
+    let (points, weights) = (&mut points[..count], &mut weights[..count]);
+    let rule = gauss_rule(points, weights);
+    debug_assert!(rule.is_ok(), "there are rules of three and four points");
     let mut integrals = [T::zero(); 2];
-    for (&point, &weight) in points.iter().zip(&weights) {
+    for (&point, &weight) in points.iter().zip(&*weights) {
         let (s, weight) = (theta * T::of(point), theta * T::of(weight));
         let value = shape(nodes, j, s).0 * weight;
         integrals[0] += value;
@@ -547,6 +549,20 @@ mod tests {
             let [once, twice] = integrals_of_shape(&nodes, 1, theta);
             assert!((once - (3.0 * theta * theta - 2.0 * theta) / 4.0).abs() < 1e-15);
             assert!((twice - (theta * theta * theta - theta * theta) / 4.0).abs() < 1e-15);
+        }
+        // Of s^m for any number of nodes that a method has, m below it.
+        for count in [1, 2, 3, 5, 7] {
+            let nodes: Vec<f64> = (1..=count).map(|j| f64::from(j) / f64::from(count)).collect();
+            let (power, theta) = (count - 1, 0.7_f64);
+            let [mut once, mut twice] = [0.0; 2];
+            for (j, node) in nodes.iter().enumerate() {
+                let integrals = integrals_of_shape(&nodes, j, theta);
+                once += node.powi(power) * integrals[0];
+                twice += node.powi(power) * integrals[1];
+            }
+            let exact = theta.powi(count) / f64::from(count);
+            assert!((once - exact).abs() < 1e-13, "{count}: {once}");
+            assert!((twice - exact * theta / f64::from(count + 1)).abs() < 1e-13, "{count}: {twice}");
         }
     }
 }
