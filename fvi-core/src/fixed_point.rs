@@ -7,15 +7,6 @@ use core::borrow::Borrow;
 
 use crate::error::ParameterError;
 
-/// Binary digits of a sample behind the point: samples are in units of 2⁻⁵ counts of the inputs.
-pub const SAMPLE_DIGITS: u32 = 5;
-
-/// Binary digits of an output behind the point while it is computed.
-pub const OUTPUT_DIGITS: u32 = 16;
-
-/// Largest magnitude of an input, 2²³ − 1: what lies beyond counts as that.
-pub const LARGEST_INPUT: i32 = (1 << 23) - 1;
-
 /// Binary digits that the derivative's filter has more than an output.
 const FILTER_DIGITS: u32 = 15;
 
@@ -214,6 +205,15 @@ pub struct FixedLaw<'a> {
 }
 
 impl FixedLaw<'_> {
+    /// Binary digits of a sample behind the point: samples are in units of 2⁻⁵ counts of the inputs.
+    pub const SAMPLE_DIGITS: u32 = 5;
+
+    /// Binary digits of an output behind the point while it is computed.
+    pub const OUTPUT_DIGITS: u32 = 16;
+
+    /// Largest magnitude of an input, 2²³ − 1: what lies beyond counts as that.
+    pub const LARGEST_INPUT: i32 = (1 << 23) - 1;
+
     /// Length of the state of a [`FixedPid`]; a `const fn`, to be the length of an array.
     pub const fn state_len(&self) -> usize {
         self.integral.state_len() + self.derivative.state_len()
@@ -317,13 +317,15 @@ impl<'a, L: Borrow<FixedLaw<'a>>, B: AsRef<[i64]> + AsMut<[i64]>> FixedPid<L, B>
     /// Takes setpoint r and measured value y, in counts, and returns the output u, in counts of its own.
     pub fn tick(&mut self, setpoint: i32, measured: i32) -> i32 {
         let law: &FixedLaw<'a> = self.law.borrow();
-        let [r, y] = [setpoint, measured].map(|input| input.clamp(-LARGEST_INPUT, LARGEST_INPUT));
+        let [r, y] =
+            [setpoint, measured].map(|input| input.clamp(-FixedLaw::LARGEST_INPUT, FixedLaw::LARGEST_INPUT));
         let numbers = self.numbers.as_mut();
         let Some((of_integral, of_derivative)) = numbers.split_at_mut_checked(law.integral.state_len())
         else {
-            return word(scaled(self.output, OUTPUT_DIGITS as i32));
+            return word(scaled(self.output, FixedLaw::OUTPUT_DIGITS as i32));
         };
-        let acted = word(law.derivative_weight.times_word(r).saturating_sub(i64::from(y << SAMPLE_DIGITS)));
+        let acted =
+            word(law.derivative_weight.times_word(r).saturating_sub(i64::from(y << FixedLaw::SAMPLE_DIGITS)));
         let rise = acted.saturating_sub(self.acted.unwrap_or(acted));
         let derived = law.derivative.term(of_derivative);
         let derived = derived.saturating_add(law.derivative.leading().times_word(rise));
@@ -337,7 +339,7 @@ impl<'a, L: Borrow<FixedLaw<'a>>, B: AsRef<[i64]> + AsMut<[i64]>> FixedPid<L, B>
         let [lower, upper] = law.limits;
         let lowest = self.output.saturating_sub(law.stride).min(upper).max(lower);
         let highest = self.output.saturating_add(law.stride).min(upper).max(lower);
-        let error = (r - y) << SAMPLE_DIGITS;
+        let error = (r - y) << FixedLaw::SAMPLE_DIGITS;
         let alone = law.integral.term(of_integral);
         let leading = law.integral.leading();
         let value = alone.saturating_add(leading.times_word(error));
@@ -353,7 +355,7 @@ impl<'a, L: Borrow<FixedLaw<'a>>, B: AsRef<[i64]> + AsMut<[i64]>> FixedPid<L, B>
 
     /// The output of the last tick, in counts; 0 before the first.
     pub fn output(&self) -> i32 {
-        word(scaled(self.output, OUTPUT_DIGITS as i32))
+        word(scaled(self.output, FixedLaw::OUTPUT_DIGITS as i32))
     }
 
     /// Returns to the state before the first tick.

@@ -75,10 +75,7 @@ pub use euler::{ExplicitEuler, ImplicitEuler};
 pub use exponential_sum::{ExponentialSum, ExponentialTable, ExponentialTerm, TabulatedSum};
 #[doc(hidden)]
 pub use exponential_sum::{Given, Layout, TableSource};
-pub use fixed_point::{
-    FixedGain, FixedLaw, FixedOperator, FixedPid, FixedTerm, FixedWindup, LARGEST_INPUT, OUTPUT_DIGITS,
-    SAMPLE_DIGITS,
-};
+pub use fixed_point::{FixedGain, FixedLaw, FixedOperator, FixedPid, FixedTerm, FixedWindup};
 pub use fractional_integral::{FractionalIntegral, PendingIntegral};
 pub use galerkin::Galerkin;
 #[doc(hidden)]
