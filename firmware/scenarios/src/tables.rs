@@ -32,6 +32,10 @@ pub mod jitter_derivative;
 /// Exponent −0.8, steps of any length.
 #[rustfmt::skip]
 pub mod jitter_integral;
+/// Output of `fvi controller firmware/loop.toml --arithmetic fixed --band 0.01 250 --tolerance 1e-2
+/// --input-unit 1e-4 --output-unit 1e-3 --format rust --name whole_axis`.
+#[rustfmt::skip]
+pub mod whole_axis;
 
 pub use damping::TABLE as DAMPING;
 pub use derivative::TABLE as DERIVATIVE;

@@ -4,7 +4,7 @@ use crate::exponentials::controller_source::{ControllerTables, camel_case};
 use crate::exponentials::exponential_table::ExponentialKernel;
 use fvi_core::{
     AntiWindup, DerivativeFilter, DerivativeOf, FixedGain, FixedLaw, FixedOperator, FixedTerm, FixedWindup,
-    LARGEST_INPUT, OUTPUT_DIGITS, ParameterError, PidGains, PidLaw, SAMPLE_DIGITS,
+    ParameterError, PidGains, PidLaw,
 };
 use std::fmt::Write as _;
 
@@ -123,7 +123,7 @@ fn limits([lower, upper]: [f64; 2], unit: f64) -> Result<[i64; 2], ParameterErro
     if lowest > highest {
         return Err(refused("limits", lower, "at least a count apart: a smaller unit of the output"));
     }
-    Ok([lowest << OUTPUT_DIGITS, highest << OUTPUT_DIGITS])
+    Ok([lowest << FixedLaw::OUTPUT_DIGITS, highest << FixedLaw::OUTPUT_DIGITS])
 }
 
 impl FixedController {
@@ -158,8 +158,8 @@ impl FixedController {
             return Err(refused("order of the derivative's filter", order, "1 in whole numbers"));
         }
         let step = law.constants().step;
-        let counts = units.input / units.output * libm::exp2(f64::from(OUTPUT_DIGITS));
-        let samples = counts * libm::exp2(-f64::from(SAMPLE_DIGITS));
+        let counts = units.input / units.output * libm::exp2(f64::from(FixedLaw::OUTPUT_DIGITS));
+        let samples = counts * libm::exp2(-f64::from(FixedLaw::SAMPLE_DIGITS));
         let of_integral = integral * libm::pow(step, lambda) * samples;
         let integral_operator = match integral {
             0.0 => Operator::default(),
@@ -187,7 +187,9 @@ impl FixedController {
                 FixedWindup::BackCalculation(gain("tracking time", factor)?)
             }
         };
-        let stride = match settings.rate_limit * step / units.output * libm::exp2(f64::from(OUTPUT_DIGITS)) {
+        let stride = match settings.rate_limit * step / units.output
+            * libm::exp2(f64::from(FixedLaw::OUTPUT_DIGITS))
+        {
             stride if stride >= libm::exp2(62.0) => i64::MAX,
             stride if stride >= 1.0 => stride as i64,
             _ => {
@@ -200,7 +202,7 @@ impl FixedController {
             measured: gain("proportional gain", proportional * counts)?,
             integral: NONE,
             derivative: NONE,
-            derivative_weight: gain("setpoint weight", c * libm::exp2(f64::from(SAMPLE_DIGITS)))?,
+            derivative_weight: gain("setpoint weight", c * libm::exp2(f64::from(FixedLaw::SAMPLE_DIGITS)))?,
             from_rest: settings.derivative_of == DerivativeOf::ValuesFromRest,
             filter_share: gain("time of the derivative's filter", law.constants().filter_share)?,
             limits: limits(settings.limits, units.output)?,
@@ -230,7 +232,7 @@ impl FixedController {
         };
         let derivative = self.derivative.rounding() + 2.0 * leading * of_weight + filter;
         let units = proportional + self.integral.rounding() + derivative;
-        0.5 + units * libm::exp2(-f64::from(OUTPUT_DIGITS))
+        0.5 + units * libm::exp2(-f64::from(FixedLaw::OUTPUT_DIGITS))
     }
 
     /// Bound on the difference between an output and that of exact arithmetic with the same constants, in
@@ -248,10 +250,11 @@ impl FixedController {
     /// What the constants are for, in a line.
     pub fn worth(&self) -> String {
         format!(
-            "a count of setpoint and measured value is {}, of the output {}; inputs saturate at ±{LARGEST_INPUT} counts; the \
+            "a count of setpoint and measured value is {}, of the output {}; inputs saturate at ±{} counts; the \
              output is within {:.3} counts of exact arithmetic while it is within its limits",
             self.units.input,
             self.units.output,
+            FixedLaw::LARGEST_INPUT,
             // Rounded up.
             (1e3 * self.rounding).ceil() * 1e-3
         )
@@ -301,7 +304,7 @@ impl FixedController {
         };
         let mut text = String::new();
         for line in self.about(sample, tables, note) {
-            let _ = writeln!(text, "/// {line}\n///");
+            let _ = writeln!(text, "{}///", commented(&line));
         }
         let [lower, upper] = self.law.limits;
         let _ = write!(
@@ -387,6 +390,22 @@ impl FixedController {
     }
 }
 
+/// Width of comments.
+const WIDTH: usize = 108;
+
+/// A sentence as lines of a comment of Rust.
+fn commented(sentence: &str) -> String {
+    let (mut text, mut line) = (String::new(), "///".to_owned());
+    for word in sentence.split(' ') {
+        if line.chars().count() + 1 + word.chars().count() > WIDTH {
+            let _ = writeln!(text, "{line}");
+            line = "///".to_owned();
+        }
+        let _ = write!(line, " {word}");
+    }
+    text + &line + "\n"
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -461,7 +480,7 @@ mod tests {
 
         /// The output in counts.
         fn tick(&mut self, inputs: [i32; 2]) -> f64 {
-            let largest = f64::from(LARGEST_INPUT);
+            let largest = f64::from(FixedLaw::LARGEST_INPUT);
             let [r, y] = inputs.map(|input| f64::from(input).clamp(-largest, largest));
             let acted = self.law.derivative_weight.value() * r - 32.0 * y;
             let rise = acted - self.acted.unwrap_or(acted);
