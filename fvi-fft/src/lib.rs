@@ -20,6 +20,8 @@ mod growing_ring;
 pub mod memory;
 pub mod quadrature;
 #[doc(hidden)]
+pub mod rational;
+#[doc(hidden)]
 pub mod sums;
 pub mod transfer;
 

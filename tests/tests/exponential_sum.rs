@@ -400,7 +400,7 @@ fn endless_tables_hold_the_weights_for_thousands_of_years() {
             assert!(error < 1.5e-7, "exponent {exponent}, lag 2^{power}: {error:e}");
         }
         // Beyond they fade.
-        let (reach, later) = (kernel.weight(ENDLESS_REACH).abs(), kernel.weight(ENDLESS_REACH << 12).abs());
+        let [reach, later] = [ENDLESS_REACH, ENDLESS_REACH << 12].map(|n| kernel.weight(n as usize).abs());
         assert!(later < 1e-3 * reach, "{exponent}: {later:e} of {reach:e}");
         let (single, double) = (kernel.table::<f32>(), kernel.table::<f64>());
         assert_eq!((single.horizon, double.horizon), (u64::MAX, u64::MAX));

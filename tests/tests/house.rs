@@ -11,7 +11,7 @@ const HOST: [(&str, &[&[&str]]); 6] = [
         "fvi-fft",
         &[
             &["aligned", "dense", "sums"],
-            &["engines", "growing_ring"],
+            &["engines", "growing_ring", "rational"],
             &["baseline"],
             &["transfer"],
             &["quadrature"],

@@ -19,13 +19,14 @@
 //! Sources: \[NST18\]; \[DNT24\] for samples between support points.
 
 use crate::ComplexExponentials;
-use crate::dense::{SingularValues, eigenvalues, least_squares, triangle};
+use crate::dense::{SingularValues, eigenvalues, triangle};
 use crate::exponentials::closed_pairs::ClosedPairs;
-use crate::exponentials::exponential_table::{ExponentialKernelError, check_range};
+use crate::exponentials::exponential_table::{ENDLESS, ExponentialKernelError, check_range};
 use crate::quadrature::multistep_weights::multistep_weights;
+use crate::rational::{Values, real_rows};
 use crate::transfer::TransferFunction;
 use crate::transfer::multistep_rule::MultistepRule;
-use fvi_core::max_or_nan;
+use fvi_core::{ParameterError, max_or_nan};
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::PI;
 
@@ -81,10 +82,14 @@ pub fn complex_exponentials(
     horizon: usize,
     tolerance: f64,
 ) -> Result<(ComplexExponentials, Miss), ExponentialKernelError> {
-    check_range(horizon, tolerance)?;
+    check_range(horizon as u64, tolerance)?;
     let rule = rule.into();
     if let Some(made) = closed(transfer, rule, on_increments, step_size, horizon, tolerance)? {
         return Ok(made);
+    }
+    if horizon == ENDLESS {
+        let allowed = "a number of lags: only rational kernels with simple poles have weights in closed form";
+        return Err(ParameterError { parameter: "horizon", value: f64::INFINITY, allowed }.into());
     }
     let exact = multistep_weights(transfer, rule, step_size, on_increments, horizon + 1)?;
     let largest = exact.iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
@@ -333,11 +338,6 @@ fn choose_coefficients(support: &mut [Point], samples: &[Point]) -> Option<()> {
     Some(())
 }
 
-/// Real parts, then imaginary ones.
-fn real_rows(numbers: impl Iterator<Item = Complex<f64>> + Clone) -> impl Iterator<Item = f64> {
-    numbers.clone().map(|number| number.re).chain(numbers.map(|number| number.im))
-}
-
 /// Zeros of Σ_j w_j/(ζ − ζ_j) in a circle, those of the upper half-plane and the real ones: with D = diag ζ_j
 /// they are the eigenvalues of D − 1 wᵀD/wᵀ1 but for a zero. In the basis (1, 1)/√2, (i, −i)/√2 of a pair
 /// the matrix is real.
@@ -372,35 +372,14 @@ fn poles(support: &[Point], radius: f64) -> Option<Vec<Complex<f64>>> {
 
 /// ρ and c of the sum Σ c_j/(ζ − ρ_j) with these poles and their conjugates that is next to the values.
 fn residues(poles: &[Complex<f64>], points: &[Point]) -> Option<Vec<[f64; 4]>> {
-    if poles.is_empty() {
-        return Some(Vec::new());
-    }
-    let mut columns = Vec::new();
-    for pole in poles {
-        let part = |sample: &Point| (sample.place - pole).inv();
-        let conjugate = |sample: &Point| (sample.place - pole.conj()).inv();
-        if pole.im == 0.0 {
-            columns.extend(real_rows(points.iter().map(part)));
-        } else {
-            columns.extend(real_rows(points.iter().map(|sample| part(sample) + conjugate(sample))));
-            let turned = |sample: &Point| Complex::new(0.0, 1.0) * (part(sample) - conjugate(sample));
-            columns.extend(real_rows(points.iter().map(turned)));
-        }
-    }
-    let rows = 2 * points.len();
-    let matrix = DMatrix::from_vec(rows, columns.len() / rows, columns);
-    let right: Vec<f64> = real_rows(points.iter().map(|sample| sample.value)).collect();
-    let numbers = least_squares(matrix, &DVector::from_vec(right))?;
-    let mut place = 0;
-    let pair = |pole: &Complex<f64>| {
-        let own = &numbers[place..];
-        place += 1 + usize::from(pole.im != 0.0);
-        if pole.im == 0.0 {
-            [pole.re, 0.0, own[0], 0.0]
-        } else {
-            [pole.re, pole.im, 2.0 * own[0], 2.0 * own[1]]
-        }
+    let (places, values): (Vec<_>, Vec<_>) = points.iter().map(|point| (point.place, point.value)).unzip();
+    let weights = vec![1.0; points.len()];
+    let found = Values { places: &places, values: &values, weights: &weights }.residues(poles)?;
+    // Of a pair c ρⁿ stands for twice its real part.
+    let pair = |(pole, residue): (&Complex<f64>, Complex<f64>)| {
+        let factor = if pole.im == 0.0 { 1.0 } else { 2.0 };
+        [pole.re, pole.im, factor * residue.re, factor * residue.im]
     };
-    let pairs: Vec<[f64; 4]> = poles.iter().map(pair).collect();
+    let pairs: Vec<[f64; 4]> = poles.iter().zip(found).map(pair).collect();
     pairs.as_flattened().iter().all(|number| number.is_finite()).then_some(pairs)
 }

@@ -9,7 +9,7 @@ const NEARLY_ONE: f64 = 0.5;
 
 /// Σ c e^{−sn} at one lag. The check of a table must be more accurate than the table, so the sum is
 /// compensated.
-pub(super) fn sum_of_exponentials(exponentials: &[Exponential], n: usize) -> f64 {
+pub(super) fn sum_of_exponentials(exponentials: &[Exponential], n: u64) -> f64 {
     let terms = exponentials.iter().map(|e| e.coefficient * libm::exp(-e.rate * n as f64));
     terms.collect::<CompensatedSum>().total()
 }
@@ -17,19 +17,19 @@ pub(super) fn sum_of_exponentials(exponentials: &[Exponential], n: usize) -> f64
 /// Lags in ascending order: from the first to twice the first each an eighth larger than the one before, then
 /// twice those one octave below, and a last one.
 pub(super) struct Lags {
-    all: Vec<usize>,
+    all: Vec<u64>,
     /// Number of those below twice the first.
     octave: usize,
 }
 
 impl Lags {
     /// From `first` ≥ 1 to `last`.
-    pub(super) fn new(first: usize, last: usize) -> Self {
-        let next = |n: &usize| Some(n + n / 8 + 1);
-        let mut all: Vec<usize> =
+    pub(super) fn new(first: u64, last: u64) -> Self {
+        let next = |n: &u64| Some(n + n / 8 + 1);
+        let mut all: Vec<u64> =
             std::iter::successors(Some(first), next).take_while(|&n| n < 2 * first && n < last).collect();
         let octave = all.len();
-        let below = |all: &[usize]| all.len().checked_sub(octave).and_then(|place| all.get(place)).copied();
+        let below = |all: &[u64]| all.len().checked_sub(octave).and_then(|place| all.get(place)).copied();
         while let Some(twice) = below(&all).map(|n| n.saturating_mul(2)).filter(|&n| n < last) {
             all.push(twice);
         }
@@ -38,7 +38,7 @@ impl Lags {
     }
 
     /// The lags.
-    pub(super) fn all(&self) -> &[usize] {
+    pub(super) fn all(&self) -> &[u64] {
         &self.all
     }
 
@@ -55,7 +55,7 @@ impl Lags {
         decays.extend(falls.iter().map(|fall| 1.0 + fall));
         if rate > 0.5 / *self.all.first().unwrap_or(last) as f64 {
             // Where an exponential has all its digits, 1 − e^{−sn} may have lost those of e^{−sn}.
-            let exact = |n: &usize| libm::exp(-rate * *n as f64);
+            let exact = |n: &u64| libm::exp(-rate * *n as f64);
             decays.iter_mut().zip(&self.all).for_each(|(decay, n)| *decay = exact(n));
         }
         while decays.len() < doubled.len() {

@@ -155,7 +155,12 @@ pub const ENDLESS: usize = usize::MAX;
 
 /// The largest lag at which the weights of an endless table hold to the tolerance, 2⁵⁰: 35 000 years at 1
 /// kHz.
-pub const ENDLESS_REACH: usize = (1u64 << 50) as usize;
+pub const ENDLESS_REACH: u64 = 1 << 50;
+
+/// The largest lag at which the weights of a table for `horizon` hold, also where a `usize` is shorter.
+fn reach_of(horizon: usize) -> u64 {
+    if horizon == ENDLESS { ENDLESS_REACH } else { horizon as u64 }
+}
 
 /// Sums of more than this number of samples over ε, the distance from 1 to the next number, are kept in three
 /// parts: of N samples of one size two parts lose N ε²/4 at worst.
@@ -221,7 +226,7 @@ impl ExponentialKernel {
             return Err(ParameterError { parameter: "exponent", value: exponent, allowed }.into());
         }
         let cuts: Vec<_> = exponents.iter().map(|&exponent| Cut { order, exponent, on_increments }).collect();
-        Self::of(&cuts, step_size, horizon, tolerance)
+        Self::of(&cuts, step_size, reach_of(horizon), tolerance)
     }
 
     /// Weights of the backward differentiation formula `order` for any transfer function K, each within the
@@ -253,7 +258,7 @@ impl ExponentialKernel {
                 allowed: "none: exponentials are those of a kernel K(s), which weights do not tell",
             }));
         }
-        let reach = if horizon == ENDLESS { ENDLESS_REACH } else { horizon };
+        let reach = reach_of(horizon);
         check_range(reach, tolerance)?;
         let mut reached = f64::INFINITY;
         if let Some(narrow) = transfer.narrow() {
@@ -290,19 +295,20 @@ impl ExponentialKernel {
     }
 
     fn one(cut: Cut, step_size: f64, horizon: usize, tolerance: f64) -> Result<Self, ExponentialKernelError> {
-        if horizon == ENDLESS {
-            let mut made = Self::one(cut, step_size, ENDLESS_REACH, tolerance)?;
-            made.end_never();
-            return Ok(made);
-        }
+        let reach = reach_of(horizon);
         if cut.exponent == 0.0 || cut.exponent == 1.0 {
-            check_range(horizon, tolerance)?;
+            check_range(reach, tolerance)?;
             let length = cut.exponent as usize * cut.order.get() + usize::from(!cut.on_increments);
             let head = cut.exact_weights(step_size)?.take(length).collect();
             let (exponentials, horizon, on_increments) = (Vec::new(), ENDLESS, cut.on_increments);
             return Ok(Self { head, exponentials, step_size, on_increments, horizon, tolerance });
         }
-        Self::of(&[cut], step_size, horizon, tolerance).and_then(|made| Self::only(made, tolerance))
+        let mut made =
+            Self::of(&[cut], step_size, reach, tolerance).and_then(|made| Self::only(made, tolerance))?;
+        if horizon == ENDLESS {
+            made.end_never();
+        }
+        Ok(made)
     }
 
     fn only(mut made: Vec<Self>, tolerance: f64) -> Result<Self, ExponentialKernelError> {
@@ -327,7 +333,7 @@ impl ExponentialKernel {
     fn of<S: Source>(
         cuts: &[S],
         step_size: f64,
-        horizon: usize,
+        horizon: u64,
         tolerance: f64,
     ) -> Result<Vec<Self>, ExponentialKernelError> {
         check_range(horizon, tolerance)?;
@@ -342,18 +348,17 @@ impl ExponentialKernel {
                 exponentials,
                 step_size,
                 on_increments,
-                horizon,
+                horizon: usize::try_from(horizon).unwrap_or(ENDLESS),
                 tolerance,
             };
             Ok(of_kernels.map(kernel).collect())
         };
-        let exact = |head: usize| weights(1.0, MEASURED_HEADS * head.min(horizon) + 2);
+        let exact = |head: usize| weights(1.0, MEASURED_HEADS * at_most(head, horizon) + 2);
         let part = if tolerance < ROUNDING_COUNTS { PART_OF_THE_QUADRATURE } else { 1.0 };
         let quadrature_tolerance = part * tolerance;
         let mut measured = cuts.iter().map(Source::measured).fold(0, usize::max);
-        let far: Vec<usize> =
-            lags(MEASURED_HEADS * measured, MEASURED_HEADS * LONGEST_HEAD).skip(1).collect();
-        let far: Vec<usize> = far.into_iter().filter(|&n| n <= horizon).collect();
+        let [near, end] = [measured, LONGEST_HEAD].map(|head| (MEASURED_HEADS * head) as u64);
+        let far: Vec<u64> = lags(near, end).skip(1).filter(|&n| n <= horizon).collect();
         let far = cuts.iter().map(|cut| far.iter().copied().zip(cut.far_weights(&far)).collect()).collect();
         let mut check = Check { cuts, exact: exact(measured)?, far, horizon, tolerance };
         let mut best: Option<((bool, usize), usize, Vec<Nodes>)> = None;
@@ -361,7 +366,7 @@ impl ExponentialKernel {
         let mut dearer = 0;
         let mut shortening = Shortening::default();
         for head in HEADS {
-            if head > horizon || dearer == DEARER_HEADS {
+            if head as u64 > horizon || dearer == DEARER_HEADS {
                 break;
             }
             if head > measured {
@@ -369,17 +374,17 @@ impl ExponentialKernel {
                 check.exact = exact(measured)?;
                 check.far.iter_mut().for_each(Vec::clear);
             }
-            let reach = cuts.iter().map(|cut| cut.reach(horizon)).fold(head, usize::max);
+            let reach = cuts.iter().map(|cut| cut.reach(horizon)).fold(head as u64, u64::max);
             let rules = trapezoidal_rules(cuts, head, reach, quadrature_tolerance);
             let whole = finished(rules.clone(), cuts);
             let margin = 2.0 * largest_change(quadrature_tolerance) + ROUNDING;
-            if check.misses(&check.errors(&whole, head, head + FIRST_LAGS), head, margin) {
+            if check.misses(&check.errors(&whole, head, (head + FIRST_LAGS) as u64), head, margin) {
                 missed.push((head, whole));
                 continue;
             }
             let rules = if are_positive(&rules) {
                 let slowest = cuts.iter().map(Source::slowest).fold(f64::INFINITY, min_or_nan);
-                finished(shortening.of(&rules, [head, reach], slowest, quadrature_tolerance), cuts)
+                finished(shortening.of(&rules, [head as u64, reach], slowest, quadrature_tolerance), cuts)
             } else {
                 whole
             };
@@ -401,7 +406,7 @@ impl ExponentialKernel {
             }
         }
         match best {
-            Some(((_, cost), head, rules)) if cost <= cuts.len() * horizon => {
+            Some(((_, cost), head, rules)) if cost as u64 <= horizon.saturating_mul(cuts.len() as u64) => {
                 let scaled = |(cut, exponentials): (&S, Nodes)| {
                     let unit = cut.unit(step_size);
                     let scaled = |e: Exponential| Exponential { coefficient: e.coefficient * unit, ..e };
@@ -409,7 +414,9 @@ impl ExponentialKernel {
                 };
                 kernels(head, cuts.iter().zip(rules).map(scaled).collect())
             }
-            _ if horizon < LONGEST_HEAD => kernels(horizon + 1, vec![Vec::new(); cuts.len()]),
+            _ if horizon < LONGEST_HEAD as u64 => {
+                kernels(at_most(LONGEST_HEAD, horizon) + 1, vec![Vec::new(); cuts.len()])
+            }
             _ => {
                 let error = |(head, rules): &(usize, Vec<Nodes>)| {
                     check.errors(rules, *head, horizon).into_iter().fold(0.0, max_or_nan)
@@ -456,7 +463,7 @@ impl ExponentialKernel {
     pub fn weight(&self, n: usize) -> f64 {
         match self.head.get(n) {
             Some(&weight) => weight,
-            None => sum_of_exponentials(&self.exponentials, n),
+            None => sum_of_exponentials(&self.exponentials, n as u64),
         }
     }
 
@@ -474,7 +481,7 @@ impl ExponentialKernel {
         });
         let slower = |rate: f64| self.exponentials.iter().filter(|e| e.rate < rate).count().div_ceil(BLOCK);
         let unit = T::EPSILON.to_f64();
-        let in_three_parts = self.horizon.min(ENDLESS_REACH) as f64 > IN_TWO_PARTS / unit;
+        let in_three_parts = reach_of(self.horizon).min(ENDLESS_REACH) as f64 > IN_TWO_PARTS / unit;
         ExponentialTable {
             stages: 1,
             head: self.head.iter().map(|&weight| T::of(weight)).collect(),
@@ -487,7 +494,12 @@ impl ExponentialKernel {
     }
 }
 
-pub(crate) fn check_range(horizon: usize, tolerance: f64) -> Result<(), ParameterError> {
+/// A length, or the lag `reach` where that is shorter.
+fn at_most(length: usize, reach: u64) -> usize {
+    reach.min(length as u64) as usize
+}
+
+pub(crate) fn check_range(horizon: u64, tolerance: f64) -> Result<(), ParameterError> {
     let range = |accepted, parameter, value, allowed| match accepted {
         true => Ok(()),
         false => Err(ParameterError { parameter, value, allowed }),
@@ -503,14 +515,14 @@ struct Check<'a, S> {
     /// The exact first weights of each kernel.
     exact: Vec<Vec<f64>>,
     /// Lags beyond these, and the weights there.
-    far: Vec<Vec<(usize, f64)>>,
-    horizon: usize,
+    far: Vec<Vec<(u64, f64)>>,
+    horizon: u64,
     tolerance: f64,
 }
 
 impl<S: Source> Check<'_, S> {
     /// The largest error of each kernel at the lags from `head` on that are measured, up to `last`.
-    fn errors(&self, rules: &[Nodes], head: usize, last: usize) -> Vec<f64> {
+    fn errors(&self, rules: &[Nodes], head: usize, last: u64) -> Vec<f64> {
         let last = last.min(self.horizon);
         let of_kernels = rules.iter().zip(&self.exact).zip(&self.far).zip(self.cuts);
         of_kernels
@@ -539,21 +551,16 @@ impl<S: Source> Check<'_, S> {
 
 /// Largest relative error of the exponentials against exact weights after the head: at every lag at first,
 /// then at ever larger distances. Weights smaller than `floor` count as that large.
-fn largest_error(
-    exponentials: &[Exponential],
-    exact: &[f64],
-    head: usize,
-    horizon: usize,
-    floor: f64,
-) -> f64 {
-    let last = horizon.min(exact.len() - 1);
-    let dense = head..=last.min(head + DENSE_LAGS);
-    let sparse = lags(head + DENSE_LAGS + 1, last);
-    dense.chain(sparse).map(|n| error_at(exponentials, n, exact[n], floor)).fold(0.0, max_or_nan)
+fn largest_error(exponentials: &[Exponential], exact: &[f64], head: usize, horizon: u64, floor: f64) -> f64 {
+    let last = horizon.min(exact.len() as u64 - 1);
+    let sparse_from = (head + DENSE_LAGS + 1) as u64;
+    let dense = head as u64..=last.min(sparse_from - 1);
+    let sparse = lags(sparse_from, last);
+    dense.chain(sparse).map(|n| error_at(exponentials, n, exact[n as usize], floor)).fold(0.0, max_or_nan)
 }
 
 /// The error of the exponentials at one lag.
-fn error_at(exponentials: &[Exponential], n: usize, weight: f64, floor: f64) -> f64 {
+fn error_at(exponentials: &[Exponential], n: u64, weight: f64, floor: f64) -> f64 {
     match sum_of_exponentials(exponentials, n) {
         sum if weight == sum => 0.0,
         sum if weight.abs() >= floor => (sum / weight - 1.0).abs(),
@@ -571,7 +578,7 @@ trait Source {
     fn measured(&self) -> usize;
 
     /// Weights beyond these, at some lags.
-    fn far_weights(&self, lags: &[usize]) -> Vec<f64>;
+    fn far_weights(&self, lags: &[u64]) -> Vec<f64>;
 
     /// True if the weights are those of a memory on increments.
     fn on_increments(&self) -> bool;
@@ -583,7 +590,7 @@ trait Source {
     fn floor(&self, head: usize) -> f64;
 
     /// The lag up to which the weights are not negligible.
-    fn reach(&self, horizon: usize) -> usize;
+    fn reach(&self, horizon: u64) -> u64;
 
     /// Spacing of the trapezoidal rule for a relative tolerance.
     fn spacing(&self, tolerance: f64) -> f64;
@@ -592,7 +599,7 @@ trait Source {
     fn fastest(&self, head: usize, tolerance: f64) -> f64;
 
     /// The trapezoidal rule up to a rate, slowest node first, without the common [`factor`](Self::factor).
-    fn rule(&self, spacing: f64, fastest: f64, horizon: usize, tolerance: f64) -> Nodes;
+    fn rule(&self, spacing: f64, fastest: f64, horizon: u64, tolerance: f64) -> Nodes;
 
     /// The common factor of the nodes of the rule.
     fn factor(&self) -> f64;
@@ -633,9 +640,10 @@ impl Source for TransferSource<'_> {
     }
 
     /// By a rule that is finer than any table.
-    fn far_weights(&self, lags: &[usize]) -> Vec<f64> {
+    fn far_weights(&self, lags: &[u64]) -> Vec<f64> {
         let [Some(&first), Some(&last)] = [lags.first(), lags.last()] else { return Vec::new() };
-        let (spacing, fastest) = (0.5 * self.cut.spacing(FINEST), self.cut.fastest(first, FINEST));
+        let (spacing, fastest) =
+            (0.5 * self.cut.spacing(FINEST), self.cut.fastest(at_most(usize::MAX, first), FINEST));
         let mut rule = self.cut.rule(spacing, fastest, last, FINEST);
         rule.iter_mut().for_each(|node| node.coefficient *= self.cut.sign());
         rule.extend_from_slice(self.cut.poles());
@@ -654,7 +662,7 @@ impl Source for TransferSource<'_> {
         NOTHING * self.known.borrow().first().map_or(0.0, |first| first.abs()) / head as f64
     }
 
-    fn reach(&self, horizon: usize) -> usize {
+    fn reach(&self, horizon: u64) -> u64 {
         self.cut.reach(horizon)
     }
 
@@ -666,7 +674,7 @@ impl Source for TransferSource<'_> {
         self.cut.fastest(head, tolerance)
     }
 
-    fn rule(&self, spacing: f64, fastest: f64, horizon: usize, tolerance: f64) -> Nodes {
+    fn rule(&self, spacing: f64, fastest: f64, horizon: u64, tolerance: f64) -> Nodes {
         self.cut.rule(spacing, fastest, horizon, tolerance)
     }
 
@@ -684,8 +692,8 @@ impl Source for TransferSource<'_> {
 }
 
 /// Lags from `first` to `last`, each an eighth larger than the previous one.
-fn lags(first: usize, last: usize) -> impl Iterator<Item = usize> {
-    let next = move |&n: &usize| if n == last { None } else { Some((n + n / 8 + 1).min(last)) };
+fn lags(first: u64, last: u64) -> impl Iterator<Item = u64> {
+    let next = move |&n: &u64| if n == last { None } else { Some((n + n / 8 + 1).min(last)) };
     std::iter::successors(Some(first), next).filter(move |&n| n <= last)
 }
 
@@ -706,7 +714,7 @@ impl Source for Cut {
         LONGEST_HEAD
     }
 
-    fn far_weights(&self, _: &[usize]) -> Vec<f64> {
+    fn far_weights(&self, _: &[u64]) -> Vec<f64> {
         Vec::new()
     }
 
@@ -723,7 +731,7 @@ impl Source for Cut {
         0.0
     }
 
-    fn reach(&self, horizon: usize) -> usize {
+    fn reach(&self, horizon: u64) -> u64 {
         horizon
     }
 
@@ -735,7 +743,7 @@ impl Source for Cut {
         ((2.0 / tolerance).ln() + 2.0 + 1.5 * self.power()) / head as f64
     }
 
-    fn rule(&self, spacing: f64, fastest: f64, horizon: usize, tolerance: f64) -> Nodes {
+    fn rule(&self, spacing: f64, fastest: f64, horizon: u64, tolerance: f64) -> Nodes {
         self.trapezoidal_rule(spacing, fastest, horizon, tolerance)
     }
 
@@ -798,7 +806,7 @@ impl Cut {
     ///
     /// Nodes so slow that they are constant up to the horizon, a geometric series, are merged to one node of
     /// rate 0.
-    fn trapezoidal_rule(self, spacing: f64, fastest: f64, horizon: usize, tolerance: f64) -> Nodes {
+    fn trapezoidal_rule(self, spacing: f64, fastest: f64, horizon: u64, tolerance: f64) -> Nodes {
         let standing = 0.01 * tolerance / horizon as f64;
         let first = libm::log(libm::expm1(fastest));
         let count = ((first - standing.ln()) / spacing).ceil().max(1.0) as usize;
@@ -819,7 +827,7 @@ impl Cut {
 }
 
 /// The trapezoidal rules of kernels with common rates, for lags `head` to `horizon`.
-fn trapezoidal_rules<S: Source>(cuts: &[S], head: usize, horizon: usize, tolerance: f64) -> Vec<Nodes> {
+fn trapezoidal_rules<S: Source>(cuts: &[S], head: usize, horizon: u64, tolerance: f64) -> Vec<Nodes> {
     let spacing = cuts.iter().map(|cut| cut.spacing(tolerance)).fold(f64::INFINITY, min_or_nan);
     let fastest = cuts.iter().map(|cut| cut.fastest(head, tolerance)).fold(0.0, max_or_nan);
     cuts.iter().map(|cut| cut.rule(spacing, fastest, horizon, tolerance)).collect()
@@ -885,7 +893,7 @@ mod tests {
                             multistep_weights(&transfer, order, step_size, on_increments, count).unwrap();
                         assert_eq!((kernel.step_size(), kernel.on_increments()), (step_size, on_increments));
                         let floor = 1e-9 * exact[0].abs() / kernel.head().len() as f64;
-                        for n in (0..100).chain(lags(100, count - 1)) {
+                        for n in (0..100).chain(lags(100, count as u64 - 1).map(|n| n as usize)) {
                             let error = (kernel.weight(n) - exact[n]).abs();
                             let lapse = kernel.exponentials().first().map_or(0.0, |e| e.rate) * n as f64;
                             let allowed = 2.0 * tolerance + (8.0 + 4.0 * lapse) * f64::EPSILON;

@@ -63,7 +63,7 @@ impl<'a> Group<'a> {
     }
 
     /// The sum of a kernel at the lag n, which is at this place.
-    fn exact(&self, index: usize, place: usize, n: usize) -> f64 {
+    fn exact(&self, index: usize, place: usize, n: u64) -> f64 {
         let sums = || self.nodes.iter().map(|nodes| sum_of_exponentials(nodes, n)).collect();
         self.exact.borrow_mut()[place].get_or_insert_with(sums)[index]
     }
@@ -76,7 +76,7 @@ impl Shortening {
     pub(super) fn of(
         &mut self,
         rules: &[Nodes],
-        [head, horizon]: [usize; 2],
+        [head, horizon]: [u64; 2],
         slowest: f64,
         tolerance: f64,
     ) -> Vec<Nodes> {
@@ -84,7 +84,7 @@ impl Shortening {
         let allowed = largest_change(tolerance);
         let lags = Lags::new(head, horizon);
         // Rates are rounded to double precision too.
-        let bound = |&n: &usize| allowed + f64::EPSILON * slowest * n as f64;
+        let bound = |&n: &u64| allowed + f64::EPSILON * slowest * n as f64;
         let bounds: Vec<f64> = lags.all().iter().map(bound).collect();
         let up_to = |rate: f64| nodes.partition_point(|node| node.rate - slowest <= rate);
         let ends = SLOW_REACHES.map(|reach| up_to(reach / horizon as f64));
@@ -252,7 +252,7 @@ fn slow_gauss_rules(groups: &[&[Exponential]], slowest: f64) -> impl FnMut(usize
 
 /// Gauss rules, by size, of the measures in t = e^{−s}, weighted with their values after the head:
 /// e^{−s(n−n₀)} is a power of t.
-fn fast_gauss_rules(groups: &[&[Exponential]], head: usize) -> impl FnMut(usize) -> Vec<Nodes> {
+fn fast_gauss_rules(groups: &[&[Exponential]], head: u64) -> impl FnMut(usize) -> Vec<Nodes> {
     let behind = head as f64;
     let first = groups.first().and_then(|group| group.first());
     let unit = first.map_or(1.0, |node| libm::exp(-node.rate));

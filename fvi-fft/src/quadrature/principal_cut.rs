@@ -95,12 +95,12 @@ impl<'a> PrincipalCut<'a> {
     }
 
     /// The lag up to which the weights are not negligible.
-    pub(crate) fn reach(&self, horizon: usize) -> usize {
+    pub(crate) fn reach(&self, horizon: u64) -> u64 {
         let rate = self.slowest();
         if rate == 0.0 {
             return horizon;
         }
-        horizon.min((-libm::log(NOTHING_LEFT) / rate).ceil() as usize)
+        horizon.min((-libm::log(NOTHING_LEFT) / rate).ceil() as u64)
     }
 
     /// Spacing of the trapezoidal rule in ln d at which its relative error is about half the tolerance:
@@ -121,13 +121,7 @@ impl<'a> PrincipalCut<'a> {
     ///
     /// Nodes so slow that they are constant relative to the branch point up to the horizon are merged to one
     /// node there.
-    pub(crate) fn rule(
-        &self,
-        spacing: f64,
-        fastest: f64,
-        horizon: usize,
-        tolerance: f64,
-    ) -> Vec<Exponential> {
+    pub(crate) fn rule(&self, spacing: f64, fastest: f64, horizon: u64, tolerance: f64) -> Vec<Exponential> {
         let Some(Start { place, .. }) = &self.cut else { return Vec::new() };
         let slowest = self.slowest();
         let (first, count) = self.reach_of_rule(place, spacing, fastest, horizon, tolerance);
@@ -150,7 +144,7 @@ impl<'a> PrincipalCut<'a> {
         place: &f64,
         spacing: f64,
         fastest: f64,
-        horizon: usize,
+        horizon: u64,
         tolerance: f64,
     ) -> (f64, usize) {
         let standing = 0.01 * tolerance / horizon as f64;
@@ -191,7 +185,8 @@ impl<'a> PrincipalCut<'a> {
             });
             let spacing = series.scale(2.0 * t);
             let fastest = self.fastest(head, tolerance);
-            let (first, count) = self.reach_of_rule(place, spacing.to_f64(), fastest, horizon, tolerance);
+            let (first, count) =
+                self.reach_of_rule(place, spacing.to_f64(), fastest, horizon as u64, tolerance);
             let distances = std::iter::successors(Some(DoubleDouble::exact(libm::exp(first))), |d| {
                 Some(d.multiply(ratio))
             });

@@ -230,7 +230,7 @@ fn horizon(scenario: &Scenario, controller: &Controller) -> Result<usize, Unusab
         );
         return Err(Unusable::of(&["history.horizon", "sample"], reason));
     }
-    Ok(if reach > ENDLESS_REACH { ENDLESS } else { reach })
+    Ok(if reach as u64 > ENDLESS_REACH { ENDLESS } else { reach })
 }
 
 fn of_horizon(
