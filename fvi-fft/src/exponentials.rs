@@ -12,6 +12,8 @@ mod decays;
 pub mod exponential_table;
 pub mod fixed_source;
 mod jacobi_matrix;
+#[doc(hidden)]
+pub mod paired_source;
 mod rate_rules;
 #[doc(hidden)]
 pub mod rate_table;

@@ -18,6 +18,7 @@ mod large_systems;
 mod laws;
 mod long_run;
 mod node_form;
+mod paired_source;
 mod papers;
 mod rounding;
 mod runge_kutta;

@@ -9,8 +9,11 @@ use super::listing::{
 use super::terminal::mention;
 use fvi_core::BdfOrder;
 use fvi_fft::exponentials::band_table::band_table;
+use fvi_fft::exponentials::complex_exponential_table::complex_exponentials;
 use fvi_fft::exponentials::exponential_table::{ENDLESS, ExponentialKernel, ExponentialKernelError};
+use fvi_fft::exponentials::paired_source::PairedSource;
 use fvi_fft::exponentials::rust_constants::end_of;
+use fvi_fft::transfer::TransferFunction;
 use std::path::PathBuf;
 
 /// Arguments of `fvi exponentials`.
@@ -71,6 +74,10 @@ impl ExponentialsArguments {
         let order = BdfOrder::new(self.order).map_err(parameter_error)?;
         let transfer = self.kernel.transfer()?;
         let (on_increments, step, tolerance) = (self.increments, self.step, self.tolerance);
+        let poles = transfer.fractions().map_or_else(Vec::new, |fractions| fractions.poles);
+        if poles.iter().any(|pole| pole.place.im != 0.0) {
+            return self.in_pairs(&transfer, order, horizon);
+        }
         let made = match self.band.as_deref() {
             Some(&[low, high]) => band_table(&transfer, order, on_increments, step, [low, high], tolerance)
                 .map(|(kernel, errors)| (kernel, Some(errors))),
@@ -95,5 +102,47 @@ impl ExponentialsArguments {
         }
         mention_end(end_of(&kernel, self.step).as_deref());
         Ok(())
+    }
+
+    /// The listing of a kernel that oscillates, as a filter.
+    fn in_pairs(
+        &self,
+        transfer: &TransferFunction,
+        order: BdfOrder,
+        horizon: usize,
+    ) -> Result<(), CommandError> {
+        if self.band.is_some() {
+            let what = "a band is for kernels without complex poles, and this one needs no exponentials beside its poles";
+            return Err(CommandError::Unsuited(what.to_owned()));
+        }
+        let (step, tolerance) = (self.step, self.tolerance);
+        let made = complex_exponentials(transfer, order, self.increments, step, horizon, tolerance);
+        let (table, miss) = made.map_err(|error| match error {
+            ExponentialKernelError::Parameter(error) => parameter_error(error),
+            missed => CommandError::Failed(missed.to_string()),
+        })?;
+        let on = if self.increments { " on increments" } else { "" };
+        let origin = format!(
+            "BDF {}, {}{on}, step {step}, weights within {:.1e} of the largest",
+            self.order,
+            self.kernel.origin(transfer),
+            miss.largest
+        );
+        if table.pairs.is_empty() {
+            let what = format!("the weights end after {}: `fvi weights` lists them", table.head.len());
+            return Err(CommandError::Unsuited(what));
+        }
+        let name = self.name.as_deref().unwrap_or(match self.format {
+            ListingFormat::C => "fvi",
+            _ => "filter",
+        });
+        let in_single = self.format.precision(self.precision) == ListingPrecision::F32;
+        let source = PairedSource { table: &table, origin: &origin, name, in_single };
+        let listing = match self.format {
+            ListingFormat::Csv => source.csv(),
+            ListingFormat::Rust => source.rust(),
+            ListingFormat::C => source.c(),
+        };
+        emit(|out| out.write_all(listing.as_bytes()), self.out.as_deref())
     }
 }

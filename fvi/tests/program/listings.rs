@@ -189,7 +189,7 @@ fn a_controller_in_whole_numbers_says_its_units_and_its_rounding() {
         let [file, said] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
         let worth = "a count of setpoint and measured value is 0.00001, of the output 0.001; inputs saturate at ±8388607 counts; \
                      the output is within 0.5";
-        for text in [&file, &said] {
+        for text in [&file.replace("\n///", ""), &said] {
             assert!(text.contains(worth), "{text}");
         }
         assert!(constants.iter().all(|constant| file.contains(constant)), "{file}");
@@ -206,6 +206,41 @@ fn a_controller_in_whole_numbers_says_its_units_and_its_rounding() {
         let output = fvi(&arguments);
         let message = String::from_utf8(output.stderr).unwrap();
         assert!(output.status.code() == Some(2) && message.contains(said), "{arguments}: {message}");
+    }
+}
+
+/// A notch is written as a filter, and what cannot be is refused.
+#[test]
+fn symbols_with_complex_poles_are_filters() {
+    let of = |symbol: &str, more: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_fvi"));
+        command.args(["exponentials", "--symbol", symbol, "--step", "0.01"]).args(more.split_whitespace());
+        let output = command.output().unwrap();
+        let [said, message] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap());
+        (output.status.code(), said, message)
+    };
+    let notch = "(s^2 + 4)/(s^2 + 0.4*s + 4)";
+    let (code, rust, message) = of(notch, "--format rust --precision f32 --name notch");
+    assert_eq!(code, Some(0), "{message}");
+    assert!(rust.contains("pub struct Notch {") && rust.contains("sample: f32) -> f32"), "{rust}");
+    let (_, c, _) = of(notch, "--format c --name notch");
+    assert!(c.contains("} Notch;") && c.contains("static inline float notch_tick(Notch *filter"), "{c}");
+    let (_, csv, _) = of(notch, "");
+    assert!(csv.lines().nth(2) == Some("re,im,coefficient_re,coefficient_im"), "{csv}");
+    // Backward Euler: ρ = 1/(1 − h p) with p = −0.2 + 1.98997… i.
+    let row: Vec<f64> = csv.lines().nth(3).unwrap().split(',').map(|cell| cell.parse().unwrap()).collect();
+    let [re, im] = [1.0 + 0.01 * 0.2, -0.01 * (4.0f64 - 0.04).sqrt()];
+    let size = re * re + im * im;
+    assert!((row[0] - re / size).abs() < 1e-12 && (row[1].abs() + im / size).abs() < 1e-12, "{row:?}");
+    for (symbol, more, code, part) in [
+        ("1/(s^2 + 0.4*s + 4)^2", "", 2, "horizon"),
+        ("1/(s^2 + 0.4*s + 4)^2", "--horizon 3000 --tolerance 1e-6", 0, ""),
+        (notch, "--band 0.1 1 --tolerance 1e-2", 2, "a band is for kernels without complex poles"),
+        ("(s^2 + 4)/(s^2 - 0.4*s + 4)", "", 2, "horizon"),
+        ("1/(s^2 + 0.4*s + 4)", "", 2, "does not vanish like an integral"),
+    ] {
+        let (found, _, message) = of(symbol, more);
+        assert!(found == Some(code) && message.contains(part), "{symbol} {more}: {found:?} {message}");
     }
 }
 
