@@ -6,7 +6,7 @@ use super::error::{InputError, Problem};
 use crate::language::excerpt::excerpt;
 use crate::language::expression::nearest;
 use layout::{Layout, Row, is_missing, number_of};
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 use units::{FREQUENCIES, factor_of, is_unit, unit_in, without_unit};
 
 mod layout;
@@ -35,6 +35,8 @@ pub struct Place {
     pub unit: Option<String>,
     /// What its numbers are multiplied by.
     pub factor: f64,
+    /// True if its numbers are magnitudes in decibels.
+    in_decibels: bool,
 }
 
 /// The rows below the header, how many cells each has, and what separates them.
@@ -46,6 +48,9 @@ struct Body {
 
 /// Independent variables of tables: time, angular frequency, frequency in Hz.
 pub const OVER: [&str; 3] = ["t", "omega", "f"];
+
+/// The column whose numbers may be decibels.
+const MAGNITUDE: &str = "magnitude";
 
 /// Largest number of a column in `columns`.
 const MOST_COLUMNS: usize = 100_000;
@@ -65,10 +70,11 @@ impl Cells<'_, '_> {
         self.columns.iter().position(|own| own.name == name)
     }
 
-    /// The numbers of a column in the unit of the scenario.
+    /// The numbers of a column in the unit of the scenario; of decibels the factors that they stand for.
     pub fn values(&self, column: usize) -> Vec<f64> {
-        let factor = self.columns[column].factor;
-        self.rows.iter().map(|(_, row)| row[column] * factor).collect()
+        let Place { factor, in_decibels, .. } = self.columns[column];
+        let value = |number: f64| if in_decibels { libm::exp10(number / 20.0) } else { number };
+        self.rows.iter().map(|(_, row)| value(row[column]) * factor).collect()
     }
 
     /// What the numbers of a column are multiplied by.
@@ -379,7 +385,8 @@ impl Cells<'_, '_> {
 
     fn add(&mut self, name: &str, index: usize, unit: Option<&str>) {
         let unit = unit.filter(|unit| !is_blank(unit)).map(str::to_owned);
-        self.columns.push(Place { name: name.to_owned(), number: index + 1, unit, factor: 1.0 });
+        let name = name.to_owned();
+        self.columns.push(Place { name, number: index + 1, unit, factor: 1.0, in_decibels: false });
     }
 
     /// The units of all columns, if the first row below the header has them. Between spaces they are as many
@@ -471,11 +478,19 @@ impl Cells<'_, '_> {
             let names: Vec<&str> = self.columns.iter().map(|place| place.name.as_str()).collect();
             table.allow(&names)?;
             for (name, value) in table.entries() {
-                let factor = if OVER[1..].contains(&name) && value.number().is_err() {
-                    value.choice(&[&[("Hz", TAU), ("rad/s", 1.0)][..], &FREQUENCIES].concat())?
-                } else {
+                let factor = match name {
                     // A number leads to the unit that the column has without it: for `f` that is Hz.
-                    value.positive()? * factor_of(name, None).unwrap_or(1.0)
+                    _ if value.number().is_ok() => value.positive()? * factor_of(name, None).unwrap_or(1.0),
+                    "omega" | "f" => {
+                        value.choice(&[&[("Hz", TAU), ("rad/s", 1.0)][..], &FREQUENCIES].concat())?
+                    }
+                    "phase" => value.choice(&[("deg", PI / 180.0), ("rad", 1.0)])?,
+                    MAGNITUDE => {
+                        value.choice(&[("dB", 1.0)])?;
+                        self.columns.iter_mut().for_each(|place| place.in_decibels |= place.name == name);
+                        1.0
+                    }
+                    _ => value.positive()?,
                 };
                 said.push((name.to_owned(), factor));
             }
@@ -488,6 +503,7 @@ impl Cells<'_, '_> {
                 Some((_, factor)) => Ok(*factor),
                 None => factor_of(name, unit.as_deref()),
             };
+            let in_decibels = own.is_none() && name == MAGNITUDE && unit.as_deref() == Some("dB");
             self.columns[index].factor = factor.map_err(|(reason, number)| {
                 let advice = match number {
                     Some(number) => format!("`units = {{ {base} = {number} }}` is what to multiply it by"),
@@ -497,6 +513,7 @@ impl Cells<'_, '_> {
                 let between = if advice.is_empty() { "" } else { "; " };
                 self.fault(self.header, format!("{}: {reason}{between}{advice}", self.place(index)))
             })?;
+            self.columns[index].in_decibels |= in_decibels;
         }
         Ok(())
     }

@@ -32,10 +32,10 @@ pub(super) fn unit_in(name: &str) -> Option<&str> {
 }
 
 /// Words of units that take no prefix, and those that do.
-const PLAIN: [&str; 38] = [
+const PLAIN: [&str; 39] = [
     "sec", "secs", "second", "seconds", "min", "minute", "minutes", "h", "hr", "hour", "hours", "d", "day",
-    "days", "hz", "HZ", "radian", "radians", "rads", "deg", "°", "°C", "°F", "K", "%", "psi", "ksi", "dyn",
-    "dyne", "t", "tonne", "tonnes", "lb", "lbf", "ft", "rpm", "cpm", "Ns",
+    "days", "hz", "HZ", "radian", "radians", "rads", "deg", "dB", "°", "°C", "°F", "K", "%", "psi", "ksi",
+    "dyn", "dyne", "t", "tonne", "tonnes", "lb", "lbf", "ft", "rpm", "cpm", "Ns",
 ];
 const PREFIXED: [&str; 14] = ["s", "S", "Hz", "rad", "Pa", "bar", "N", "Nm", "m", "g", "J", "W", "V", "A"];
 const PREFIXES: [&str; 13] = ["", "k", "M", "G", "T", "m", "µ", "μ", "u", "n", "p", "c", "d"];
@@ -79,7 +79,16 @@ fn plain(unit: &str) -> String {
 
 /// What a column with this unit is multiplied by.
 pub(super) fn factor_of(name: &str, unit: Option<&str>) -> Factor {
-    let Some(unit) = unit else { return Ok(if name == "f" { TAU } else { 1.0 }) };
+    let Some(unit) = unit else {
+        return match name {
+            "f" => Ok(TAU),
+            "phase" => {
+                let reason = "a phase without a unit; `units = { phase = \"deg\" }` or \"rad\" says which";
+                Err((reason.to_owned(), None))
+            }
+            _ => Ok(1.0),
+        };
+    };
     let (said, unit) = (excerpt(unit), plain(unit));
     match name {
         "omega" | "f" => match unit.as_str() {
@@ -101,6 +110,20 @@ pub(super) fn factor_of(name: &str, unit: Option<&str>) -> Factor {
             "s" | "secs" | "seconds" | "S" => Ok(1.0),
             other => Err((format!("a time in `{said}`, not in s"), known(other, &TIMES))),
         },
+        "phase" => match unit.as_str() {
+            "deg" | "°" | "degree" | "degrees" => Ok(PI / 180.0),
+            "rad" => Ok(1.0),
+            _ => {
+                let reason =
+                    "which is neither deg nor rad; `units = { phase = \"deg\" }` or \"rad\" says which";
+                Err((format!("a phase in `{said}`, {reason}"), None))
+            }
+        },
+        _ if unit == "dB" && name != "magnitude" => Err((
+            "decibels, which only a column `magnitude` is taken in; a deviation of it is in its own unit"
+                .to_owned(),
+            None,
+        )),
         "tan_delta" => match unit.as_str() {
             "1" | "–" => Ok(1.0),
             other => Err((format!("a loss factor in `{said}`"), (other == "%").then_some(0.01))),
