@@ -3,6 +3,9 @@
 //! | file | idea |
 //! |---|---|
 //! | `plant` | P(s) e^{−Ls}: formulas, or a scenario, linearised |
+//! | `polynomial` | by its roots |
+//! | `measured` | a plant by its frequency response, and its model |
+//! | `coverage` | what a loop needs to know beyond the frequencies that were measured |
 //! | `problem` | the input of `fvi tune` |
 //! | `law` | C(s), and the law that ticks |
 //! | `relay` | the ultimate point by a relay on a simulated plant |
@@ -15,14 +18,17 @@
 //! | `running_loop` | the tuned loop as a scenario |
 //! | `output`, `pictures` | its files |
 
+mod coverage;
 mod grid;
 mod largest_gain;
 mod law;
 mod margins;
+mod measured;
 mod output;
 #[cfg(feature = "pictures")]
 mod pictures;
 mod plant;
+mod polynomial;
 mod problem;
 mod relay;
 mod rules;
@@ -40,13 +46,15 @@ pub use problem::{
 pub use relay::RelayResult;
 pub use search::{Allowed, Bound};
 
+use coverage::check_covered;
 use fvi_fft::transfer::laplace::on_a_line;
 use fvi_simulation::simulation::closed_loop::{
-    Contour, OpenLoop, growing_motions, growing_motions_open, growing_sampled_motions,
+    Contour, OpenLoop, growing_motions, growing_motions_open, growing_sampled_motions, logarithm,
 };
 use grid::SampledPlant;
 use largest_gain::by_sensitivity;
 use margins::{follow, margins};
+use measured::Measured;
 use nalgebra::Complex;
 use sampled::{band, sampled_loop};
 use search::{DEFAULTS, Search, frequencies, missed};
@@ -88,6 +96,8 @@ pub struct Tuning {
     pub response: Vec<LoopPoint>,
     /// Rows t, y and u after a unit step of the setpoint, y after a unit step of a load at the plant's input.
     pub steps: Vec<[f64; 4]>,
+    /// A sentence about the model of a measured plant.
+    pub model: Option<String>,
     /// Warnings.
     pub warnings: Vec<String>,
 }
@@ -119,7 +129,7 @@ fn open_loop(plant: &Plant, law: &Law, s: Complex<f64>) -> Option<OpenLoop> {
     let law = law.response(s);
     Some(OpenLoop {
         value: plant.value * law.measured,
-        log_denominator: plant.log_denominator + plant::logarithm(law.denominator),
+        log_denominator: plant.log_denominator + logarithm(law.denominator),
     })
 }
 
@@ -221,6 +231,8 @@ pub fn tune(problem: &TuningProblem, stop: &AtomicBool) -> Result<Tuning, TuneEr
     loop {
         let Found { law, relay, sought, about } = find_closer(problem, &grid, closer, stop)?;
         let tuning = evaluate_design(problem, law, about, stop)?;
+        check_covered(problem, &law)
+            .map_err(|reason| TuneError::Infeasible(format!("{} is refused: {reason}", in_words(&law))))?;
         let bounds = bounds(problem, &grid, &law, &tuning.sampled_margins)?;
         let excess = bounds.iter().map(Bound::excess).fold(0.0, max_or_nan);
         if excess == 0.0 {
@@ -419,19 +431,6 @@ fn sampled_margins(
     let followed = highest.min(FOLLOWED_TURNS / dead_time).max(2.0 * from);
     let points = follow(&open, from, followed.min(highest), dead_time)?;
     let mut found = margins(&points, &open);
-    // At π/h every response of samples is a real number: where it is negative, its phase is −180°.
-    if let Some(last) = open(highest).filter(|last| last.re < 0.0) {
-        let factor = last.re.abs().recip();
-        if factor > 1.0 {
-            found.gain_margin = Some(found.gain_margin.map_or(factor, |margin| min_or_nan(margin, factor)));
-        } else {
-            let reduction = found.gain_reduction.map_or(factor, |reduction| max_or_nan(reduction, factor));
-            found.gain_reduction = Some(reduction);
-        }
-        if found.phase_crossovers.is_empty() || last.re < -0.1 {
-            found.phase_crossovers.push(highest);
-        }
-    }
     let (mut omega, mut largest) = (followed, 0.0);
     while omega < highest {
         let size = open(omega).map_or(f64::NAN, |value| value.norm());
@@ -485,6 +484,7 @@ fn evaluate_design(
             sampled_margins.phase_margin.unwrap_or(f64::NAN)
         ));
     }
+    warnings.extend(plant.measured().and_then(|measured| measured.note.clone()));
     if plant.scenario().is_some_and(plant::ScenarioPlant::is_at_a_kink) {
         warnings.push(
             "the forces have a kink at the position of the plant, where they have no derivative: its stiffness is that \
@@ -498,6 +498,7 @@ fn evaluate_design(
     let centre = found.gain_crossovers.last().copied().unwrap_or(about);
     let response = (0..=POINTS)
         .map(|k| centre * libm::pow(10.0, 5.0 * k as f64 / POINTS as f64 - 3.0))
+        .filter(|omega| plant.is_known_at(*omega))
         .filter_map(|omega| {
             let plant = plant.at(Complex::new(0.0, omega))?.value;
             let sampled = (omega < highest).then(|| sampled_open(omega)).flatten();
@@ -543,6 +544,7 @@ fn evaluate_design(
         relay: None,
         response,
         steps,
+        model: plant.measured().map(Measured::description),
         warnings,
     })
 }

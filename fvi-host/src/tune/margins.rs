@@ -41,6 +41,12 @@ const TURN: f64 = 0.1;
 /// |L| below which the response does not affect any margin.
 const SMALL: f64 = 0.02;
 
+/// Distance of |L| from 1 at a point beside which it may cross 1 and come back.
+const GRAZING: f64 = 0.05;
+
+/// Part of itself that the imaginary part of a real number may be.
+const ON_THE_AXIS: f64 = 1e-9;
+
 /// Largest number of bisections of an interval in which the loop curves strongly.
 const HALVINGS: u32 = 24;
 
@@ -202,23 +208,54 @@ pub(super) fn complementary_at_any_phase(open: Complex<f64>) -> f64 {
     open.norm() * sensitivity_at_any_phase(open)
 }
 
+/// Where |L| crosses 1 in an interval.
+fn crossed(open: &Loop<'_>, low: f64, high: f64) -> Option<f64> {
+    zero(&|omega| Some(open(omega)?.norm() - 1.0), low, high)
+}
+
+/// Where |L| crosses 1 and comes back among three points on one side of it.
+fn grazed(points: [(f64, Complex<f64>); 3], open: &Loop<'_>) -> [Option<f64>; 2] {
+    let [low, middle, high] = points.map(|(_, value)| value.norm() - 1.0);
+    let is_near = middle.abs() < GRAZING && middle.abs() <= low.abs().min(high.abs());
+    let on_one_side = (low > 0.0) == (middle > 0.0) && (middle > 0.0) == (high > 0.0);
+    if !is_near || !on_one_side {
+        return [None; 2];
+    }
+    let side = if middle > 0.0 { -1.0 } else { 1.0 };
+    let size = |omega: f64| open(omega).map_or(f64::NAN, |value| side * (value.norm() - 1.0));
+    let [(from, _), _, (to, _)] = points;
+    match summit(&size, from, to) {
+        (place, most) if most > 0.0 => [crossed(open, from, place), crossed(open, place, to)],
+        _ => [None; 2],
+    }
+}
+
 /// The margins from the points of a response.
 pub(super) fn margins(points: &[(f64, Complex<f64>)], open: &Loop<'_>) -> Margins {
     let mut found = Margins::default();
+    // At π/h every response of samples is a real number.
+    let end = points.last().map_or(f64::NAN, |point| point.0);
+    for three in points.windows(3) {
+        found.gain_crossovers.extend(grazed([three[0], three[1], three[2]], open).into_iter().flatten());
+    }
     for pair in points.windows(2) {
         let ((low, left), (high, right)) = (pair[0], pair[1]);
         if (left.norm() > 1.0) != (right.norm() > 1.0) {
-            found.gain_crossovers.extend(zero(&|omega| Some(open(omega)?.norm() - 1.0), low, high));
+            found.gain_crossovers.extend(crossed(open, low, high));
         }
-        if (left.im > 0.0) != (right.im > 0.0) && left.re.min(right.re) < 0.0 {
-            let crossed = zero(&|omega| Some(open(omega)?.im), low, high);
-            let none = found.phase_crossovers.is_empty();
-            found.phase_crossovers.extend(
-                crossed
-                    .filter(|&at| open(at).is_some_and(|value| value.re < 0.0 && (none || value.re < -0.1))),
-            );
-        }
+        let crossed = if high == end && right.im.abs() <= ON_THE_AXIS * right.norm() {
+            Some(high)
+        } else if (left.im > 0.0) != (right.im > 0.0) && left.re.min(right.re) < 0.0 {
+            zero(&|omega| Some(open(omega)?.im), low, high)
+        } else {
+            None
+        };
+        let none = found.phase_crossovers.is_empty();
+        found.phase_crossovers.extend(
+            crossed.filter(|&at| open(at).is_some_and(|value| value.re < 0.0 && (none || value.re < -0.1))),
+        );
     }
+    found.gain_crossovers.sort_by(f64::total_cmp);
     let phases: Vec<(f64, f64)> = found
         .gain_crossovers
         .iter()

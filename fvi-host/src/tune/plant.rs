@@ -1,11 +1,13 @@
 //! The plant, as a function of s.
 
 use super::margins::Loop;
+use super::measured::{self, Measured};
+use super::polynomial::polynomial;
 use fvi_scenario::language::document::{Table, Value};
 use fvi_scenario::language::expression::Moment;
 use fvi_scenario::language::{Document, InputError, Problem};
 use fvi_scenario::scenario::{Controller, PlantFormula, Quotient, Scenario, read_parameters};
-use fvi_simulation::simulation::closed_loop::OpenLoop;
+use fvi_simulation::simulation::closed_loop::{OpenLoop, logarithm};
 use fvi_simulation::simulation::response::Linearised;
 use nalgebra::Complex;
 use serde::{Serialize, Serializer};
@@ -27,6 +29,8 @@ enum Kind {
     PolesZeros { gain: f64, numerator: Vec<f64>, denominator: Vec<f64>, roots: [Vec<[f64; 2]>; 2] },
     /// A formula in s with parameters.
     Formula { formula: PlantFormula, parameters: BTreeMap<String, f64> },
+    /// A measured frequency response.
+    Measured(Box<Measured>),
     /// A scenario linearised about a position: transfer function from the output of a controller to its
     /// measured value.
     Scenario(Box<ScenarioPlant>),
@@ -86,18 +90,6 @@ fn read_roots(value: &Value<'_>) -> Result<Vec<[f64; 2]>, InputError> {
     roots.iter().map(read).collect()
 }
 
-/// Coefficients of `last` Π(s − root), from s⁰ on.
-fn polynomial(roots: &[[f64; 2]], last: f64) -> Vec<f64> {
-    roots.iter().fold(vec![last], |product, &[re, im]| {
-        let factor = if im == 0.0 { vec![-re, 1.0] } else { vec![re * re + im * im, -2.0 * re, 1.0] };
-        let mut next = vec![0.0; product.len() + factor.len() - 1];
-        for (i, a) in product.iter().enumerate() {
-            factor.iter().enumerate().for_each(|(j, b)| next[i + j] += a * b);
-        }
-        next
-    })
-}
-
 impl Plant {
     /// Reads `[plant]`; `scenario` is that of the plant if it has been read already, `sample` the sampling
     /// time of its controller.
@@ -111,7 +103,8 @@ impl Plant {
         sample: &Value<'_>,
     ) -> Result<Self, InputError> {
         let dead_time = table.optional("dead_time").map_or(Ok(0.0), |value| not_negative(&value))?;
-        let forms = ["time_constant", "time_constants", "frequency", "poles", "transfer", "scenario"];
+        let forms =
+            ["time_constant", "time_constants", "frequency", "poles", "transfer", "response", "scenario"];
         let mut given = forms.iter().filter(|form| table.optional(form).is_some());
         let form = match given.next() {
             Some(&form) => form,
@@ -166,6 +159,12 @@ impl Plant {
                 let formula = PlantFormula::read(&table.required(form)?, &parameters)?;
                 Kind::Formula { formula, parameters }
             }
+            "response" => {
+                let given = table.optional("dead_time").map(|_| dead_time);
+                let measured = Measured::read(table, &table.required(form)?, given)?;
+                let dead_time = measured.dead_time();
+                return Ok(Self { kind: Kind::Measured(Box::new(measured)), dead_time });
+            }
             _ => {
                 table.allow(&["scenario", "measures", "drives", "position", "dead_time"])?;
                 let of_file = match scenario {
@@ -208,6 +207,10 @@ impl Plant {
             Kind::Formula { formula, .. } => {
                 let [numerator, denominator] = formula.fraction(s);
                 of(numerator, denominator)
+            }
+            Kind::Measured(measured) => {
+                let (value, log_denominator) = measured.at(s);
+                OpenLoop { value: value * later, log_denominator }
             }
             Kind::Scenario(plant) => {
                 let (value, log_denominator) = plant.at(s)?;
@@ -257,6 +260,10 @@ impl Plant {
                 let Quotient { numerator, denominator, dead_time } = formula.quotient()?;
                 of(numerator, denominator, dead_time)
             }
+            Kind::Measured(measured) => {
+                let Quotient { numerator, denominator, .. } = measured.quotient()?;
+                of(numerator, denominator, 0.0)
+            }
             Kind::Scenario(_) => None,
         }
     }
@@ -278,6 +285,19 @@ impl Plant {
             Kind::Scenario(plant) => Some(plant),
             _ => None,
         }
+    }
+
+    /// What is known of it by measurement.
+    pub(super) fn measured(&self) -> Option<&Measured> {
+        match &self.kind {
+            Kind::Measured(measured) => Some(measured),
+            _ => None,
+        }
+    }
+
+    /// True for all frequencies but those at which a measured plant was not measured.
+    pub(super) fn is_known_at(&self, omega: f64) -> bool {
+        self.measured().is_none_or(|measured| (measured.band[0]..=measured.band[1]).contains(&omega))
     }
 
     /// Sign that the gains must have for a stable loop: D + C N must not change its sign between s = 0 and
@@ -328,7 +348,7 @@ impl Plant {
         let points = super::margins::follow(open, 1e-4 * scale, highest, self.dead_time()).ok()?;
         let found = super::margins::margins(&points, open);
         let omega = *found.phase_crossovers.first()?;
-        Some((sign / open(omega)?.norm(), omega))
+        self.is_known_at(omega).then_some((sign / open(omega)?.norm(), omega))
     }
 }
 
@@ -455,11 +475,6 @@ impl ScenarioPlant {
     }
 }
 
-/// ln z.
-pub(super) fn logarithm(z: Complex<f64>) -> Complex<f64> {
-    Complex::new(libm::log(z.norm()), libm::atan2(z.im, z.re))
-}
-
 /// A plant as written to `tune.json`.
 #[derive(Default, Serialize)]
 struct Record<'a> {
@@ -483,6 +498,8 @@ struct Record<'a> {
     measures: Option<&'a str>,
     #[serde(skip_serializing_if = "Option::is_none")]
     drives: Option<&'a [f64]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    response: Option<measured::Record<'a>>,
     dead_time: f64,
 }
 
@@ -502,6 +519,7 @@ impl Serialize for Plant {
             Kind::Formula { formula, parameters } => {
                 (record.transfer, record.parameters) = (Some(formula), Some(parameters));
             }
+            Kind::Measured(measured) => record.response = Some(measured.record()),
             Kind::Scenario(plant) => {
                 record.scenario = Some(&plant.file);
                 record.measures = Some(plant.controller.measures.text());

@@ -340,6 +340,7 @@ fn read_specification(
         let allowed = format!("below π/`controller.sample` = {highest:.6}");
         return Err(crossover.out_of_range(allowed));
     }
+    check_measured(&crossover, frequency, plant)?;
     let value = table.required("phase_margin")?;
     let phase_margin = value.number()?;
     if !(phase_margin > 0.0 && phase_margin < 180.0) {
@@ -365,7 +366,7 @@ fn read_specification(
             flat
         }
     };
-    let limits = |key: &str| table.optional(key).map_or(Ok(Vec::new()), |value| read_limits(&value));
+    let limits = |key: &str| table.optional(key).map_or(Ok(Vec::new()), |value| read_limits(&value, plant));
     // Bounds on |S| already limit the effect of loads.
     let says_loads = !structure.terms.integrates() || table.optional("sensitivity").is_some();
     let default = if says_loads { Preference::Robustness } else { Preference::Loads };
@@ -383,7 +384,19 @@ fn read_specification(
     }))
 }
 
-fn read_limits(value: &Value<'_>) -> Result<Vec<Limit>, InputError> {
+/// Checks that a plant was measured at a frequency, if it is a measured one.
+fn check_measured(value: &Value<'_>, omega: f64, plant: &Plant) -> Result<(), InputError> {
+    match plant.measured() {
+        Some(measured) if !plant.is_known_at(omega) => {
+            let [low, high] = measured.band;
+            Err(value
+                .out_of_range(format!("among the frequencies of `plant.response`, {low:.6} to {high:.6}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn read_limits(value: &Value<'_>, plant: &Plant) -> Result<Vec<Limit>, InputError> {
     let tables = value.list("a list of tables such as [{ at = 0.001, below = -20 }]")?;
     tables
         .iter()
@@ -396,11 +409,14 @@ fn read_limits(value: &Value<'_>) -> Result<Vec<Limit>, InputError> {
                 if let Some(other) = table.optional("from").or_else(|| table.optional("to")) {
                     return Err(other.key_error(Problem::Conflict { other: "at".to_owned() }));
                 }
-                let at = at.positive()?;
-                return Ok(Limit { from: at, to: at, decibels });
+                let omega = at.positive()?;
+                check_measured(&at, omega, plant)?;
+                return Ok(Limit { from: omega, to: omega, decibels });
             }
-            let (from, to) = (table.required("from")?.positive()?, table.required("to")?);
-            let last = to.positive()?;
+            let (begin, to) = (table.required("from")?, table.required("to")?);
+            let (from, last) = (begin.positive()?, to.positive()?);
+            check_measured(&begin, from, plant)?;
+            check_measured(&to, last, plant)?;
             if last < from {
                 return Err(to.out_of_range("a frequency that is not below `from`"));
             }

@@ -32,6 +32,12 @@ const EXACT: f64 = 1e-9;
 const MOST: u32 = 1024;
 const LOOSE: f64 = 1e-6;
 
+/// Part of itself that a dead time may be changed by without a word, part of a step by which it may end off a
+/// grid point, and the most steps that are added to those of a sample so that it ends at one.
+const DELAYED: f64 = 1e-9;
+const NEARLY: f64 = 0.01;
+const ADDED: u32 = 255;
+
 /// `[loop]`: how a tuned loop runs.
 #[derive(Default)]
 pub(super) struct Running {
@@ -86,7 +92,7 @@ impl Running {
         about: f64,
         law: &str,
     ) -> Option<String> {
-        let plant = plant.quotient()?;
+        let (plant, measured) = (plant.quotient()?, plant.measured());
         let Quotient { numerator, denominator, dead_time } = &plant;
         let count = denominator.len() - 1;
         let sum = |numbers: &[f64], sign: f64| {
@@ -106,6 +112,13 @@ impl Running {
         let mut forces: Vec<String> = (1..count).map(|i| format!("q{i}")).collect();
         forces.push(last);
         let (parts, error) = parts(denominator, sample)?;
+        let (parts, delay) = with_delay(parts, *dead_time, sample);
+        let mut model = measured
+            .map_or_else(String::new, |measured| format!("# By measurement: {}.\n", measured.description()));
+        if (delay - dead_time).abs() > DELAYED * dead_time {
+            let _ =
+                writeln!(model, "# A dead time of {dead_time:?} would end inside a step: it is {delay:?}.");
+        }
         let end = self.end.unwrap_or(80.0 / about + 20.0 * dead_time);
         let samples = (end / sample).ceil();
         let all = |number: &str| vec![number; count].join(", ");
@@ -116,7 +129,7 @@ impl Running {
             "# The tuned loop, for `fvi run` and `fvi controller`: the plant is a chain of coordinates without mass; its dead\n\
              # time is the controller's `delay`, and what is added to the last force acts behind it, as a load. From one sample\n\
              # to the next its motion is within {error:.0e} of the exact one.\n\
-             title = {}\n\n[system]\nmass = [{}]\nforce = [{}]\n\n[[system.damping]]\norder = 1.0\n\
+             {model}title = {}\n\n[system]\nmass = [{}]\nforce = [{}]\n\n[[system.damping]]\norder = 1.0\n\
              coefficient = [{}]\n\n[initial]\nposition = [{}]\n\n[scheme]\nkind = \"collocation\"\n\n\
              [time]\nstep = {:?}\nsteps = {}\n\n[controller]\nmeasures = {}\ndrives = [{}]\n",
             toml::Value::from(title),
@@ -136,8 +149,8 @@ impl Running {
             let _ = writeln!(text, "{key} = {value}");
         }
         text += law;
-        if *dead_time > 0.0 {
-            let _ = writeln!(text, "delay = {dead_time:?}");
+        if delay > 0.0 {
+            let _ = writeln!(text, "delay = {delay:?}");
         }
         Some(text)
     }
@@ -183,6 +196,27 @@ fn parts(denominator: &[f64], sample: f64) -> Option<(u32, f64)> {
     }
 }
 
+/// Steps of a sample, at least so many, by which a dead time is a whole number of steps, exactly or nearly,
+/// and that dead time.
+fn with_delay(least: u32, dead_time: f64, sample: f64) -> (u32, f64) {
+    let miss = |parts: u32| {
+        let steps = dead_time / sample * f64::from(parts);
+        ((steps - steps.round()).abs(), steps)
+    };
+    let counts = || least..=least + ADDED;
+    let exact = counts().find(|&parts| {
+        let (miss, steps) = miss(parts);
+        miss <= DELAYED * steps
+    });
+    if let Some(parts) = exact {
+        return (parts, dead_time);
+    }
+    let nearly = counts().find(|&parts| miss(parts).0 <= NEARLY);
+    let nearest = || counts().min_by(|&a, &b| miss(a).0.total_cmp(&miss(b).0)).unwrap_or(least);
+    let parts = nearly.unwrap_or_else(nearest);
+    (parts, miss(parts).1.round() * sample / f64::from(parts))
+}
+
 /// e^Z: its series for Z/2^k, of which no row sum exceeds ½, squared k times.
 fn exponential(z: DMatrix<f64>) -> DMatrix<f64> {
     let size = z.row_iter().map(|row| row.iter().map(|number| number.abs()).sum()).fold(0.0, max_or_nan);
@@ -211,7 +245,17 @@ fn placed(table: &Table<'_>, value: &Value<'_>, error: &InputError) -> InputErro
 
 #[cfg(test)]
 mod tests {
-    use super::parts;
+    use super::{parts, with_delay};
+
+    #[test]
+    fn dead_times_end_at_steps() {
+        assert_eq!(with_delay(1, 0.0, 0.1), (1, 0.0));
+        assert_eq!(with_delay(2, 0.35, 0.1), (2, 0.35));
+        assert_eq!(with_delay(1, 0.337, 0.1), (100, 0.337));
+        // 1.7π steps: 5.3407…, 44 parts are 234.99 steps.
+        let (parts, delay) = with_delay(1, 1.7 * std::f64::consts::PI, 1.0);
+        assert!((delay - 1.7 * std::f64::consts::PI).abs() <= 0.01 / f64::from(parts), "{parts} {delay}");
+    }
 
     #[test]
     fn steps_follow_what_a_sample_sees_of_a_plant() {

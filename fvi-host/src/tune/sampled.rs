@@ -31,11 +31,28 @@ fn fallen(z: Complex<f64>) -> Complex<f64> {
 /// For plants that decay like 1/s or faster the relative error is some 10⁻⁴ at ω = π/h, and smaller below.
 /// `None` where P has no value.
 pub(super) fn held_plant(plant: &Plant, s: Complex<f64>, sample: f64) -> Option<Complex<f64>> {
+    aliases(s, sample, |place| Some(plant.at(place)?.value / place))
+}
+
+/// The part of G at ω that comes from |P| beyond a frequency, of any phase.
+pub(super) fn held_from_beyond(plant: &Plant, omega: f64, sample: f64, beyond: f64) -> Option<f64> {
+    let size = |place: Complex<f64>| match place.im > beyond * (1.0 + 1e-9) {
+        true => Some(Complex::new((plant.at(place)?.value / place).norm(), 0.0)),
+        false => Some(Complex::ZERO),
+    };
+    aliases(Complex::new(0.0, omega), sample, size).map(|sum| sum.norm())
+}
+
+/// (1 − e^{−sh})/h Σ_k f(s + 2πik/h) for f with conjugate values at conjugate places.
+fn aliases(
+    s: Complex<f64>,
+    sample: f64,
+    function: impl Fn(Complex<f64>) -> Option<Complex<f64>>,
+) -> Option<Complex<f64>> {
     let band = 2.0 * PI / sample;
     let term = |distance: f64| {
         let place = Complex::new(s.re, s.im + distance * band);
-        let above = Complex::new(place.re, place.im.abs());
-        let value = plant.at(above)?.value / above;
+        let value = function(Complex::new(place.re, place.im.abs()))?;
         Some(if place.im < 0.0 { value.conj() } else { value })
     };
     let mut sum = Complex::ZERO;

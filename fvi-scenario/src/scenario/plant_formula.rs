@@ -160,7 +160,8 @@ impl Quotient {
         Self { numerator: self.denominator, denominator: self.numerator, dead_time: -self.dead_time }
     }
 
-    fn product(&self, other: &Self) -> Option<Self> {
+    /// The product; `None` beyond degree 64.
+    pub fn product(&self, other: &Self) -> Option<Self> {
         Self {
             numerator: multiplied(&self.numerator, &other.numerator),
             denominator: multiplied(&self.denominator, &other.denominator),
@@ -169,8 +170,8 @@ impl Quotient {
         .trimmed()
     }
 
-    /// The sum, if both have the same dead time.
-    fn plus(self, other: Self) -> Option<Self> {
+    /// The sum, if both have the same dead time; `None` beyond degree 64.
+    pub fn plus(self, other: Self) -> Option<Self> {
         if self.dead_time != other.dead_time {
             return None;
         }

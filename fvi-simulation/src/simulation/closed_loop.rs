@@ -152,7 +152,8 @@ fn along(end: f64, fineness: &Fineness, function: &dyn Fn(f64) -> Option<Complex
     })
 }
 
-fn logarithm(z: Complex<f64>) -> Complex<f64> {
+/// ln z, its imaginary part from −π to π.
+pub fn logarithm(z: Complex<f64>) -> Complex<f64> {
     Complex::new(libm::log(z.norm()), libm::atan2(z.im, z.re))
 }
 

@@ -33,7 +33,8 @@ impl TuneArguments {
         warn(found.warnings.iter().cloned());
         if !self.quiet {
             let text = said(&found, &problem);
-            terminal::say(&format!("{text}; files in {}\n", directory.path().display()))?;
+            let model = found.model.map_or_else(String::new, |model| format!("; {model}"));
+            terminal::say(&format!("{text}{model}; files in {}\n", directory.path().display()))?;
         }
         Ok(())
     }

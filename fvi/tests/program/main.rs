@@ -35,6 +35,7 @@ mod strategies;
 mod sweeps;
 mod tune;
 mod tune_bounds;
+mod tune_measured;
 mod waves;
 mod weights_of_files;
 mod workplace;
