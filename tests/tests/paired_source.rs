@@ -62,7 +62,7 @@ fn a_filter_has_the_response_of_its_symbol() {
         let turn = 2.0 * PI / f64::from(period);
         let omega = turn / STEP;
         let mut filter = notch::Notch::new();
-        let (mut known, faded) = (Complex::ZERO, 8000 / period * period);
+        let (mut known, faded) = (Complex::<f64>::ZERO, 8000 / period * period);
         for k in 0..faded + period {
             let output = f64::from(filter.tick((turn * f64::from(k)).cos() as f32));
             if k >= faded {

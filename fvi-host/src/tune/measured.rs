@@ -166,7 +166,7 @@ impl Data {
     /// At most [`COMPARED`] of the rows.
     fn thinned(&self) -> Self {
         let stride = self.omega.len().div_ceil(COMPARED);
-        let pick = |k: &usize| k % stride == 0;
+        let pick = |k: &usize| k.is_multiple_of(stride);
         let rows: Vec<usize> = (0..self.omega.len()).filter(pick).collect();
         Self {
             omega: rows.iter().map(|&k| self.omega[k]).collect(),
@@ -302,7 +302,7 @@ fn spread_pairs(order: usize, low: f64, high: f64) -> Vec<Complex<f64>> {
     let pairs = order / 2;
     let place = |k: usize| low * libm::pow(high / low, (k as f64 + 0.5) / pairs as f64);
     let mut poles: Vec<_> = (0..pairs).map(|k| Complex::new(-0.01 * place(k), place(k))).collect();
-    if order % 2 == 1 {
+    if !order.is_multiple_of(2) {
         poles.push(Complex::new(-libm::sqrt(low * high), 0.0));
     }
     poles
