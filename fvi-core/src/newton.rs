@@ -364,7 +364,7 @@ impl<T: Real> Stiffened<T> {
 /// whenever the residual does not fall, and otherwise falls slowly towards 1, Newton's method. The first
 /// correction has λ = 0: its size is that of the motion without resistance, beside which slopes are taken no
 /// nearer to v = 0 than rounding, so that they are finite and hide no mass. The iteration ends when a
-/// correction is no larger than that, and the residual is rounding or no longer falls. If only the latter,
+/// correction times λ is no larger than that, and the residual is rounding or no longer falls. If only the latter,
 /// the velocity is 0 as far as numbers tell it, and the force whatever the equations need.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stiffening<T> {
@@ -415,6 +415,8 @@ impl<T: Real> Stiffening<T> {
         (rounding, extent): (T, T),
     ) -> Result<bool, StepError> {
         let Stiffened { factor, aside } = &mut self.slopes;
+        // Of Newton's method this correction would be as much longer.
+        let change = change * (*factor).max(T::one());
         if self.count == 0 {
             *factor = T::of(2.0);
             *aside = (*aside).max(T::of(ASIDE) * T::EPSILON * extent);
@@ -455,12 +457,21 @@ impl<T: Real> Stiffening<T> {
     }
 }
 
-/// True if a force that resists a velocity is not in balance although corrections are small: its slope ∂F/∂v
-/// is so steep that a correction of rounding size changes it as a whole, as that of c sign(v)|v|^γ on the way
-/// out of v = 0. At a solution the residual is far below |∂F/∂v| |v|.
+/// Beside h |∂F/∂v| the mass is small where it is below this fraction of it.
+const STEEP: f64 = 1e4;
+
+/// True if a slope ∂F/∂v is so steep beside the mass, for a step of this length, that a correction of rounding
+/// size may change a force as a whole, as that of c sign(v)|v|^γ on the way out of v = 0.
+#[inline(always)]
+pub(crate) fn is_steep<T: Real>(length: T, [slopes, mass]: [&[T]; 2]) -> bool {
+    let size = |numbers: &[T]| numbers.iter().fold(T::zero(), |most, x| max_or_nan(most, x.abs()));
+    length * size(slopes) > T::of(STEEP) * size(mass)
+}
+
+/// True if a force with such a slope is not in balance although corrections are small. At a solution the
+/// residual is far below |∂F/∂v| |v|, with the slope at this velocity.
 ///
-/// Residual and velocities are stage by stage, the slopes row by row of each stage, for a step of this
-/// `length`; a slope is steep beside the `mass`.
+/// Residual and velocities are stage by stage, the slopes row by row of each stage.
 #[inline(always)]
 pub(crate) fn is_unbalanced<T: Real>(
     coordinates: usize,
@@ -482,7 +493,7 @@ pub(crate) fn is_unbalanced<T: Real>(
             told = max_or_nan(told, sum);
         }
         let off = residual.iter().skip(row).step_by(n).fold(T::zero(), |most, r| max_or_nan(most, r.abs()));
-        length * steepest > T::of(1e4) * heaviest && off > T::of(3.0) * length * told
+        length * steepest > T::of(STEEP) * heaviest && off > T::of(3.0) * length * told
     })
 }
 

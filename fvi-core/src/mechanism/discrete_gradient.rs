@@ -4,7 +4,7 @@ use crate::linear::{Singular, all_finite, at, factor, substitute};
 use crate::mechanism::definite::not_definite;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian, Second};
 use crate::mechanism::step::{Shape, add_compensated, add_transposed, copy, dot, from, product, put};
-use crate::newton::{Stiffened, Stiffening, is_unbalanced};
+use crate::newton::{Stiffened, Stiffening, is_steep, is_unbalanced};
 use crate::real::{Real, max_or_nan};
 use crate::scheme::StepError;
 use crate::space::{part_mut, parts_mut};
@@ -210,6 +210,14 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
             }
         }
         Err(last)
+    }
+
+    /// True if forces with steep slopes are not in balance at the unknowns.
+    fn is_unbalanced(&mut self, room: &mut Buffers<'_, T>) -> bool {
+        let n = self.shape.n;
+        self.linearise(Row::Share(T::one()), room);
+        let [residual, velocity] = [&*room.residual, &*room.unknowns].map(|all| from(all, 0, n));
+        is_unbalanced(n, residual, self.length, [&*room.resistance, &*room.mass], velocity)
     }
 
     /// As [`solve`](Self::solve), by the iteration of [`Stiffening`], from velocities of zero.
@@ -436,10 +444,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
                 if !all_finite(room.residual) {
                     return Err(StepError::NotFinite);
                 }
-                let [residual, velocity] =
-                    [&*room.residual, &*room.unknowns].map(|numbers| from(numbers, 0, n));
-                let matrices = [&*room.resistance, &*room.mass];
-                if !is_unbalanced(n, residual, self.length, matrices, velocity) {
+                if !(is_steep(self.length, [&*room.resistance, &*room.mass]) && self.is_unbalanced(room)) {
                     return Ok(count);
                 }
             }

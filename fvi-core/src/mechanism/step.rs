@@ -3,7 +3,7 @@
 use crate::linear::{Singular, all_finite, at, factor, substitute};
 use crate::mechanism::gauss_lobatto::GaussLobatto;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian, Second};
-use crate::newton::{Stiffened, Stiffening, is_unbalanced};
+use crate::newton::{Stiffened, Stiffening, is_steep, is_unbalanced};
 use crate::real::{Real, max_or_nan};
 use crate::scheme::StepError;
 use crate::space::{part, part_from, parts_mut};
@@ -215,16 +215,21 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
                 if !all_finite(room.residual) {
                     return Err(StepError::NotFinite);
                 }
-                let [residual, velocity] =
-                    [&*room.residual, &*room.unknowns].map(|numbers| part(numbers, velocities));
-                let matrices = [&*room.resistance, &*room.mass];
-                if !is_unbalanced(self.shape.n, residual, self.length, matrices, velocity) {
+                if !(is_steep(self.length, [&*room.resistance, &*room.mass]) && self.is_unbalanced(room)) {
                     return Ok(count);
                 }
             }
             last = correction;
         }
         self.solve_stiffened(room, pivots)
+    }
+
+    /// True if forces with steep slopes are not in balance at the unknowns that were evaluated last.
+    fn is_unbalanced(&mut self, room: &mut StepBuffers<'_, T>) -> bool {
+        let velocities = self.shape.s * self.shape.n;
+        self.linearise(room);
+        let [residual, velocity] = [&*room.residual, &*room.unknowns].map(|all| part(all, velocities));
+        is_unbalanced(self.shape.n, residual, self.length, [&*room.resistance, &*room.mass], velocity)
     }
 
     /// As [`solve`](Self::solve), by the iteration of [`Stiffening`], from velocities of zero.

@@ -363,8 +363,7 @@ fn dampers_whose_slope_is_infinite_at_rest_are_those_of_the_midpoint_rule() {
             let energy = whole(json!({ "kind": "energy" }), gauss());
             for (found, known) in [(one, midpoint.clone()), (energy, midpoint), (two(gauss()), two(None))] {
                 for (found, known) in found.iter().zip(&known) {
-                    // Where a mass creeps numbers tell its velocity to 1e-10.
-                    assert!((found - known).abs() < 1e-7, "{gamma}, {c}, {step}: {found} {known}");
+                    assert!((found - known).abs() < 1e-10, "{gamma}, {c}, {step}: {found} {known}");
                 }
             }
         }
