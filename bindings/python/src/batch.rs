@@ -66,7 +66,9 @@ impl Batch {
                 let failed = |error: serde_json::Error| Failure::Failed(error.to_string());
                 let mut system = serde_json::to_value(&scenario.system).map_err(failed)?;
                 if let Some(system) = system.as_object_mut() {
-                    system.retain(|key, _| ["mass", "kinetic", "parameters", "constraints"].contains(&key.as_str()));
+                    system.retain(|key, _| {
+                        ["mass", "kinetic", "parameters", "constraints"].contains(&key.as_str())
+                    });
                 }
                 serde_json::to_string(&system).map_err(failed)
             })

@@ -74,8 +74,7 @@ fn recorded(
     most: usize,
 ) -> Outcome<Made> {
     let run = Run::of(scenario).tables(tables).recorded(most).start();
-    let mut run =
-        run.map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?;
+    let mut run = run.map_err(|error| slot.take().map_or_else(|| source.failure(&error), Failure::Raised))?;
     let rows = Rows::of_cases(scenario).map_err(|error| Failure::NoRoom(error.to_string()))?;
     let mut rows = rows.into_iter().next().ok_or_else(|| Failure::Failed("no motion".to_owned()))?;
     let (mut watch, stop) = (Watch::new(None), AtomicBool::new(false));

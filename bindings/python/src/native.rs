@@ -17,7 +17,8 @@ impl NativeFunction {
         Ok(Some(Self { address: address.extract()?, _owner: given.clone().unbind() }))
     }
 
-    /// Calls it: U(q) if it `returns` its value, else with the arguments that there are and `out` behind them.
+    /// Calls it: U(q) if it `returns` its value, else with the arguments that there are and `out` behind
+    /// them.
     pub(crate) fn call(
         &self,
         returns: bool,

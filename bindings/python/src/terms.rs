@@ -74,7 +74,8 @@ pub(crate) struct Functions {
 impl Functions {
     /// True if the run calls functions of Python.
     pub(crate) fn need_interpreter(&self) -> bool {
-        self.terms.as_ref().is_some_and(Callables::need_interpreter) || self.events.iter().any(Option::is_some)
+        self.terms.as_ref().is_some_and(Callables::need_interpreter)
+            || self.events.iter().any(Option::is_some)
     }
 
     /// The scenario with them; `looks` if they are called at its start, `exactly` if it is differentiated in
@@ -307,7 +308,8 @@ impl PythonTerms {
             }
         }
         let of_row = |(row, &middle): (usize, &f64)| {
-            let largest = looks.iter().fold(middle.abs(), |largest, (_, there)| max_or_nan(largest, there[row].abs()));
+            let largest =
+                looks.iter().fold(middle.abs(), |largest, (_, there)| max_or_nan(largest, there[row].abs()));
             let slopes: Vec<f64> = looks.iter().map(|(rise, there)| (there[row] - middle) / rise).collect();
             let [ahead, behind, far_ahead, far_behind] = [0, 1, 2, 3].map(|side| slopes[side]);
             let (near, far) = (0.5 * (ahead + behind), 0.5 * (far_ahead + far_behind));

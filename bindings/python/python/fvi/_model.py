@@ -64,9 +64,10 @@ class Model:
     """A system that is integrated several times: with other loads, initial states or damping coefficients by `integrate`, with
     other numbers, once by `run` or many times by `batch`.
 
-    Models are pickled if their functions are. Work common to the runs is done once: reading and checking matrices, symbolic factorisation, and the numerical factorisation
+    Work common to the runs is done once: reading and checking matrices, symbolic factorisation, and the numerical factorisation
     where the matrix of the step is the same, as for other loads and initial states. A damping coefficient that is a multiple of
-    an earlier one needs no check either. Results are bit-identical to those of `integrate`.
+    an earlier one needs no check either. Results are bit-identical to those of `integrate`. Models are pickled if their functions
+    are.
 
     Parameters
     ----------
