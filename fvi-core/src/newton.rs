@@ -460,8 +460,8 @@ impl<T: Real> Stiffening<T> {
 /// Beside h |∂F/∂v| the mass is small where it is below this fraction of it.
 const STEEP: f64 = 1e4;
 
-/// True if a slope ∂F/∂v is so steep beside the mass, for a step of this length, that a correction of rounding
-/// size may change a force as a whole, as that of c sign(v)|v|^γ on the way out of v = 0.
+/// True if a slope ∂F/∂v is so steep beside the mass, for a step of this length, that a correction of
+/// rounding size may change a force as a whole, as that of c sign(v)|v|^γ on the way out of v = 0.
 #[inline(always)]
 pub(crate) fn is_steep<T: Real>(length: T, [slopes, mass]: [&[T]; 2]) -> bool {
     let size = |numbers: &[T]| numbers.iter().fold(T::zero(), |most, x| max_or_nan(most, x.abs()));

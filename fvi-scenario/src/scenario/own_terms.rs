@@ -37,13 +37,14 @@ pub trait OwnTerms: Send {
     );
 
     /// True if the matrices that [`add_linearisation`](Self::add_linearisation) adds are the derivatives to
-    /// rounding: then the motion has sensitivities and gradients. Newton's method alone takes approximate ones.
+    /// rounding: then the motion has sensitivities and gradients. Newton's method alone takes approximate
+    /// ones.
     fn has_exact_derivatives(&self) -> bool {
         false
     }
 
-    /// The same terms for a run that is made at the same time as this one; `None`: there are no such runs, one
-    /// follows another.
+    /// The same terms for a run that is made at the same time as this one; `None`: there are no such runs,
+    /// one follows another.
     fn again(&self) -> Option<SharedTerms> {
         None
     }

@@ -261,8 +261,8 @@ fn steps_end_at_kinks_in_the_position_beside_a_drag() {
     }
 }
 
-/// v̇ = −2 − |v| and v̇ = −1 − max(v, 0): a kink where the velocity turns, which no node of a step shows if it
-/// lies before the first one.
+/// v̇ = −2 − |v| and v̇ = −1 − max(v, 0): a kink where the velocity turns, which no node of a step shows if
+/// it lies before the first one.
 #[test]
 fn adaptive_steps_keep_their_tolerance_across_kinks_in_the_velocity() {
     let end_time = 2.0_f64;

@@ -25,8 +25,8 @@ const LOW: f64 = 0.3;
 /// where one is zero the force has a kink.
 ///
 /// A kink before the first node of a pair or behind its last one is seen by no difference of a whole step and
-/// its halves, since the forces are those of one side at all nodes. So pairs end there. Nothing slides along a
-/// kink, unlike a jump, and the side that follows from it is that of the motion.
+/// its halves, since the forces are those of one side at all nodes. So pairs end there. Nothing slides along
+/// a kink, unlike a jump, and the side that follows from it is that of the motion.
 pub(super) struct VelocityKinks {
     arguments: Vec<Expression>,
     /// 0.03 √tolerance.
@@ -107,7 +107,8 @@ fn first_crossing(at: &mut dyn FnMut(f64) -> f64, times: &[f64], values: &[f64])
     None
 }
 
-/// Passes the arguments of the kinks of an expression that depend on a velocity, the variables from `first` on.
+/// Passes the arguments of the kinks of an expression that depend on a velocity, the variables from `first`
+/// on.
 fn collect(node: &Node, first: usize, take: &mut dyn FnMut(Node)) {
     match node.kind() {
         Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => {}

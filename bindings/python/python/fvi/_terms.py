@@ -232,12 +232,13 @@ def terms_of(
     elif potential is not None:
         message = f"{name}potential: an expression in quotes or a fvi.Potential with value, gradient and hessian is needed"
         raise InputError(message, f"{name}potential", repr(potential))
+    given_force: Any = native(f"{name}force", "force", force)
     if isinstance(force, str):
         force_texts = [force]
-    elif isinstance(force, Force) or callable(force := native(f"{name}force", "force", force)):
-        push = force.value if isinstance(force, Force) else force
+    elif isinstance(force, Force) or callable(given_force):
+        push = given_force
         if isinstance(force, Force):
-            push = native(f"{name}force.value", "force", push)
+            push = native(f"{name}force.value", "force", force.value)
             jacobian = native(f"{name}force.jacobian", "force.jacobian", force.jacobian)
             velocity_jacobian = native(f"{name}force.velocity_jacobian", "force.velocity_jacobian", force.velocity_jacobian)
         if not callable(push):
@@ -256,7 +257,7 @@ def terms_of(
                 place = f"{name}force.{part}"
                 raise InputError(f"{place}: a function with the arguments of the force is needed", place, repr(matrix.owner))
     elif force is not None:
-        force_texts = list(force)
+        force_texts = list(given_force)
         for index, text in enumerate(force_texts):
             if not isinstance(text, str):
                 place = f"{name}force[{index}]"
