@@ -364,8 +364,8 @@ impl<T: Real> Stiffened<T> {
 /// whenever the residual does not fall, and otherwise falls slowly towards 1, Newton's method. The first
 /// correction has λ = 0: its size is that of the motion without resistance, beside which slopes are taken no
 /// nearer to v = 0 than rounding, so that they are finite and hide no mass. The iteration ends when a
-/// correction times λ is no larger than that, and the residual is rounding or no longer falls. If only the
-/// latter, the velocity is 0 as far as numbers tell it, and the force whatever the equations need.
+/// correction is no larger than that, and the residual is rounding or no longer falls. If only the latter,
+/// the velocity is 0 as far as numbers tell it, and the force whatever the equations need.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Stiffening<T> {
     pub(crate) slopes: Stiffened<T>,
@@ -415,8 +415,6 @@ impl<T: Real> Stiffening<T> {
         (rounding, extent): (T, T),
     ) -> Result<bool, StepError> {
         let Stiffened { factor, aside } = &mut self.slopes;
-        // Of Newton's method this correction would be as much longer.
-        let change = change * (*factor).max(T::one());
         if self.count == 0 {
             *factor = T::of(2.0);
             *aside = (*aside).max(T::of(ASIDE) * T::EPSILON * extent);

@@ -231,7 +231,7 @@ def test_models_are_pickled_as_they_were_given():
 
 
 def test_numbers_of_a_controller_are_numbers_of_a_model():
-    controller = {"measured": 0, "actuated": 0, "kp": 2.0, "reference": "1"}
+    controller = {"measures": "q0", "drives": [1.0], "kp": 2.0, "setpoint": "1", "sample": 0.05}
     overrides = {"controller": [controller]}
     model = fvi.Model(mass=[1.0], stiffness=[[1.0]], position=[0.0], step=0.05, steps=60, overrides=overrides)
     runs = model.batch({"controller[0].kp": [2.0, 3.0]})

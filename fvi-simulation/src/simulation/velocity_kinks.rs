@@ -26,7 +26,8 @@ const LOW: f64 = 0.3;
 ///
 /// A kink before the first node of a pair or behind its last one is seen by no difference of a whole step and
 /// its halves, since the forces are those of one side at all nodes. So pairs end there. Nothing slides along
-/// a kink, unlike a jump, and the side that follows from it is that of the motion.
+/// a kink, unlike a jump, and the side that follows from it is that of the motion. Where forces jump with a
+/// velocity, as those of dampers that hold a mass, it may be crossed to and fro, and no pairs end there.
 pub(super) struct VelocityKinks {
     arguments: Vec<Expression>,
     /// 0.03 √tolerance.
@@ -38,7 +39,7 @@ pub(super) struct VelocityKinks {
 impl VelocityKinks {
     /// Those of the forces of a scenario with adaptive steps; `None` if there are none.
     pub(super) fn of(scenario: &Scenario) -> Option<Self> {
-        let rule = scenario.time.adaptive()?;
+        let rule = scenario.time.adaptive().filter(|_| !scenario.jumps_with_velocities())?;
         let (size, mut arguments) = (scenario.coordinates(), Vec::new());
         for component in scenario.system.force.iter().flatten() {
             collect(component.root(), size, &mut |argument| arguments.push(component.with_root(argument)));

@@ -198,7 +198,10 @@ fn grids_that_make_no_sense_are_refused() {
         let output = place.fvi(&[&["run", "good.toml"], arguments.as_slice()].concat());
         assert_eq!(output.status.code(), Some(2));
         let message = text(&output.stderr);
-        assert!(message.contains("good.toml:") && message.contains("the other grids end where"), "{message}");
+        assert!(
+            message.contains("good.toml:") && message.contains("steps that differ end where it says"),
+            "{message}"
+        );
     }
     let family = "kind = \"collocation\"\n[convolution]\nfamily = \"bdf\"";
     place.write("bdf.toml", &good("step = 0.1\nend = 1.0", family));
