@@ -199,16 +199,21 @@ impl<T: Real> CollocationTables<'_, T> {
             LINEAR_CORRECTIONS
         } else {
             let moves = equations.mechanics.depends_on_velocity();
-            let mut balance =
-                |accelerations: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
-                    equations.residual(accelerations, residual, matrix);
-                };
             // A residual below the rounding of the positions, divided by h², does not change an acceleration.
             let offset = size(X::slice(position)) / (step.size * step.size);
-            match newton(work.increments, work.residual, (offset, moves), work.matrix, &mut balance) {
+            let balance = |accelerations: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
+                equations.residual(accelerations, residual, matrix);
+            };
+            match newton(work.increments, work.residual, (offset, moves), work.matrix, balance) {
                 Ok(converged) => converged.iterations,
+                // Where a mass grows beyond all bounds its step has solutions behind the end of the motion.
+                Err(failure) if equations.has_mass(spare) => return Err(failure),
                 Err(failure) => {
                     let room = [&mut *work.residual, spare];
+                    let balance =
+                        |accelerations: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
+                            equations.residual(accelerations, residual, matrix);
+                        };
                     damped_newton(work.increments, room, (offset, failure), work.matrix, balance)?.iterations
                 }
             }
@@ -264,6 +269,16 @@ struct CollocationEquations<'a, T: Real, X: Space<T>, G, D> {
 }
 
 impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEquations<'_, T, X, G, D> {
+    /// True if a coordinate has a mass; `numbers` is overwritten.
+    #[cold]
+    fn has_mass(&mut self, numbers: &mut [T]) -> bool {
+        let (ones, moved) =
+            (part_mut(numbers, self.position.len()), part_mut(self.scratch, self.position.len()));
+        (ones.fill(T::one()), moved.fill(T::zero()));
+        self.mechanics.mass().multiply_add(T::one(), ones, moved);
+        ones.is_empty() || moved.iter().any(|&moved| moved != T::zero())
+    }
+
     /// Writes the residuals of the R equations, and their derivatives to the matrix if there is one.
     #[inline(always)]
     fn residual<E: Equations<T, X::Block>>(

@@ -334,6 +334,13 @@ fn fractions(scenario: &Value) -> Vec<f64> {
         }
         (Some("galerkin"), _) if scenario["scheme"]["quadrature"] == "lobatto" => vec![0.0, 1.0],
         (Some("galerkin"), _) => vec![0.5 - root(1.0 / 12.0), 0.5 + root(1.0 / 12.0)],
+        (Some("collocation"), _) if convolution["stages"] == 5 => vec![
+            0.057_104_196_114_517_68,
+            0.276_843_013_638_123_8,
+            0.583_590_432_368_916_8,
+            0.860_240_135_656_219_5,
+            1.0,
+        ],
         (Some("collocation"), _) => vec![0.4 - root(0.06), 0.4 + root(0.06), 1.0],
         _ => vec![],
     }
@@ -491,6 +498,7 @@ const BY_NUMBERS: [(&str, &str); 21] = [
     ("case", "galerkin, Radau"),
     ("case", "galerkin, Lobatto IIIC"),
     ("case", "collocation"),
+    ("case", "collocation of five stages"),
 ];
 
 /// What is wrong with two fragments together; the row of the table if it refuses them.

@@ -182,7 +182,7 @@ fn dampers_never_give_more_than_they_took_from_200_random_systems() {
         }
         ended += usize::from(!motion.is_done());
     }
-    assert!(ended < 20, "{ended} of 200 runs ended early");
+    assert!(ended < 25, "{ended} of 200 runs ended early");
     // The dampers do take, of some systems nearly all.
     assert!(most_taken > 0.5, "{most_taken}");
 }

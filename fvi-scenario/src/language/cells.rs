@@ -482,7 +482,8 @@ impl Cells<'_, '_> {
                     // A number leads to the unit that the column has without it: for `f` that is Hz.
                     _ if value.number().is_ok() => value.positive()? * factor_of(name, None).unwrap_or(1.0),
                     "omega" | "f" => {
-                        value.choice(&[&[("Hz", TAU), ("rad/s", 1.0)][..], &FREQUENCIES].concat())?
+                        let others = FREQUENCIES.map(|(unit, hertz)| (unit, hertz * TAU));
+                        value.choice(&[&[("Hz", TAU), ("rad/s", 1.0)][..], &others].concat())?
                     }
                     "phase" => value.choice(&[("deg", PI / 180.0), ("rad", 1.0)])?,
                     MAGNITUDE => {

@@ -104,7 +104,7 @@ impl RelaxationMatrix {
             Some(toml::Value::Table(keys)) => keys.clone(),
             _ => toml::Table::new(),
         };
-        written.retain(|key, _| AS_WRITTEN.iter().any(|own| *own == key));
+        written.retain(|key, _| AS_WRITTEN.contains(&key));
         Ok((Self { files, decay, tolerances: kept, written, notes, raise, active }, pairs))
     }
 }

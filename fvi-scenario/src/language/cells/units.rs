@@ -102,8 +102,8 @@ pub(super) fn factor_of(name: &str, unit: Option<&str>) -> Factor {
             )),
             other => {
                 let reason = format!("a frequency in `{said}`, which is neither rad/s nor Hz");
-                let unit = if name == "f" { TAU } else { 1.0 };
-                Err((reason, known(other, &FREQUENCIES).map(|number| number / unit)))
+                let unit = if name == "f" { 1.0 } else { TAU };
+                Err((reason, known(other, &FREQUENCIES).map(|hertz| hertz * unit)))
             }
         },
         "t" => match unit.as_str() {
@@ -132,14 +132,14 @@ pub(super) fn factor_of(name: &str, unit: Option<&str>) -> Factor {
     }
 }
 
-/// Further units of frequencies, in rad/s.
+/// Further units of frequencies, in Hz.
 pub(super) const FREQUENCIES: [(&str, f64); 6] = [
-    ("mHz", 1e-3 * TAU),
-    ("kHz", 1e3 * TAU),
-    ("MHz", 1e6 * TAU),
-    ("rpm", TAU / 60.0),
-    ("deg/s", PI / 180.0),
-    ("°/s", PI / 180.0),
+    ("mHz", 1e-3),
+    ("kHz", 1e3),
+    ("MHz", 1e6),
+    ("rpm", 1.0 / 60.0),
+    ("deg/s", 1.0 / 360.0),
+    ("°/s", 1.0 / 360.0),
 ];
 
 const TIMES: [(&str, f64); 12] = [
