@@ -274,7 +274,8 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEqua
     fn has_mass(&mut self, numbers: &mut [T]) -> bool {
         let (ones, moved) =
             (part_mut(numbers, self.position.len()), part_mut(self.scratch, self.position.len()));
-        (ones.fill(T::one()), moved.fill(T::zero()));
+        ones.fill(T::one());
+        moved.fill(T::zero());
         self.mechanics.mass().multiply_add(T::one(), ones, moved);
         ones.is_empty() || moved.iter().any(|&moved| moved != T::zero())
     }

@@ -476,7 +476,7 @@ impl Runs {
 /// Pairs that are refused where matrices or tables of numbers are computed: gyroscopic forces and dampers act
 /// on the coordinate without mass, kernels have no exponentials to rounding or for steps of any length, or no
 /// Maxwell elements, the matrix of a step is not symmetric.
-const BY_NUMBERS: [(&str, &str); 21] = [
+const BY_NUMBERS: [(&str, &str); 22] = [
     ("gyroscopic", "massless"),
     ("massless", "main nodes"),
     ("massless", "starting"),

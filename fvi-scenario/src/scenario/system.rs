@@ -554,23 +554,13 @@ fn in_order(terms: Vec<Vec<Damping>>) -> Vec<Damping> {
     first
 }
 
-impl Damping {
-    /// True if its kernel, or the matrix of kernels that it is a part of, can drive a motion.
-    pub fn is_active(&self) -> bool {
-        match &self.matrix {
-            Some(part) => part.whole.active().is_some(),
-            None => self.transfer.active().is_some(),
-        }
-    }
-}
-
 /// Serialises the keys of the scenario.
 impl Serialize for Damping {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         if let Some(part) = &self.matrix {
             map.serialize_entry("kernel", &*part.whole)?;
-            if self.is_active() {
+            if self.active().is_some() {
                 map.serialize_entry("allow_active", &true)?;
             }
             map.serialize_entry("derivative", &self.derivative)?;
@@ -580,7 +570,7 @@ impl Serialize for Damping {
             Some(order) => map.serialize_entry("order", &order)?,
             None => map.serialize_entry("kernel", &KernelKeys(&self.transfer))?,
         }
-        if self.is_active() {
+        if self.active().is_some() {
             map.serialize_entry("allow_active", &true)?;
         }
         if let Some(along) = &self.along {

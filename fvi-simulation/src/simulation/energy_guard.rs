@@ -10,7 +10,7 @@ use fvi_core::{Instant, Lagrangian, NodalRule};
 use fvi_fft::dense;
 use fvi_fft::transfer::TransferFunction;
 use fvi_scenario::language::expression::Moment;
-use fvi_scenario::scenario::{Damping, Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
+use fvi_scenario::scenario::{Derivative, OnEnergyGrowth, Scenario, SharedTerms, SymmetricMatrix};
 use nalgebra::Complex;
 use serde::{Deserialize, Serialize};
 
@@ -169,7 +169,8 @@ impl EnergyGuard {
             || !pushes.is_empty();
         let first_potential = start.energy - kinetic;
         // A past stored in memories and kernels that drive may add energy that is not accounted for here.
-        let adds = scenario.initial.past.is_some() || scenario.system.damping.iter().any(Damping::is_active);
+        let adds = scenario.initial.past.is_some()
+            || scenario.system.damping.iter().any(|term| term.active().is_some());
         let reaction = match scenario.time.energy_guard {
             None if adds => OnEnergyGrowth::Ignore,
             _ => scenario.time.on_energy_growth(),
