@@ -16,7 +16,7 @@ def test_a_wrong_gradient_is_refused_with_the_entry_and_both_numbers(position):
     def gradient(q):
         return np.array([4.0 * q[0], np.cosh(q[1])])
 
-    with pytest.raises(fvi.InputError, match=r"entry 1 is .* differences of the value give") as refused:
+    with pytest.raises(fvi.InputError, match=r"entry 1 is .* differences of potential.value give") as refused:
         fvi.integrate(mass=[1.0, 1.0], position=position, potential=fvi.Potential(value, gradient), **COMMON)
     assert refused.value.key == "potential.gradient"
 
