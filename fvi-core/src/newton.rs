@@ -482,7 +482,7 @@ pub(crate) fn is_unbalanced<T: Real>(
     let heaviest = mass.iter().fold(T::zero(), |most, m| max_or_nan(most, m.abs()));
     (0..n).any(|row| {
         let (mut steepest, mut told) = (T::zero(), T::zero());
-        for (slopes, velocity) in slopes.chunks_exact(n * n).zip(velocities.chunks_exact(n)) {
+        for (slopes, velocity) in slopes.chunks_exact(n.saturating_mul(n)).zip(velocities.chunks_exact(n)) {
             let mut sum = T::zero();
             for (&slope, &v) in slopes.iter().skip(row * n).zip(velocity) {
                 steepest = max_or_nan(steepest, slope.abs());
@@ -596,7 +596,7 @@ pub(crate) fn damped_newton<T: Real, B: Block<T>, E: Equations<T, B>>(
         if !residual.is_finite() || matrix.solve(correction).is_err() {
             break;
         }
-        kept.copy_from_slice(correction);
+        kept.iter_mut().zip(&*correction).for_each(|(kept, &change)| *kept = change);
         let (change, extent) = subtract_and_fold(unknowns, kept, max_or_nan);
         if !change.is_finite() {
             break;

@@ -219,8 +219,8 @@ def test_names_of_a_model_are_those_of_its_arguments():
 def test_a_misspelt_argument_is_told_before_a_missing_one():
     with pytest.raises(fvi.InputError, match="positon: no such key; did you mean position"):
         fvi.integrate(mass=[1.0], positon=[1.0], step=0.1, steps=2)
-    with pytest.raises(fvi.InputError, match="imput: no such key; did you mean input"):
-        fvi.response(fvi.System(mass=[1.0], stiffness=[[1.0]]), [1.0], imput=0)
+    with pytest.raises(fvi.InputError, match="outputs: no such key; did you mean output"):
+        fvi.response(fvi.System(mass=[1.0], stiffness=[[1.0]]), [1.0], outputs=0)
 
 
 def test_models_are_pickled_as_they_were_given():
