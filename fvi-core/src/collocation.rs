@@ -198,25 +198,7 @@ impl<T: Real> CollocationTables<'_, T> {
             }
             LINEAR_CORRECTIONS
         } else {
-            let moves = equations.mechanics.depends_on_velocity();
-            // A residual below the rounding of the positions, divided by h², does not change an acceleration.
-            let offset = size(X::slice(position)) / (step.size * step.size);
-            let balance = |accelerations: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
-                equations.residual(accelerations, residual, matrix);
-            };
-            match newton(work.increments, work.residual, (offset, moves), work.matrix, balance) {
-                Ok(converged) => converged.iterations,
-                // Where a mass grows beyond all bounds its step has solutions behind the end of the motion.
-                Err(failure) if equations.has_mass(spare) => return Err(failure),
-                Err(failure) => {
-                    let room = [&mut *work.residual, spare];
-                    let balance =
-                        |accelerations: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
-                            equations.residual(accelerations, residual, matrix);
-                        };
-                    damped_newton(work.increments, room, (offset, failure), work.matrix, balance)?.iterations
-                }
-            }
+            equations.solve(work.increments, [work.residual, spare], work.matrix)?
         };
         self.place_stages(work.increments, X::slice(&velocity), step.size, work.stages);
         let rise = last_vector(work.stages, coordinates);
@@ -278,6 +260,35 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, D: Damping<T, X>> CollocationEqua
         moved.fill(T::zero());
         self.mechanics.mass().multiply_add(T::one(), ones, moved);
         ones.is_empty() || moved.iter().any(|&moved| moved != T::zero())
+    }
+
+    /// Solves equations that are not linear; number of iterations.
+    #[inline(always)]
+    fn solve<E: Equations<T, X::Block>>(
+        &mut self,
+        accelerations: &mut [T],
+        [residual, spare]: [&mut [T]; 2],
+        matrix: &mut E,
+    ) -> Result<u32, StepError> {
+        let moves = self.mechanics.depends_on_velocity();
+        // A residual below the rounding of the positions, divided by h², does not change an acceleration.
+        let offset = size(self.position) / (self.step.size * self.step.size);
+        let balance = |accelerations: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
+            self.residual(accelerations, residual, matrix);
+        };
+        match newton(accelerations, residual, (offset, moves), matrix, balance) {
+            Ok(converged) => Ok(converged.iterations),
+            // Where a mass grows beyond all bounds its step has solutions behind the end of the motion.
+            Err(failure) if self.has_mass(spare) => Err(failure),
+            Err(failure) => {
+                let balance =
+                    |accelerations: &[T], residual: &mut [T], matrix: Option<Linearised<'_, E, T>>| {
+                        self.residual(accelerations, residual, matrix);
+                    };
+                damped_newton(accelerations, [residual, spare], (offset, failure), matrix, balance)
+                    .map(|converged| converged.iterations)
+            }
+        }
     }
 
     /// Writes the residuals of the R equations, and their derivatives to the matrix if there is one.

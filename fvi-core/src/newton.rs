@@ -455,7 +455,7 @@ impl<T: Real> Stiffening<T> {
     }
 }
 
-/// Beside h |∂F/∂v| the mass is small where it is below this fraction of it.
+/// A slope is steep where h |∂F/∂v| is this many times the mass.
 const STEEP: f64 = 1e4;
 
 /// True if a slope ∂F/∂v is so steep beside the mass, for a step of this length, that a correction of
