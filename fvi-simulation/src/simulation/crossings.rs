@@ -348,13 +348,8 @@ impl Crossings {
 
     /// Evaluates the arguments along a pair.
     fn look(&mut self, simulation: &mut Simulation, [begin, middle, end]: [f64; 3]) {
-        let part = |from: f64, to: f64, look: usize| from + (to - from) * (look as f64 / LOOKS as f64);
         self.times.clear();
-        self.times.push(begin);
-        self.times.extend((1..LOOKS).map(|look| part(begin, middle, look)));
-        self.times.push(middle);
-        self.times.extend((1..LOOKS).map(|look| part(middle, end, look)));
-        self.times.push(end);
+        self.times.extend(looks([begin, middle, end]));
         self.looks.resize_with(self.times.len(), Vec::new);
         let mut position = Vec::new();
         for (&time, values) in self.times.iter().zip(&mut self.looks) {
@@ -464,7 +459,6 @@ impl Crossings {
     fn first_crossing(&mut self, simulation: &mut Simulation, index: usize, from: usize) -> Option<f64> {
         let side = self.standing.sides[index];
         let values: Vec<f64> = self.looks.iter().map(|values| inside(side, values[index])).collect();
-        let last = values.len() - 1;
         let mut at = |time: f64| {
             let mut position = Vec::new();
             let mut arguments = Vec::new();
@@ -472,20 +466,7 @@ impl Crossings {
             simulation.switches().arguments(time, &position, &mut arguments);
             inside(side, arguments[index])
         };
-        for look in from + 1..=last {
-            let (before, now) = (values[look - 1], values[look]);
-            if now <= 0.0 && before > 0.0 {
-                return Some(zero(&mut at, (self.times[look - 1], before), (self.times[look], now)));
-            }
-            let Some(&next) = values.get(look + 1) else { break };
-            if before > 0.0 && now <= before && now <= next && lowest(before, now, next) < LOW * now {
-                let times = [self.times[look - 1], self.times[look], self.times[look + 1]];
-                if let Some((time, value)) = below_zero(&mut at, times) {
-                    return Some(zero(&mut at, (self.times[look - 1], before), (time, value)));
-                }
-            }
-        }
-        None
+        first_zero(&mut at, &self.times, &values, from)
     }
 
     /// Approximate time of a crossing after the end of the pair.
@@ -524,18 +505,48 @@ fn inside(side: Side, value: f64) -> f64 {
     }
 }
 
+/// Times at which arguments along a pair of steps are evaluated: its ends, and those of the parts of its halves.
+pub(super) fn looks([begin, middle, end]: [f64; 3]) -> impl Iterator<Item = f64> {
+    let parts =
+        |from: f64, to: f64| (0..LOOKS).map(move |look| from + (to - from) * (look as f64 / LOOKS as f64));
+    parts(begin, middle).chain(parts(middle, end)).chain([end])
+}
+
+/// The first time, from an evaluation on, at which a function with given values at given times falls to zero.
+pub(super) fn first_zero(
+    at: &mut dyn FnMut(f64) -> f64,
+    times: &[f64],
+    values: &[f64],
+    from: usize,
+) -> Option<f64> {
+    (from + 1..times.len()).find_map(|look| {
+        let (before, now) = (values[look - 1], values[look]);
+        if before <= 0.0 {
+            return None;
+        }
+        let start = (times[look - 1], before);
+        if now <= 0.0 {
+            return Some(zero(&mut *at, start, (times[look], now)));
+        }
+        let &next = values.get(look + 1)?;
+        let dips = now <= before && now <= next && lowest(before, now, next) < LOW * now;
+        if !dips {
+            return None;
+        }
+        let found = below_zero(&mut *at, [times[look - 1], times[look], times[look + 1]])?;
+        Some(zero(&mut *at, start, found))
+    })
+}
+
 /// The minimum of the parabola through three values at equal distances.
-pub(super) fn lowest(before: f64, now: f64, next: f64) -> f64 {
+fn lowest(before: f64, now: f64, next: f64) -> f64 {
     let (slope, curvature) = (0.5 * (next - before), before - 2.0 * now + next);
     if curvature > 0.0 { now - 0.5 * slope * slope / curvature } else { now }
 }
 
 /// Searches for a time with a value ≤ 0 around the minimum between the first and the last of three times, by
 /// golden sections; returns it with the value.
-pub(super) fn below_zero(
-    mut at: impl FnMut(f64) -> f64,
-    [mut low, _, mut high]: [f64; 3],
-) -> Option<(f64, f64)> {
+fn below_zero(at: &mut dyn FnMut(f64) -> f64, [mut low, _, mut high]: [f64; 3]) -> Option<(f64, f64)> {
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let place = |low: f64, high: f64| [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
     let [mut left, mut right] = place(low, high);

@@ -1,14 +1,10 @@
 //! Kinks of forces in the velocity, at which adaptive steps end.
 
 use super::Simulation;
-use super::crossings::{below_zero, lowest};
-use super::events::zero;
+use super::crossings::{first_zero, looks};
 use fvi_core::min_or_nan;
 use fvi_scenario::language::expression::{Expression, Function, Kind, Moment, Node, Operator};
 use fvi_scenario::scenario::Scenario;
-
-/// Number of parts of each half step at whose ends arguments are evaluated.
-const LOOKS: usize = 8;
 
 /// Distance for differences of the position, as a part of the pair.
 const APART: f64 = 1e-5;
@@ -16,10 +12,6 @@ const APART: f64 = 1e-5;
 /// A crossing counts as met at this fraction of the pair times √tolerance: what the wrong side changes there
 /// is of second order.
 const NEAR: f64 = 0.03;
-
-/// A minimum between evaluations is searched for if the parabola through three values falls below this
-/// fraction of the middle one.
-const LOW: f64 = 0.3;
 
 /// Arguments g(t, q, v) of `abs`, and differences of the two of `min` and `max`, in forces of the velocity:
 /// where one is zero the force has a kink.
@@ -51,19 +43,21 @@ impl VelocityKinks {
 
     /// The first time inside a finished pair at which one is crossed, away from both of its ends.
     pub(super) fn first_inside(&mut self, simulation: &mut Simulation, pair: [f64; 3]) -> Option<f64> {
-        let [begin, middle, end] = pair;
-        let part = |from: f64, to: f64, look: usize| from + (to - from) * (look as f64 / LOOKS as f64);
+        let [begin, _, end] = pair;
         let near = self.near * (end - begin);
-        let mut times = vec![begin + near];
-        times.extend((1..LOOKS).map(|look| part(begin, middle, look)));
-        times.push(middle);
-        times.extend((1..LOOKS).map(|look| part(middle, end, look)));
-        times.push(end - near);
+        let mut times: Vec<f64> = looks(pair).collect();
+        times[0] = begin + near;
+        if let Some(last) = times.last_mut() {
+            *last = end - near;
+        }
         let mut first = f64::INFINITY;
         for index in 0..self.arguments.len() {
             let mut at = |time: f64| self.value(simulation, index, (time, pair));
             let values: Vec<f64> = times.iter().map(|&time| at(time)).collect();
-            if let Some(time) = first_crossing(&mut at, &times, &values) {
+            let Some(from) = values.iter().position(|&value| value != 0.0) else { continue };
+            let side = values[from].signum();
+            let inside: Vec<f64> = values.iter().map(|value| side * value).collect();
+            if let Some(time) = first_zero(&mut |time| side * at(time), &times, &inside, from) {
                 first = min_or_nan(first, time);
             }
         }
@@ -86,26 +80,6 @@ impl VelocityKinks {
         self.variables.extend(between.map(|(before, after)| (after - before) / (times[1] - times[0])));
         self.arguments[index].value(Moment::inside(time), &self.variables)
     }
-}
-
-/// The first time at which values change their sign.
-fn first_crossing(at: &mut dyn FnMut(f64) -> f64, times: &[f64], values: &[f64]) -> Option<f64> {
-    for look in 1..times.len() {
-        let (before, now) = (values[look - 1], values[look]);
-        if before * now < 0.0 {
-            return Some(zero(at, (times[look - 1], before), (times[look], now)));
-        }
-        let Some(&next) = values.get(look + 1) else { break };
-        let side = if now < 0.0 { -1.0 } else { 1.0 };
-        let [before, now, next] = [before, now, next].map(|value| side * value);
-        if before > 0.0 && now <= before && now <= next && lowest(before, now, next) < LOW * now {
-            let there = [times[look - 1], times[look], times[look + 1]];
-            if let Some((time, value)) = below_zero(|time| side * at(time), there) {
-                return Some(zero(&mut |time| side * at(time), (there[0], before), (time, value)));
-            }
-        }
-    }
-    None
 }
 
 /// Passes the arguments of the kinks of an expression that depend on a velocity, the variables from `first`
