@@ -6,6 +6,7 @@ use crate::language::excerpt::excerpt;
 use crate::language::expression::{Expression, Symbols, nearest};
 use crate::language::input_file::{read_data, read_document};
 use crate::language::matrix_file::{self, Arrays, FileMatrix};
+use crate::language::value_at;
 use core::ops::{Range, RangeInclusive};
 use serde::Serialize;
 use std::collections::HashMap;
@@ -111,6 +112,14 @@ impl Document {
             let reason = error.message().lines().collect::<Vec<_>>().join("; ");
             self.error("", String::new(), error.span().unwrap_or(0..0), Problem::Syntax { reason })
         })
+    }
+
+    /// The keys of the table at a path as they are written, without their places; none if it is no table.
+    ///
+    /// # Errors
+    /// [`Problem::Syntax`].
+    pub fn table_at(&self, path: &str) -> Result<toml::Table, InputError> {
+        Ok(value_at(&self.values()?, path).and_then(toml::Value::as_table).cloned().unwrap_or_default())
     }
 
     /// A document with other values, of the same name and with the same files.

@@ -5,7 +5,6 @@ use super::kernel::{Measured, Tolerances, at_least, read_decay, share, smallest_
 use crate::language::cells::AS_WRITTEN;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
-use crate::language::value_at;
 use fvi_fft::dense::symmetric_eigenvalues;
 use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::relaxation::Frequencies;
@@ -100,10 +99,7 @@ impl RelaxationMatrix {
         let mut kept = BTreeMap::from_iter(tolerances.keys());
         kept.extend(asymmetry.map(|asymmetry| ("asymmetry", asymmetry)));
         let path = value.path().strip_suffix(".relaxation").unwrap_or_default();
-        let mut written = match value_at(&value.document().values()?, path) {
-            Some(toml::Value::Table(keys)) => keys.clone(),
-            _ => toml::Table::new(),
-        };
+        let mut written = value.document().table_at(path)?;
         written.retain(|key, _| AS_WRITTEN.contains(&key));
         Ok((Self { files, decay, tolerances: kept, written, notes, raise, active }, pairs))
     }

@@ -2,9 +2,9 @@
 
 use super::kernel::{at_least, kernel_of_symbol, share};
 use super::relaxation_matrix::Pair;
+use crate::language::cells::AS_WRITTEN;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
-use crate::language::value_at;
 use data::Data;
 use fvi_fft::sums::max_or_nan;
 use fvi_fft::transfer::radiation::Damping;
@@ -130,10 +130,7 @@ impl Waves {
             None => true,
         };
         let document = place.document();
-        let mut keys = match value_at(&document.values()?, place.path()) {
-            Some(toml::Value::Table(keys)) => keys.clone(),
-            _ => toml::Table::new(),
-        };
+        let mut keys = document.table_at(place.path())?;
         if value.is_text() {
             let file = document.resolve(value.text()?).display().to_string();
             keys.insert(if is_table { "radiation" } else { "states" }.to_owned(), toml::Value::String(file));
@@ -159,21 +156,9 @@ impl Waves {
         count: usize,
         allow_active: bool,
     ) -> Result<Read, InputError> {
-        table.allow(&[
-            "radiation",
-            "coordinates",
-            "infinite",
-            "added_to_mass",
-            "memory",
-            "begin",
-            "end",
-            "activity",
-            "asymmetry",
-            "inconsistency",
-            "columns",
-            "units",
-            "decimal",
-        ])?;
+        let own = ["radiation", "coordinates", "infinite", "added_to_mass", "memory"];
+        let tolerances = ["begin", "end", "activity", "asymmetry", "inconsistency"];
+        table.allow(&[&own[..], &tolerances, &AS_WRITTEN].concat())?;
         let mut notes = Vec::new();
         let mut data = Data::read(table, value, &mut notes)?;
         let places = Places::read(table, value, data.size(), count)?;
