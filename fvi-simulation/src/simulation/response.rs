@@ -50,31 +50,42 @@ pub struct Linearised {
     kink: bool,
 }
 
-/// True if forces, given with their derivatives by `linearised_at`, have none at a position: the difference
-/// of the forces at q ± δ is not δ (K₊ + K₋), or K₊ and K₋ differ, by 10⁻³, and by 10⁻⁵ of the terms that may
-/// cancel in the products. Of smooth forces both hold to O(δ).
+/// Distance at which forces are compared with their derivatives, as a part of the largest coordinate (or 1).
+const APART: f64 = 1e-6;
+
+/// True if forces, given with their derivatives by `linearised_at`, have none at a position q: at q ± δ their
+/// difference is not δ (K₊ + K₋), or K₊ and K₋ differ, by 10⁻³, in a way that falls with δ like δ. Of smooth
+/// forces it falls like δ² at least.
 fn has_kink(position: &[f64], mut linearised_at: impl FnMut(&[f64]) -> (Vec<f64>, Entries)) -> bool {
     let largest = position.iter().map(|number| number.abs()).fold(1.0, max_or_nan);
-    // Coordinates move by different amounts: forces of differences of coordinates change, too.
-    let moved: Vec<f64> =
-        (0..position.len()).map(|i| 1e-6 * largest * (0.6 + 0.4 * (i as f64).cos())).collect();
-    let mut side = |sign: f64| {
-        let at: Vec<f64> = position.iter().zip(&moved).map(|(q, moved)| q + sign * moved).collect();
-        let (force, stiffness) = linearised_at(&at);
-        let [mut product, mut terms] = [(); 2].map(|()| vec![0.0; force.len()]);
-        for &(row, column, entry) in &stiffness {
-            product[row] += entry * moved[column];
-            terms[row] += (entry * moved[column]).abs();
-        }
-        (force, product, terms)
+    // By each coordinate: how far the forces are from their derivatives, and how far without a meaning.
+    let mut off = |apart: f64| -> Vec<[f64; 2]> {
+        // Coordinates move by different amounts: forces of differences of coordinates change, too.
+        let moved: Vec<f64> =
+            (0..position.len()).map(|i| apart * largest * (0.6 + 0.4 * (i as f64).cos())).collect();
+        let mut side = |sign: f64| {
+            let at: Vec<f64> = position.iter().zip(&moved).map(|(q, moved)| q + sign * moved).collect();
+            let (force, stiffness) = linearised_at(&at);
+            // Forces are sums of terms of the size K q, which may cancel.
+            let [mut product, mut terms] = [(); 2].map(|()| vec![0.0; force.len()]);
+            for &(row, column, entry) in &stiffness {
+                product[row] += entry * moved[column];
+                terms[row] += entry.abs() * largest;
+            }
+            (force, product, terms)
+        };
+        let ((above, rise, terms), (below, fall, _)) = (side(1.0), side(-1.0));
+        let of_coordinate = |i: usize| {
+            let (change, expected) = (above[i] - below[i], rise[i] + fall[i]);
+            let scale = change.abs() + rise[i].abs() + fall[i].abs();
+            let rounding = 1e-12 * (above[i].abs() + below[i].abs()) + 1e-15 * terms[i];
+            [(change - expected).abs().max((rise[i] - fall[i]).abs()), 1e-3 * scale + rounding]
+        };
+        (0..position.len()).map(of_coordinate).collect()
     };
-    let ((above, rise, terms), (below, fall, others)) = (side(1.0), side(-1.0));
-    (0..position.len()).any(|i| {
-        let (change, expected) = (above[i] - below[i], rise[i] + fall[i]);
-        let scale = change.abs() + rise[i].abs() + fall[i].abs();
-        let rounding = 1e-12 * (above[i].abs() + below[i].abs()) + 1e-5 * (terms[i] + others[i]);
-        (change - expected).abs().max((rise[i] - fall[i]).abs()) > 1e-3 * scale + rounding
-    })
+    let falls = |(far, near): (&[f64; 2], &[f64; 2])| near[0] <= near[1] || near[0] < far[0] / 20.0;
+    let (far, near) = (off(APART), off(APART / 8.0));
+    far.iter().zip(&near).any(|(far, near)| far[0] > far[1] && !falls((far, near)))
 }
 
 /// A matrix by row, column and number.

@@ -331,6 +331,32 @@ fn a_response_about_a_kink_of_the_forces_comes_with_a_warning() {
     }
 }
 
+/// Two bars that hang: products of the forces' derivatives vanish by symmetry, second derivatives do not.
+#[test]
+fn hanging_bars_have_no_kink() {
+    let place = Workplace::new();
+    let warns = |spring: &str| {
+        let scenario = format!(
+            "[system]\nmass = [1.0, 1.0, 1.0, 1.0]\nconstraints = [\"q0^2 + q1^2 - 0.49\", \"(q2-q0)^2 + (q3-q1)^2 - 1.69\"]\n\
+             potential = \"9.81*q1 + 9.81*q3 + {spring}\"\n\
+             [initial]\nposition = [0.0, -0.7, 0.0, -2.0]\n[time]\nstep = 0.01\nsteps = 10\n"
+        );
+        place.write("scenario.toml", &scenario);
+        let output = place.fvi(&["response", "scenario.toml", "--position", "0,-0.7,0,-2", "--out", "out"]);
+        assert!(output.status.success(), "{spring}: {}", text(&output.stderr));
+        text(&output.stderr).contains("kink")
+    };
+    for (spring, kink) in [
+        ("0.5*(atan2(q2-q0, -(q3-q1)) - atan2(q0, -q1))^2", false),
+        ("0.5*atan2(q2-q0, q1-q3)^2", false),
+        ("0.5*atan((q2-q0)/(q1-q3))^2", false),
+        ("3*abs(q2-q0)", true),
+        ("50*max(0, q0)^2", true),
+    ] {
+        assert_eq!(warns(spring), kink, "{spring}");
+    }
+}
+
 /// Modes near a frequency are among the poles, with their shapes.
 #[test]
 fn modes_near_a_frequency_are_poles_with_shapes() {
