@@ -17,7 +17,7 @@ use fvi_fft::memory::Tables;
 use fvi_fft::quadrature::starting::starting_condition;
 use fvi_fft::sums::max_or_nan;
 use fvi_scenario::language::{InputError, Problem};
-use fvi_scenario::scenario::{Feature, Scenario};
+use fvi_scenario::scenario::{Appearance, Feature, Scenario};
 use fvi_simulation::simulation::adaptive::Counts;
 use fvi_simulation::simulation::events::{EventRecord, Watch, WatchState};
 use fvi_simulation::simulation::motion::{Failure, Motion};
@@ -164,6 +164,9 @@ pub struct RunSummary {
     /// What was chosen for `scheme.kind` = "auto", and why.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub choice: Option<Choice>,
+    /// The names of coordinates and units, as far as the scenario has them.
+    #[serde(flatten)]
+    pub appearance: Appearance,
     /// The inputs as used, defaults filled in.
     pub scenario: Scenario,
     /// Notes about the start of the run, such as the checkpoint that it continues from.
@@ -1019,6 +1022,7 @@ impl<'s> Run<'s> {
             errors: Some(self.errors).filter(ReferenceErrors::any),
             files: Vec::new(),
             choice: self.choice.cloned(),
+            appearance: scenario.output.appearance.clone(),
             scenario: scenario.clone(),
             notes: Vec::new(),
         }

@@ -37,7 +37,6 @@ mod mechanism_limits_tests;
 mod mechanism_multipliers;
 #[cfg(test)]
 mod mechanism_multipliers_tests;
-mod mechanism_state;
 #[cfg(test)]
 mod mechanism_tests;
 mod memory_energy;
@@ -51,6 +50,7 @@ mod piece;
 pub mod response;
 #[doc(hidden)]
 pub mod stability;
+mod state_quantities;
 pub mod step_batch;
 mod step_control;
 mod tangent;
@@ -80,12 +80,12 @@ use gyroscopic::Gyroscopic;
 use massless::Placed;
 use mechanism::TypedMechanism;
 pub use mechanism::velocities;
-#[doc(hidden)]
-pub use mechanism_state::MechanismState;
 use momentum_offset::MomentumOffset;
 use nalgebra::DMatrix;
 use piece::{Piece, WithinStep};
 use serde::Serialize;
+#[doc(hidden)]
+pub use state_quantities::{StateQuantities, velocities_need_all_momenta};
 use step_batch::StepBatch;
 use velocity_kinks::VelocityKinks;
 

@@ -12,6 +12,7 @@ use fvi_scenario::language::memory_limit::check_capacity;
 use fvi_scenario::scenario::Members;
 use fvi_simulation::simulation::columns::Columns;
 use fvi_simulation::simulation::events::EventRecord;
+use fvi_simulation::simulation::velocities_need_all_momenta;
 use numpy::{IntoPyArray, PyArray1, PyArrayDyn, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
@@ -138,7 +139,8 @@ impl Batch {
     /// Refuses more rows than there is memory for: those of the runs, and the arrays of all.
     fn check_capacity(&self, count: usize) -> Outcome<()> {
         let scenario = self.batch.members().base();
-        let width = 2 + 2 * scenario.written_coordinates().len() + Columns::of(scenario).len();
+        let vectors = if velocities_need_all_momenta(scenario) { 3 } else { 2 };
+        let width = 2 + vectors * scenario.written_coordinates().len() + Columns::of(scenario).len();
         let rows = Rows::expected(scenario);
         let bytes = [2, count, rows, width, size_of::<f64>()].into_iter().fold(1, usize::saturating_mul);
         check_capacity(bytes).map_err(|error| {
@@ -160,6 +162,8 @@ struct Table {
     time: Vec<f64>,
     position: Vec<f64>,
     momentum: Vec<f64>,
+    /// Where momenta do not tell it.
+    velocity: Option<Vec<f64>>,
     energy: Vec<f64>,
     of_columns: Vec<f64>,
     derivatives: Vec<f64>,
@@ -192,6 +196,9 @@ impl Table {
             time: common.map_or_else(|| spread(|rows| &rows.time, 1), Clone::clone),
             position: spread(|rows| &rows.position, coordinates),
             momentum: spread(|rows| &rows.momentum, coordinates),
+            velocity: longest
+                .is_some_and(|rows| !rows.velocity.is_empty())
+                .then(|| spread(|rows| &rows.velocity, coordinates)),
             energy: spread(|rows| &rows.energy, 1),
             of_columns: spread(|rows| &rows.of_columns, columns.len()),
             derivatives: spread(|rows| &rows.derivatives, per_row),
@@ -213,6 +220,8 @@ impl Table {
         table.set_item("t", array(self.time, time)?)?;
         table.set_item("q", array(self.position, &[count, rows, width])?)?;
         table.set_item("p", array(self.momentum, &[count, rows, width])?)?;
+        let velocity = self.velocity.map(|numbers| array(numbers, &[count, rows, width])).transpose()?;
+        table.set_item("v", velocity)?;
         table.set_item("energy", array(self.energy, &[count, rows])?)?;
         table.set_item("derivatives", array(self.derivatives, &[count, rows, self.per_row])?)?;
         let columns = PyDict::new(py);

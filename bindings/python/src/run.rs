@@ -24,19 +24,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Result of a motion for Python: name of its load case, t, q, p, energy, further columns by name,
-/// derivatives of q and p with respect to each parameter, as JSON how it ended, and the whole summary.
-type Motion<'py> = (
-    String,
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyDict>,
-    Bound<'py, PyArray2<f64>>,
-    String,
-    Record,
-);
+/// Result of a motion for Python: name of its load case, its arrays, as JSON how it ended, and the whole
+/// summary.
+type Motion<'py> = (String, Arrays<'py>, String, Record);
 
 /// Runs a scenario and returns the rows that `fvi run` would write: those of its one motion, or with `cases`
 /// those of each load case.
@@ -320,11 +310,11 @@ fn compute(
 fn into_python<'py>(py: Python<'py>, name: String, rows: Rows, summary: RunSummary) -> PyResult<Motion<'py>> {
     let json = serde_json::to_string(&summary.in_short());
     let end = json.map_err(|error| Failure::Failed(error.to_string()))?;
-    let (time, position, momentum, energy, columns, derivatives) = arrays_of(py, rows)?;
-    Ok((name, time, position, momentum, energy, columns, derivatives, end, Record { summary }))
+    Ok((name, arrays_of(py, rows)?, end, Record { summary }))
 }
 
-/// t, q, p, energy, further columns by name, and derivatives.
+/// t, q, p, energy, further columns by name, derivatives of q and p with respect to each parameter, and
+/// velocities where the written momenta do not tell them; as many columns as there are, none otherwise.
 pub(crate) type Arrays<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
@@ -332,16 +322,20 @@ pub(crate) type Arrays<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyDict>,
     Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
 );
 
 /// The rows as arrays.
 pub(crate) fn arrays_of(py: Python<'_>, rows: Rows) -> PyResult<Arrays<'_>> {
-    let Rows { coordinates, time, position, momentum, energy, columns, of_columns, derivatives } = rows;
+    let Rows { coordinates, time, position, momentum, velocity, energy, columns, of_columns, derivatives } =
+        rows;
     let rows = time.len();
     let table = |numbers: Vec<f64>, columns| numbers.into_pyarray(py).reshape([rows, columns]);
     let per_row = derivatives.len().checked_div(rows).unwrap_or(0);
     let (position, momentum) = (table(position, coordinates)?, table(momentum, coordinates)?);
     let derivatives = table(derivatives, per_row)?;
+    let of_velocities = velocity.len().checked_div(rows).unwrap_or(0);
+    let velocity = table(velocity, of_velocities)?;
     let (time, energy) = (time.into_pyarray(py), energy.into_pyarray(py));
     let by_name = PyDict::new(py);
     for quantity in columns.quantities() {
@@ -352,7 +346,7 @@ pub(crate) fn arrays_of(py: Python<'_>, rows: Rows) -> PyResult<Arrays<'_>> {
             members => by_name.set_item(quantity.name, table(numbers, members)?)?,
         }
     }
-    Ok((time, position, momentum, energy, by_name, derivatives))
+    Ok((time, position, momentum, energy, by_name, derivatives, velocity))
 }
 
 /// The whole summary of a run. Its text is long for many coordinates, and made on demand.

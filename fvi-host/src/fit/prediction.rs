@@ -6,13 +6,11 @@ use super::interpolation::{Sought, Stencil};
 use super::no_prediction::NoPrediction;
 use super::plan::{Free, Model, numbers_at, put_number, said};
 use super::shift::Shift;
-use fvi_core::Mechanics;
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::{InputError, put};
 use fvi_scenario::scenario::{KnownMatrices, Quantity, Scenario};
-use fvi_simulation::model::Model as System;
 use fvi_simulation::simulation::motion::Motion;
-use fvi_simulation::simulation::{GridState, MechanismState, Precision};
+use fvi_simulation::simulation::{GridState, Precision, StateQuantities};
 use nalgebra::{DMatrix, DVector};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -488,46 +486,13 @@ fn size(free: &Free, value: f64) -> f64 {
     value.abs().max(typical)
 }
 
-/// What tells velocities and energies of states.
-enum Told {
-    Straight(Box<System<f64>>),
-    Mechanism(Box<MechanismState>),
-}
-
-impl Told {
-    fn new(scenario: &Scenario) -> Result<Self, NoPrediction> {
-        if scenario.is_mechanism() {
-            return Ok(Self::Mechanism(Box::new(MechanismState::new(scenario)?)));
-        }
-        let made = System::new(scenario).map_err(|error| NoPrediction::Refused(error.to_string()))?;
-        Ok(Self::Straight(Box::new(made)))
-    }
-
-    /// The velocity, NaN where the momentum does not tell it.
-    fn velocity(&mut self, position: &[f64], momentum: &[f64], velocity: &mut [f64]) {
-        match self {
-            Self::Straight(system) => system.velocity(momentum, velocity),
-            Self::Mechanism(mechanism) => match mechanism.velocity(position, momentum) {
-                Some(found) => velocity.copy_from_slice(&found),
-                None => velocity.fill(f64::NAN),
-            },
-        }
-    }
-
-    fn energy(&mut self, position: &[f64], momentum: &[f64]) -> f64 {
-        match self {
-            Self::Straight(system) => system.energy(&position.to_vec(), &momentum.to_vec()),
-            Self::Mechanism(mechanism) => mechanism.energy(position, momentum).unwrap_or(f64::NAN),
-        }
-    }
-}
-
 /// A system with a changed value of one parameter, and the change.
-type OtherRun = (Told, f64);
+type OtherRun = (StateQuantities, f64);
 
 /// Quantities derived from a state (velocity, energy), and their derivatives with respect to the parameters.
 struct Derived {
-    system: Told,
+    system: StateQuantities,
+    is_mechanism: bool,
     /// For each parameter, the entries (row, column) of the mass matrix that it is; empty for other
     /// parameters.
     mass_changes: Vec<Vec<(usize, usize)>>,
@@ -582,10 +547,10 @@ impl Derived {
                 match predictions
                     .scenario(record, &beside, &[])
                     .map_err(NoPrediction::from)
-                    .and_then(|s| Told::new(&s))
+                    .and_then(|s| StateQuantities::new(&s).map_err(NoPrediction::from))
                 {
                     Ok(system) => Ok((system, change)),
-                    Err(_) => Ok((Told::new(scenario)?, 0.0)),
+                    Err(_) => Ok((StateQuantities::new(scenario)?, 0.0)),
                 }
             };
             beside.push([other(change)?, other(-change)?]);
@@ -597,7 +562,8 @@ impl Derived {
             return Err(NoPrediction::Refused(reason));
         }
         Ok(Self {
-            system: Told::new(scenario)?,
+            system: StateQuantities::new(scenario)?,
+            is_mechanism: scenario.is_mechanism(),
             mass_changes,
             beside,
             tells_velocity,
@@ -629,9 +595,9 @@ impl Derived {
         }
         if self.tells_velocity {
             self.system.velocity(&self.position, &self.momentum, &mut self.velocity);
-            match self.system {
-                Told::Straight(_) => self.differentiate_velocity(),
-                Told::Mechanism(_) => self.difference_velocity(),
+            match self.is_mechanism {
+                false => self.differentiate_velocity(),
+                true => self.difference_velocity(),
             }
         }
         if self.tells_energy {

@@ -2,8 +2,8 @@
 
 use fvi_scenario::language::memory_limit::check_capacity;
 use fvi_scenario::scenario::Scenario;
-use fvi_simulation::simulation::GridState;
 use fvi_simulation::simulation::columns::Columns;
+use fvi_simulation::simulation::{GridState, velocities_need_all_momenta};
 
 /// The rows of a trajectory, column by column.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -16,6 +16,9 @@ pub struct Rows {
     pub position: Vec<f64>,
     /// p of each row, N numbers each.
     pub momentum: Vec<f64>,
+    /// v of each row, N numbers each, where the mass couples chosen coordinates with others; empty otherwise,
+    /// since momenta tell it.
+    pub velocity: Vec<f64>,
     /// The energy of each row.
     pub energy: Vec<f64>,
     /// The further columns of the run.
@@ -49,7 +52,8 @@ impl Rows {
         let columns = Columns::of(scenario);
         let parameters = scenario.sensitivity.as_ref().map_or(0, |asked| asked.parameters.len());
         let derivatives = coordinates.saturating_mul(2).saturating_mul(parameters);
-        let more = derivatives.saturating_add(columns.len());
+        let velocities = if velocities_need_all_momenta(scenario) { coordinates } else { 0 };
+        let more = derivatives.saturating_add(columns.len()).saturating_add(velocities);
         let numbers = coordinates.saturating_mul(2).saturating_add(2).saturating_add(more);
         let no_room = |reason: String| OutOfMemory { rows, numbers, reason };
         let copies = scenario.copies();
@@ -65,6 +69,7 @@ impl Rows {
                 time: room(rows)?,
                 position: room(rows * coordinates)?,
                 momentum: room(rows * coordinates)?,
+                velocity: room(rows * velocities)?,
                 energy: room(rows)?,
                 columns: columns.clone(),
                 of_columns: room(rows * columns.len())?,
@@ -84,6 +89,7 @@ impl Rows {
             time: room(1),
             position: room(coordinates),
             momentum: room(coordinates),
+            velocity: Vec::new(),
             energy: room(1),
             of_columns: room(columns.len()),
             columns,
@@ -122,7 +128,8 @@ impl Rows {
 
     /// Bytes of times, states and energies.
     pub fn bytes(&self) -> usize {
-        let numbers = self.time.len() + self.position.len() + self.momentum.len() + self.energy.len();
+        let states = self.position.len() + self.momentum.len() + self.velocity.len();
+        let numbers = self.time.len() + states + self.energy.len();
         numbers * size_of::<f64>()
     }
 }

@@ -3,8 +3,9 @@
 use super::Run;
 use crate::output_sink::StateView;
 use crate::results::rows::Rows;
-use fvi_simulation::simulation::GridState;
+use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::step_batch::StepBatch;
+use fvi_simulation::simulation::{GridState, StateQuantities, velocities_need_all_momenta};
 use std::convert::Infallible;
 
 /// Places that states and rows are written to, one after another.
@@ -13,12 +14,24 @@ pub(super) struct Place {
     /// A row, with the coordinates of the output, and their numbers.
     row: GridState,
     chosen: Vec<usize>,
+    /// What tells velocities, once rows are kept whose momenta do not; with room for one.
+    velocities: Option<(StateQuantities, Vec<f64>)>,
 }
 
 impl Place {
     pub(super) fn of(run: &Run<'_>) -> Self {
         let (state, row) = (run.state().clone(), run.view(0).shown(run.scenario));
-        Self { state, row, chosen: run.scenario.written_coordinates() }
+        Self { state, row, chosen: run.scenario.written_coordinates(), velocities: None }
+    }
+
+    /// Adds the velocity of a state to rows.
+    fn add_velocity(&mut self, rows: &mut Rows, scenario: &Scenario, position: &[f64], momentum: &[f64]) {
+        let made =
+            || StateQuantities::new(scenario).ok().map(|told| (told, vec![0.0; scenario.coordinates()]));
+        self.velocities = self.velocities.take().or_else(made);
+        let Some((told, velocity)) = &mut self.velocities else { return };
+        told.velocity(position, momentum, velocity);
+        rows.velocity.extend(self.chosen.iter().map(|&index| velocity[index]));
     }
 }
 
@@ -72,8 +85,12 @@ impl Portion<'_> {
         between.map(|state| StateView::from(state).shown(scenario)).try_for_each(|row| take(0, &row))
     }
 
-    /// Adds the rows that `[output]` selects to those of each load case, or of the one motion without them.
+    /// Adds the rows that `[output]` selects to those of each load case, or of the one motion without them,
+    /// with velocities where the written momenta do not tell them.
     pub fn keep(&mut self, motions: &mut [Rows]) {
+        if velocities_need_all_momenta(self.run.scenario) {
+            self.keep_velocities(motions);
+        }
         let Self { run, batch, .. } = *self;
         let output = &run.scenario.output;
         if batch.is_empty() || !output.times.is_empty() {
@@ -85,6 +102,27 @@ impl Portion<'_> {
         }
         for (case, rows) in motions.iter_mut().enumerate() {
             run.batch_view(case).add_to(rows, &self.place.chosen, || batch.multiples(output.every));
+        }
+    }
+
+    fn keep_velocities(&mut self, motions: &mut [Rows]) {
+        let Self { run, batch, ref mut place } = *self;
+        let output = &run.scenario.output;
+        for (case, rows) in motions.iter_mut().enumerate() {
+            if batch.is_empty() {
+                let last = run.view(case);
+                place.add_velocity(rows, run.scenario, last.position, last.momentum);
+            } else if output.times.is_empty() {
+                let whole: Vec<usize> = (0..run.scenario.coordinates()).collect();
+                for index in batch.multiples(output.every) {
+                    let state = run.batch_view(case).state(index, &whole);
+                    place.add_velocity(rows, run.scenario, &state.position, &state.momentum);
+                }
+            } else {
+                for state in run.rows_between() {
+                    place.add_velocity(rows, run.scenario, &state.position, &state.momentum);
+                }
+            }
         }
     }
 }

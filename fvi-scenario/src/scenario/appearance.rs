@@ -3,29 +3,43 @@
 use super::keys;
 use crate::language::InputError;
 use crate::language::document::{Table, Value};
+use serde::Serialize;
 
 /// The look of the pictures of a scenario; it changes no number of a run.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Appearance {
     /// One name for each coordinate that is drawn; empty: q0, q1, … (x0, x1, … of an equation).
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub labels: Vec<String>,
     /// The units that axes name; an empty text: none.
+    #[serde(skip_serializing_if = "Units::are_unknown")]
     pub units: Units,
     /// The size on paper; absent: 900 by 560 pixels for a screen.
+    #[serde(skip)]
     pub paper: Option<Paper>,
 }
 
 /// Names of units, as they are written on axes.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Units {
     /// Of the time.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub time: String,
     /// Of the position.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub position: String,
     /// Of the momentum.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub momentum: String,
     /// Of the energy.
+    #[serde(skip_serializing_if = "String::is_empty")]
     pub energy: String,
+}
+
+impl Units {
+    fn are_unknown(&self) -> bool {
+        *self == Self::default()
+    }
 }
 
 /// The size of a picture on paper.

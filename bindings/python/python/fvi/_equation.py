@@ -18,7 +18,7 @@ from fvi._result import ending
 from fvi._run import Progress, _outside, check_progress, raise_with
 from fvi._scenario import source
 from fvi._terms import Event, Function, Terms
-from fvi._types import FloatArray
+from fvi._types import FloatArray, Real, Whole
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,7 +73,7 @@ def solve_fde(
     order: float | Sequence[float] | None,
     span: float | Sequence[float],
     initial: ArrayLike | Sequence[Any],
-    rtol: float = 1e-6,
+    rtol: Real = 1e-6,
     t_eval: ArrayLike | None = None,
     args: tuple[Any, ...] = (),
     *,
@@ -83,9 +83,9 @@ def solve_fde(
     jac: Function | None = None,
     events: Any = (),
     parameters: Mapping[str, float] | None = None,
-    scale: float | None = None,
-    max_step: float | None = None,
-    stages: int | None = None,
+    scale: Real | None = None,
+    max_step: Real | None = None,
+    stages: Whole | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Solves D^α x = f(t, x) for one or several unknowns, with steps chosen for a tolerance.
@@ -235,7 +235,7 @@ def solve_fde(
         )
     except InputError as error:
         raise _named(error) from None
-    ((_, t, x, _, _, _, _, ended, summary),) = motions
+    ((_, (t, x, *_), ended, summary),) = motions
     record = summary.json()
     solution = _solution(t + begin, x, json.loads(ended), record, len(described), begin)
     if raised is not None:

@@ -58,7 +58,7 @@ class Prepared:
 class Record:
     def json(self) -> str: ...
 
-_Arrays = tuple[_Array, _Array, _Array, _Array, dict[str, _Array], _Array]
+_Arrays = tuple[_Array, _Array, _Array, _Array, dict[str, _Array], _Array, _Array]
 
 @final
 class Batch:
@@ -110,7 +110,7 @@ def run(
     resume: RunSnapshot | None = None,
     keep: bool | None = None,
 ) -> tuple[
-    list[tuple[str, _Array, _Array, _Array, _Array, dict[str, _Array], _Array, str, Record]], BaseException | None, RunSnapshot | None
+    list[tuple[str, _Arrays, str, Record]], BaseException | None, RunSnapshot | None
 ]: ...
 def run_in(
     source: Any,

@@ -185,8 +185,8 @@ class Model:
                     raise InputError(message, name, str(array.shape))
                 numbers.extend(np.broadcast_to(array, count).tolist())
         with _renamed(known.names):
-            (t, q, p, energy, columns, derivatives), end, record, raised = known.batch.run_one(numbers)
-        return finish(result_of(t, q, p, energy, columns, end, record, known.mass, derivatives), raised, check)
+            arrays, end, record, raised = known.batch.run_one(numbers)
+        return finish(result_of(arrays, end, record, known.mass), raised, check)
 
     def batch(
         self,
@@ -379,9 +379,7 @@ class Model:
             made, end, record, raised, steps = _fvi.record(
                 (title, directory, keys, files), self._prepared, most_bytes, functions.terms
             )
-        t, q, p, energy, columns, derivatives = made
-        mass = as_it_is(arguments["mass"])
-        result = finish(result_of(t, q, p, energy, columns, end, record, mass, derivatives), raised, True)
+        result = finish(result_of(made, end, record, as_it_is(arguments["mass"])), raised, True)
         return Recording(result, steps, shapes)
 
     def _known(self, given: Mapping[str, Any]) -> _Known:

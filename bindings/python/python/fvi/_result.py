@@ -134,6 +134,8 @@ class Result:
     columns: dict[str, FloatArray] = field(default_factory=dict)
     _derivatives: FloatArray | None = field(default=None, compare=False)
     _continuation: Continuation | None = field(default=None, compare=False)
+    _velocities: FloatArray | None = field(default=None, compare=False)
+    """Where the momenta of the result do not tell them."""
 
     def __getstate__(self) -> dict[str, Any]:
         # Functions and memories are not pickled.
@@ -227,17 +229,60 @@ class Result:
 
         With a `kinetic` energy in words they are those with ∂L/∂v(q, v) = p, on the constraints.
 
+        Where the mass couples the `coordinates` of a result with others, the run has kept them.
+
         Raises
         ------
         InputError
-            If some coordinates were chosen and the mass couples them with others.
+            If they do not follow from the result: it is one of files without the mass, or without some coordinates that the mass
+            couples with the others.
         """
-        scenario = self.summary.get("scenario", {})
-        if scenario.get("system", {}).get("kinetic") is not None:
-            return self._velocities_of_mechanism(scenario)
-        mass = self._mass
-        if mass is None:
-            mass = scenario.get("system", {}).get("mass")
+        if self._velocities is not None and self._velocities.shape == self.q.shape:
+            return self._velocities
+        mass = self._mass_matrix()
+        if mass is not None and mass.ndim == 1:
+            chosen = mass[self.coordinates] if len(mass) > 1 else np.full(len(self.coordinates), mass[0])
+            return np.asarray(np.where(chosen > 0.0, self.p / np.where(chosen > 0.0, chosen, 1.0), np.nan))
+        size = len(self.summary["scenario"]["initial"]["position"]) if mass is None else mass.shape[0]
+        if self.p.shape[1] != size:
+            message = "v: the mass couples coordinates, and some were left out of the result: choose all `coordinates`"
+            raise InputError(message, "v", str(self.p.shape))
+        order = np.argsort(self.coordinates)
+        return self._velocities_of(self.q[:, order], self.p[:, order])[:, self.coordinates]
+
+    @property
+    def a(self) -> FloatArray:
+        """Accelerations dv/dt, shape (K, N): the slopes of polynomials through the velocities of five neighbouring rows.
+
+        In addition to the error of the run they have one of order (distance of rows)⁴ where the motion is smooth; it is larger next
+        to t = 0 and to jumps of forces. NaN where `v` is.
+
+        Raises
+        ------
+        InputError
+            As for `v`, and if there is one row only.
+        """
+        v, rows = self.v, len(self.t)
+        if rows < 2:
+            raise InputError("a: two rows are needed at least", "a", str(rows))
+        width, row = min(5, rows), np.arange(rows)
+        first = np.clip(row - width // 2, 0, rows - width)
+        window, own = first[:, None] + np.arange(width), row - first
+        nodes = self.t[window]
+        # Slopes of Lagrange's polynomials at a node, by barycentric weights.
+        shares = 1.0 / np.where(np.eye(width, dtype=bool), 1.0, nodes[:, :, None] - nodes[:, None, :]).prod(axis=2)
+        apart = self.t[:, None] - nodes
+        apart[row, own] = np.inf
+        slopes = shares / shares[row, own][:, None] / apart
+        slopes[row, own] = -slopes.sum(axis=1)
+        return np.asarray(np.einsum("kw,kwn->kn", slopes, v[window]))
+
+    def _mass_matrix(self) -> Any:
+        """The mass: its diagonal, a full or a sparse matrix; None where there is a kinetic energy in words."""
+        system = self.summary.get("scenario", {}).get("system", {})
+        if system.get("kinetic") is not None:
+            return None
+        mass = system.get("mass") if self._mass is None else self._mass
         if mass is None or isinstance(mass, str):
             where = "in a file, or depends on the position and on parameters of the run"
             raise InputError(f"v: the result does not hold the mass, which is {where}: solve with it yourself", "v", repr(mass))
@@ -250,34 +295,29 @@ class Result:
                 mass = sparse.csr_matrix((loaded["data"], loaded["indices"], loaded["indptr"]), shape=loaded["shape"])
             else:
                 mass = loaded
-        if not hasattr(mass, "tocsc"):
-            mass = np.atleast_1d(np.asarray(mass, dtype=np.float64))
+        return mass if hasattr(mass, "tocsc") else np.atleast_1d(np.asarray(mass, dtype=np.float64))
+
+    def _velocities_of(self, q: FloatArray, p: FloatArray) -> FloatArray:
+        """The velocities of the system at positions and momenta of all coordinates, a row each."""
+        mass = self._mass_matrix()
+        if mass is None:
+            scenario = self.summary["scenario"]
+            system = {key: scenario["system"][key] for key in ("kinetic", "parameters", "constraints") if scenario["system"].get(key)}
+            initial = {key: scenario["initial"][key] for key in ("position", "momentum")}
+            keys = {"system": system, "initial": initial, "time": {"step": 1.0, "steps": 1}}
+            return np.asarray(_fvi.velocities(("result", ".", keys, {}), np.ascontiguousarray(q), np.ascontiguousarray(p)))
         if mass.ndim == 1:
-            chosen = mass[self.coordinates] if len(mass) > 1 else np.full(len(self.coordinates), mass[0])
-            return np.asarray(np.where(chosen > 0.0, self.p / np.where(chosen > 0.0, chosen, 1.0), np.nan))
-        if self.p.shape[1] != mass.shape[0]:
-            message = "v: the mass couples coordinates, and some were left out of the result: choose all `coordinates`"
-            raise InputError(message, "v", str(self.p.shape))
+            return np.asarray(np.where(mass > 0.0, p / np.where(mass > 0.0, mass, 1.0), np.nan))
         massless = np.asarray(abs(mass).sum(axis=1)).ravel() == 0.0
         if hasattr(mass, "tocsc"):
             sparse = _module("scipy.sparse", "v")
             regular = mass + sparse.diags(massless.astype(np.float64)) if massless.any() else mass
             factor = _module("scipy.sparse.linalg", "v").splu(regular.tocsc())
-            velocities = np.asarray(factor.solve(np.ascontiguousarray(self.p.T)).T)
+            velocities = np.asarray(factor.solve(np.ascontiguousarray(p.T)).T)
         else:
-            velocities = np.asarray(np.linalg.solve(mass + np.diag(massless.astype(np.float64)), self.p.T).T)
+            velocities = np.asarray(np.linalg.solve(mass + np.diag(massless.astype(np.float64)), p.T).T)
         velocities[:, massless] = np.nan
         return velocities
-
-    def _velocities_of_mechanism(self, scenario: dict[str, Any]) -> FloatArray:
-        start = scenario["initial"]
-        if self.q.shape[1] != len(start["position"]):
-            message = "v: the mass couples coordinates, and some were left out of the result: choose all `coordinates`"
-            raise InputError(message, "v", str(self.p.shape))
-        system = {key: scenario["system"][key] for key in ("kinetic", "parameters", "constraints") if scenario["system"].get(key)}
-        initial = {key: start[key] for key in ("position", "momentum")}
-        keys = {"system": system, "initial": initial, "time": {"step": 1.0, "steps": 1}}
-        return np.asarray(_fvi.velocities(("result", ".", keys, {}), np.ascontiguousarray(self.q), np.ascontiguousarray(self.p)))
 
     def __call__(self, t: Any) -> FloatArray:
         """Positions between the rows, by cubic Hermite interpolation of positions and velocities.
@@ -331,6 +371,8 @@ class Result:
         with open(path, "wb") as file:
             derivatives = np.zeros((len(self.t), 0)) if self._derivatives is None else self._derivatives
             columns: dict[str, Any] = dict(self.columns)
+            if self._velocities is not None:
+                columns["v"] = self._velocities
             np.savez(file, t=self.t, q=self.q, p=self.p, energy=self.energy, **columns, derivatives=derivatives, end=np.array(
                 json.dumps({"success": self.success, "status": self.status, "message": self.message, "summary": self.summary})
             ))
@@ -443,16 +485,23 @@ class Result:
         )
 
 
-def of_arrays(arrays: Any) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, dict[str, FloatArray]]:
-    """t, q, p, energy and the columns in a file of NumPy arrays."""
+Arrays = tuple[
+    FloatArray, FloatArray, FloatArray, FloatArray, dict[str, FloatArray], FloatArray | None, FloatArray | None
+]
+"""t, q, p, energy, further columns, derivatives by parameters, and velocities where the momenta do not tell them."""
+
+
+def of_arrays(arrays: Any) -> Arrays:
+    """What is in a file of NumPy arrays."""
     if "x" in arrays:
         # The unknowns of an equation have neither momenta nor an energy.
         t, q = arrays["t"], arrays["x"]
         p, energy = np.zeros_like(q), np.zeros_like(t)
     else:
         t, q, p, energy = (arrays[name] for name in _STATE)
-    others = (*_STATE, "x", "end", "derivatives")
-    return t, q, p, energy, {name: arrays[name] for name in arrays if name not in others}
+    others = (*_STATE, "x", "end", "derivatives", "v")
+    columns = {name: arrays[name] for name in arrays if name not in others}
+    return t, q, p, energy, columns, arrays.get("derivatives"), arrays.get("v")
 
 
 def ending(known: Mapping[str, Any]) -> tuple[int, str]:
@@ -477,8 +526,10 @@ def _of_directory(path: str) -> Result:
     arrays = os.path.join(path, "trajectory.npz")
     if "trajectory.npz" in known["files"]:
         with np.load(arrays, allow_pickle=False) as kept:
-            t, q, p, energy, columns = of_arrays(kept)
-        return Result(t, q, p, energy, status == 0, status, message, record, warned, columns=columns)
+            t, q, p, energy, columns, derivatives, _ = of_arrays(kept)
+        return Result(
+            t, q, p, energy, status == 0, status, message, record, warned, columns=columns, _derivatives=derivatives
+        )
     with open(os.path.join(path, "trajectory.csv"), encoding="utf-8") as file:
         names = file.readline().rstrip("\n").split(",")
         rows = np.loadtxt(file, delimiter=",", ndmin=2)
@@ -540,12 +591,12 @@ def load(path: str | os.PathLike[str]) -> Result:
         if os.path.isdir(path):
             return _of_directory(os.fspath(path))
         with np.load(path, allow_pickle=False) as arrays:
-            t, q, p, energy, columns = of_arrays(arrays)
+            t, q, p, energy, columns, derivatives, velocities = of_arrays(arrays)
             end = json.loads(str(arrays["end"]))
-            derivatives = arrays["derivatives"] if "derivatives" in arrays.files else None
         record = json.dumps(end["summary"])
         return Result(
-            t, q, p, energy, end["success"], end["status"], end["message"], record, columns=columns, _derivatives=derivatives
+            t, q, p, energy, end["success"], end["status"], end["message"], record, columns=columns, _derivatives=derivatives,
+            _velocities=velocities,
         )
     except (KeyError, ValueError, TypeError, EOFError) as error:
         raise InputError(f"path: {os.fspath(path)} holds no result of fvi: {error}", "path", os.fspath(path)) from None

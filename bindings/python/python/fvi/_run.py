@@ -14,9 +14,9 @@ from typing import Any, NoReturn, Unpack, cast
 import numpy as np
 
 from fvi import _fvi
-from fvi._types import FloatArray, Precision, ScenarioKeys
+from fvi._types import Precision, ScenarioKeys
 from fvi._errors import InputError, StepError
-from fvi._result import Continuation, Result, ending, of_arrays
+from fvi._result import Arrays, Continuation, Result, ending, of_arrays
 from fvi._scenario import Files, Scenario, by_path, source
 from fvi._system import scenario_of
 from fvi._terms import Functions, out_of
@@ -139,9 +139,9 @@ def run(
         resume=resume,
         accept_other_machine=accept_other_machine,
     )
-    with np.load(Path(out) / "trajectory.npz") as arrays:
-        t, q, p, energy, columns = of_arrays(arrays)
-    return finish(result_of(t, q, p, energy, columns, record, record), raised, check)
+    with np.load(Path(out) / "trajectory.npz") as file:
+        arrays = of_arrays(file)
+    return finish(result_of(arrays, record, record), raised, check)
 
 
 def run_cases(
@@ -220,8 +220,8 @@ def compute(
         scenario, engine=engine, precision=precision, progress=progress, terms=functions.terms, prepared=prepared, spent=spent,
         events=functions.events, resume=snapshot, keep=keep_memory,
     )
-    ((_, t, q, p, energy, columns, derivatives, end, record),) = motions
-    result = result_of(t, q, p, energy, columns, end, record, mass, derivatives)
+    ((_, arrays, end, record),) = motions
+    result = result_of(arrays, end, record, mass)
     if junction is not None:
         result = _behind(junction, result)
     if reached is not None and isinstance(scenario, tuple):
@@ -237,15 +237,20 @@ def _behind(before: Result, result: Result) -> Result:
     if scenario["output"].get("times"):
         return result
     chosen = scenario["output"].get("coordinates")
-    q, p = (np.array(last[name]) if chosen is None else np.array(last[name])[chosen] for name in ("position", "momentum"))
+    state = [np.array(last[name])[None] for name in ("position", "momentum")]
+    q, p = state if chosen is None else (numbers[:, chosen] for numbers in state)
     columns = {
         name: np.concatenate([before.columns[name][-1:], column]) for name, column in result.columns.items() if name in before.columns
     }
+    velocities = result._velocities
+    if velocities is not None and velocities.size > 0:
+        velocities = np.concatenate([before._velocities_of(*state)[:, chosen], velocities])
     return replace(
         result,
+        _velocities=velocities,
         t=np.concatenate([[last["time"]], result.t]),
-        q=np.concatenate([q[None], result.q]),
-        p=np.concatenate([p[None], result.p]),
+        q=np.concatenate([q, result.q]),
+        p=np.concatenate([p, result.p]),
         energy=np.concatenate([[last["energy"]], result.energy]),
         columns=columns,
     )
@@ -257,9 +262,7 @@ def compute_cases(
     """As `compute`, for each load case by its name."""
     progress = check_progress(progress)
     motions, raised, _ = _fvi.run(scenario, engine=engine, precision=precision, progress=progress, cases=True)
-    results = {
-        name: result_of(t, q, p, energy, columns, end, record) for name, t, q, p, energy, columns, _, end, record in motions
-    }
+    results = {name: result_of(arrays, end, record) for name, arrays, end, record in motions}
     if raised is not None:
         raise_with(raised, results)
     # The steps are common to all cases, and so are the warnings about them.
@@ -290,23 +293,15 @@ def finish(result: Result, raised: BaseException | None, check: bool) -> Result:
     return result
 
 
-def result_of(
-    t: FloatArray,
-    q: FloatArray,
-    p: FloatArray,
-    energy: FloatArray,
-    columns: dict[str, FloatArray],
-    end: str,
-    record: str | _fvi.Record,
-    mass: Any = None,
-    derivatives: FloatArray | None = None,
-) -> Result:
+def result_of(arrays: Arrays, end: str, record: str | _fvi.Record, mass: Any = None) -> Result:
     """The result with status and message from the record; the whole record is parsed on demand."""
+    t, q, p, energy, columns, derivatives, velocities = arrays
     known = json.loads(end)
     status, message = ending(known)
     warned = tuple(known.get("warnings", ()))
     return Result(
-        t, q, p, energy, status == 0, status, message, record, warned, mass, columns=columns, _derivatives=derivatives
+        t, q, p, energy, status == 0, status, message, record, warned, mass, columns=columns, _derivatives=derivatives,
+        _velocities=velocities,
     )
 
 

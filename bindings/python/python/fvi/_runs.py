@@ -59,6 +59,7 @@ class Runs:
     parameters: dict[str, FloatArray]
     _ends: dict[int, dict[str, Any]] = field(default_factory=dict)
     _derivatives: FloatArray | None = None
+    _velocities: FloatArray | None = None
     _coordinates: tuple[int, ...] = ()
     _mass: Any = None
     _systems: dict[int, dict[str, Any]] = field(default_factory=dict)
@@ -116,6 +117,7 @@ class Runs:
             _mass=self._mass,
             columns={name: np.array(column[place, :rows]) for name, column in self.columns.items()},
             _derivatives=None if self._derivatives is None else np.array(self._derivatives[place, :rows]),
+            _velocities=None if self._velocities is None else np.array(self._velocities[place, :rows]),
         )
 
     def __repr__(self) -> str:
@@ -202,5 +204,5 @@ def runs_of(
     happened = [table["events"].get(place, []) for place in range(count)]
     return Runs(
         table["t"], table["q"], table["p"], table["energy"], table["rows"], table["steps"], status, errors, happened, table["columns"],
-        given, ends, table["derivatives"], coordinates, mass,
+        given, ends, table["derivatives"], table["v"], coordinates, mass,
     )
