@@ -93,6 +93,15 @@ def test_what_fails_or_is_refused_is_told_by_its_index():
     assert failed.value.result.status.tolist() == runs.status.tolist()
     with pytest.raises(fvi.InputError, match="run 0: damping"):
         model.batch({"damping[0].order": [2.5, 0.5]})
+    with_gaps = model.batch({"k": [-1.0, np.nan, -2.0], "q0": [1.0, 1.0, np.inf]}, check=False)
+    assert with_gaps.status.tolist() == [0, -2, -2] and with_gaps.rows.tolist() == [81, 0, 0]
+    assert {place: error.key for place, error in with_gaps.errors.items()} == {1: "k", 2: "q0"}
+    assert same(with_gaps[0], model.run({"k": -1.0, "q0": 1.0}))
+    for place in (1, 2):
+        with pytest.raises(fvi.InputError, match=f"run {place}: "):
+            with_gaps[place]
+    # A number that all runs have refuses all.
+    assert sorted(model.batch({"k": [-1.0, -2.0], "q0": np.nan}, check=False).errors) == [0, 1]
     with pytest.raises(fvi.InputError, match="2.5") as refused:
         model.run({"damping[0].order": 2.5})
     assert refused.value.key == "damping[0].order"
@@ -107,7 +116,8 @@ def test_what_fails_or_is_refused_is_told_by_its_index():
         ({"kk": [1.0]}, "did you mean k"),
         ({"k": [[1.0]]}, "one number for each run"),
         ({"k": [1.0, 2.0], "q0": [1.0, 2.0, 3.0]}, "q0 has 3"),
-        ({"k": [1.0, np.nan]}, r"k\[1\] = nan"),
+        ({"k": [1.0, np.nan]}, "run 1: k = nan: not allowed; allowed: a finite number"),
+        ({"position": [[1.0], [2.0], [np.inf]]}, r"run 2: position\[0\] = inf"),
         ({"k": []}, "no runs"),
         ({"position": [[1.0, 2.0]]}, "a row of 1"),
         ({"q1": [1.0]}, "1 entries"),

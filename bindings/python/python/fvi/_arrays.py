@@ -16,14 +16,19 @@ LARGEST = 2**63 - 1
 """The largest whole number that goes over to the compiled half."""
 
 
-def numbers(name: str, given: Any, *, missing: bool = False) -> FloatArray:
-    """An argument converted to an array of finite numbers in double precision; with `missing`, NaN is one of them."""
+def unchecked(name: str, given: Any) -> FloatArray:
+    """An argument converted to an array in double precision, whose numbers need not be finite."""
     refuse_masked(name, given)
     array = np.asarray(given)
     if array.dtype.kind not in "fiub":
         described = "objects" if array.dtype.kind == "O" else f"values of type {array.dtype}"
         raise InputError(f"{name}: an array of {described}; real numbers are needed", name, str(array.dtype))
-    array = np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
+    return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
+
+
+def numbers(name: str, given: Any, *, missing: bool = False) -> FloatArray:
+    """An argument converted to an array of finite numbers in double precision; with `missing`, NaN is one of them."""
+    array = unchecked(name, given)
     wrong = np.isinf(array) if missing else ~np.isfinite(array)
     if wrong.any():
         place = tuple(int(index) for index in np.argwhere(wrong)[0])

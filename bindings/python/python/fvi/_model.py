@@ -252,7 +252,8 @@ class Model:
             jobs = _arrays.whole("jobs", jobs, 1)
         progress = check_progress(progress)
         known = self._known(parameters)
-        arrays = {name: _arrays.numbers(name, values) for name, values in parameters.items()}
+        # What is not finite is refused with its run.
+        arrays = {name: _arrays.unchecked(name, values) for name, values in parameters.items()}
         columns, given = _columns(arrays, known.counts)
         with _renamed(known.names):
             table, raised = known.batch.run(columns, jobs, progress)
