@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from typing import Any, Self
+from typing import Self, Unpack
 
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
+from fvi._types import ControllerKeys, Real, Whole
 
 
 class FractionalPid(_fvi.FractionalPid):
@@ -60,14 +61,14 @@ class FractionalPid(_fvi.FractionalPid):
     def __new__(
         cls,
         *,
-        sample: float,
-        kp: float = 0.0,
-        ki: float | None = None,
-        lam: float = 1.0,
-        kd: float | None = None,
-        mu: float = 1.0,
-        length: int = 1_000_000,
-        **keys: Any,
+        sample: Real,
+        kp: Real = 0.0,
+        ki: Real | None = None,
+        lam: Real = 1.0,
+        kd: Real | None = None,
+        mu: Real = 1.0,
+        length: Whole = 1_000_000,
+        **keys: Unpack[ControllerKeys],
     ) -> Self:
         step = _arrays.positive("sample", sample)
         given = {"kp": kp, "ki": ki, "lambda": lam, "kd": kd, "mu": mu}
@@ -88,10 +89,10 @@ class FractionalPid(_fvi.FractionalPid):
 
     def tick(
         self,
-        setpoint: float,
-        measured: float,
-        feed_forward: float = 0.0,
-        applied: float | None = None,
+        setpoint: Real,
+        measured: Real,
+        feed_forward: Real = 0.0,
+        applied: Real | None = None,
         limited: bool = False,
     ) -> float:
         """Takes setpoint and measured value and returns the output; a sample that is refused changes nothing.
@@ -113,7 +114,7 @@ class FractionalPid(_fvi.FractionalPid):
         """
         return super().tick(setpoint, measured, feed_forward, applied, limited)
 
-    def set_gains(self, kp: float, ki: float, kd: float) -> None:
+    def set_gains(self, kp: Real, ki: Real, kd: Real) -> None:
         """Changes the gains, from the next tick on; the integral absorbs what this changes in the output.
 
         Parameters

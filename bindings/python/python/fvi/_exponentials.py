@@ -11,7 +11,7 @@ import numpy as np
 from fvi import _arrays, _fvi
 from fvi._errors import InputError
 from fvi._keyed import exponent_or_kernel
-from fvi._types import FloatArray
+from fvi._types import FloatArray, Real, Whole
 
 
 class StateSpace(NamedTuple):
@@ -80,14 +80,14 @@ class Exponentials:
 
 def exponentials(
     *,
-    exponent: float | None = None,
+    exponent: Real | None = None,
     kernel: Any = None,
-    step: float,
-    order: int = 1,
+    step: Real,
+    order: Whole = 1,
     increments: bool = False,
-    horizon: int | None = None,
+    horizon: Whole | None = None,
     band: Sequence[float] | None = None,
-    tolerance: float = 1e-12,
+    tolerance: Real = 1e-12,
 ) -> Exponentials:
     """The weights of `weights` as a head and decaying exponentials, for a memory of constant cost and size.
 

@@ -22,7 +22,7 @@ from fvi._result import Picture, labelled, new_axes
 from fvi._run import Progress, check_progress
 from fvi._scenario import Scenario, by_path, put, source
 from fvi._system import scenario_of, source_of
-from fvi._types import FloatArray, ScenarioKeys
+from fvi._types import FloatArray, ScenarioKeys, Whole
 
 
 @dataclass(frozen=True)
@@ -301,11 +301,11 @@ def fit(
     *,
     models: Mapping[str, Mapping[str, Any]] | None = None,
     shift: Mapping[str, Any] | None = None,
-    starts: int = 1,
-    seed: int = 1,
+    starts: Whole = 1,
+    seed: Whole = 1,
     deviations: Literal["known", "relative"] | None = None,
     profile: bool | Sequence[str] = False,
-    most_iterations: int | None = None,
+    most_iterations: Whole | None = None,
     progress: Progress | None = None,
     overrides: Mapping[str, Any] | None = None,
     **keys: Unpack[ScenarioKeys],

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from fvi._errors import InputError
 from fvi._kernel import Kernel
 from fvi._result import _module
-from fvi._types import FloatArray
+from fvi._types import FloatArray, RadiationKeys
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Hydrodynamics:
     dofs: list[str]
     left_out: int = 0
 
-    def kernel(self, dofs: Sequence[str | int] | None = None, **keys: Any) -> Kernel:
+    def kernel(self, dofs: Sequence[str | int] | None = None, **keys: Unpack[RadiationKeys]) -> Kernel:
         """The kernel of these degrees of freedom, all unless given.
 
         Parameters

@@ -34,7 +34,7 @@ from fvi._terms import (
     terms_of,
     with_loads,
 )
-from fvi._types import OutputKeys, Precision, Real, Whole
+from fvi._types import OutputKeys, Precision, Real, ScenarioKeys, Whole
 
 
 def integrate(
@@ -234,6 +234,38 @@ def integrate(
     )
 
 
+class Arguments(ScenarioKeys, total=False):
+    """The arguments of `integrate` that describe a run, without the `system` as a whole."""
+
+    mass: Any
+    stiffness: Any
+    gyroscopic: Any
+    potential: str | Potential | None
+    force: str | Sequence[str] | Function | Force | None
+    damping: Damping | Mapping[str, Any] | Iterable[Damping | Mapping[str, Any]]
+    loads: Load | Iterable[Load]
+    elements: Element | Iterable[Element]
+    events: Event | Mapping[str, Any] | Iterable[Event | Mapping[str, Any]]
+    overrides: Mapping[str, Any] | None
+    kinetic: str | None
+    constraints: Sequence[str]
+
+
+class ModelArguments(Arguments, total=False):
+    """The same with those that say how a call goes."""
+
+    precision: Precision
+    check: bool
+    progress: Progress | None
+    keep_memory: bool | None
+
+
+class Changes(ModelArguments, total=False):
+    """All arguments of `integrate` but the `system`."""
+
+    continue_from: Result | None
+
+
 def described_by(system: System | None, arguments: dict[str, Any]) -> dict[str, Any]:
     """Arguments of `integrate` with those of a system."""
     if system is None:
@@ -333,11 +365,12 @@ def as_it_is(mass: Any) -> Any:
 
 def integrate_cases(
     cases: Mapping[str, Load | Iterable[Load]],
+    system: System | None = None,
     *,
     precision: Precision = "f64",
     check: bool = True,
     progress: Progress | None = None,
-    **arguments: Any,
+    **arguments: Unpack[Arguments],
 ) -> dict[str, Result]:
     """Integrates a linear system under several load cases together: with one factorisation of its matrices and one pass over the
     factor for all of them.
@@ -346,6 +379,8 @@ def integrate_cases(
     ----------
     cases : mapping of str to Load or list of Load
         The loads of each case, by its name; those in `loads` act in every case.
+    system : System, optional
+        The system, in place of the arguments that describe it.
     precision, check, progress
         As in `run`.
     **arguments
@@ -376,13 +411,13 @@ def integrate_cases(
         raise InputError("cases: a mapping of names to loads is needed", "cases", repr(cases))
     if not cases:
         raise InputError("cases: none are given", "cases", repr(cases))
-    bound = inspect.signature(integrate).bind(**arguments)
-    bound.apply_defaults()
-    bound.arguments.update(described_by(bound.arguments.pop("system"), {**bound.arguments}))
-    aside = ("precision", "check", "progress", "keep_memory", "continue_from")
-    if bound.arguments["continue_from"] is not None:
+    if "continue_from" in arguments:
         raise InputError("continue_from: cannot stand beside cases, whose results have no memory", "continue_from")
-    others = {name: value for name, value in bound.arguments.items() if name not in aside}
+    bound = inspect.signature(integrate).bind(system, **arguments)
+    bound.apply_defaults()
+    others = described_by(bound.arguments.pop("system"), {**bound.arguments})
+    for name in ("precision", "check", "progress", "keep_memory", "continue_from"):
+        del others[name]
     given, functions = _scenario(**others, cases=cases)
     if functions.terms is not None:
         raise InputError("cases: need a linear system, without functions for potential and force", "cases")

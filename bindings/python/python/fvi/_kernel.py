@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from fvi import _arrays
 from fvi._errors import InputError
 from fvi._keyed import Keyed
+from fvi._types import Real
 
 if TYPE_CHECKING:
     from fvi._exponentials import StateSpace
@@ -49,17 +50,17 @@ class Kernel(Keyed):
     """
 
     @staticmethod
-    def power(order: float) -> Kernel:
+    def power(order: Real) -> Kernel:
         """s^β, the fractional derivative of order β, 0 ≤ β < 2."""
         return Kernel(form="power", order=_arrays.real("order", order))
 
     @staticmethod
-    def tempered(order: float, rate: float) -> Kernel:
+    def tempered(order: Real, rate: Real) -> Kernel:
         """(s + a)^β − a^β with 0 < β < 2 and a = `rate` ≥ 0: a fractional derivative with a longest relaxation time 1/a."""
         return Kernel(form="tempered", order=_arrays.real("order", order), rate=_arrays.real("rate", rate))
 
     @staticmethod
-    def maxwell(order: float, time: float, inner: float = 0.0) -> Kernel:
+    def maxwell(order: Real, time: Real, inner: Real = 0.0) -> Kernel:
         """(τs)^β/(1 + (τs)^(β−α)), 0 ≤ α = `inner` < β ≤ 1: the fractional Maxwell model; with a spring in parallel, the Zener
         model."""
         numbers = {"order": order, "inner": inner, "time": time}
@@ -73,13 +74,13 @@ class Kernel(Keyed):
         return Kernel(form="prony", **numbers)
 
     @staticmethod
-    def havriliak_negami(order: float, power: float, time: float) -> Kernel:
+    def havriliak_negami(order: Real, power: Real, time: Real) -> Kernel:
         """1 − (1 + (τs)^α)^(−γ), α = `order`, γ = `power`: Cole–Cole with γ = 1, Cole–Davidson with α = 1."""
         numbers = {"order": order, "power": power, "time": time}
         return Kernel(form="havriliak-negami", **{name: _arrays.real(name, number) for name, number in numbers.items()})
 
     @staticmethod
-    def distributed(start: float = 0.0, stop: float = 1.0, time: float = 1.0) -> Kernel:
+    def distributed(start: Real = 0.0, stop: Real = 1.0, time: Real = 1.0) -> Kernel:
         """((τs)^b − (τs)^a)/((b − a) ln(τs)), the mean of (τs)^β over all orders β from a = `start` to b = `stop`."""
         numbers = {"from": start, "to": stop, "time": time}
         return Kernel(form="distributed", **{name: _arrays.real(name, number) for name, number in numbers.items()})
@@ -95,11 +96,11 @@ class Kernel(Keyed):
     def relaxation(
         t: ArrayLike,
         G: ArrayLike,
-        decay: float | None = None,
+        decay: Real | None = None,
         *,
-        begin: float | None = None,
-        end: float | None = None,
-        activity: float | None = None,
+        begin: Real | None = None,
+        end: Real | None = None,
+        activity: Real | None = None,
     ) -> Kernel:
         """K(s) = s Ĝ(s), the force ∫ G(t − τ) q̇(τ) dτ of a measured relaxation function.
 
@@ -120,12 +121,12 @@ class Kernel(Keyed):
     @staticmethod
     def relaxation_matrix(
         files: Sequence[Sequence[str | os.PathLike[str]]],
-        decay: float | None = None,
+        decay: Real | None = None,
         *,
-        begin: float | None = None,
-        end: float | None = None,
-        activity: float | None = None,
-        asymmetry: float | None = None,
+        begin: Real | None = None,
+        end: Real | None = None,
+        activity: Real | None = None,
+        asymmetry: Real | None = None,
     ) -> Kernel:
         """A relaxation function for each pair of coordinates, the force −Σ_j ∫ G_ij(t − τ) q̇_j(τ) dτ: Cummins' equation.
 
@@ -156,12 +157,12 @@ class Kernel(Keyed):
         infinite: ArrayLike | None = None,
         coordinates: Sequence[int] | None = None,
         added_to_mass: bool = True,
-        memory: float | None = None,
-        begin: float | None = None,
-        end: float | None = None,
-        activity: float | None = None,
-        asymmetry: float | None = None,
-        inconsistency: float | None = None,
+        memory: Real | None = None,
+        begin: Real | None = None,
+        end: Real | None = None,
+        activity: Real | None = None,
+        asymmetry: Real | None = None,
+        inconsistency: Real | None = None,
     ) -> Kernel:
         """The force −A(∞) q̈ − ∫ K(t − τ) q̇(τ) dτ of radiated waves, K̂(iω) = B(ω) + iω (A(ω) − A(∞)).
 
@@ -191,8 +192,8 @@ class Kernel(Keyed):
         infinite: ArrayLike | None = None,
         coordinates: Sequence[int] | None = None,
         added_to_mass: bool = True,
-        activity: float | None = None,
-        asymmetry: float | None = None,
+        activity: Real | None = None,
+        asymmetry: Real | None = None,
     ) -> Kernel:
         """The force −A(∞) q̈ − y of equations of states, ẋ = A x + B q̇, y = C x + D q̇, in their poles and residues.
 
@@ -206,7 +207,7 @@ class Kernel(Keyed):
         return Kernel(**keys)
 
     @staticmethod
-    def weights(weights: ArrayLike | str | os.PathLike[str], step: float | None = None) -> Kernel:
+    def weights(weights: ArrayLike | str | os.PathLike[str], step: Real | None = None) -> Kernel:
         """The memory Σ w_n q_{k−n} with given weights w_0, w_1, …, or those of a file with the columns n, weight.
 
         They apply to the time step of the run; `step`, if given, must be equal to it. A run of K steps needs K + 1 weights. Since

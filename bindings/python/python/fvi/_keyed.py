@@ -7,6 +7,7 @@ from typing import Any
 
 from fvi import _arrays
 from fvi._errors import InputError
+from fvi._types import Real
 
 
 class Keyed:
@@ -30,7 +31,7 @@ def keys_of(name: str, given: Any) -> dict[str, Any]:
     raise InputError(f"{name} = {given!r}: a fvi.Kernel is needed", name, repr(given))
 
 
-def exponent_or_kernel(exponent: float | None, kernel: Any) -> tuple[float | None, dict[str, Any] | None]:
+def exponent_or_kernel(exponent: Real | None, kernel: Any) -> tuple[float | None, dict[str, Any] | None]:
     """One of the two, checked."""
     if (exponent is None) == (kernel is None):
         message = "exponent, kernel: one of them is needed" if exponent is None else "exponent cannot stand beside kernel"

@@ -7,7 +7,7 @@ from typing import Any, Literal, Self
 from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
-from fvi._types import Derivative, Engine, FloatArray, Precision
+from fvi._types import Derivative, Engine, FloatArray, Precision, Real, Whole
 from fvi._errors import InputError
 from fvi._keyed import exponent_or_kernel
 
@@ -83,19 +83,19 @@ class Memory(_fvi.Memory):
     def __new__(
         cls,
         *,
-        exponent: float | None = None,
+        exponent: Real | None = None,
         kernel: Any = None,
-        step: float,
-        order: int = 1,
+        step: Real,
+        order: Whole = 1,
         family: Literal["bdf", "radau-iia", "lobatto-iiic", "trapezoidal"] = "bdf",
-        stages: int | None = None,
-        channels: int = 1,
-        length: int = 65536,
+        stages: Whole | None = None,
+        channels: Whole = 1,
+        length: Whole = 65536,
         engine: Engine | None = None,
         samples: Literal["values", "differences"] = "values",
-        tolerance: float | None = None,
+        tolerance: Real | None = None,
         states: Precision | None = None,
-        threads: int | None = None,
+        threads: Whole | None = None,
     ) -> Self:
         exponent, kernel = exponent_or_kernel(exponent, kernel)
         arguments: dict[str, Any] = {
@@ -220,12 +220,12 @@ class Operator(_fvi.Operator):
     def __new__(
         cls,
         *,
-        exponent: float,
-        step: float,
-        order: int = 1,
+        exponent: Real,
+        step: Real,
+        order: Whole = 1,
         start: Derivative = "riemann-liouville",
-        slope: float | None = None,
-        length: int = 65536,
+        slope: Real | None = None,
+        length: Whole = 65536,
         engine: Engine | None = None,
     ) -> Self:
         exponent, step = _arrays.real("exponent", exponent), _arrays.positive("step", step)

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,14 +17,24 @@ from numpy.typing import ArrayLike
 from fvi import _arrays, _fvi
 from fvi._errors import InputError, StepError
 from fvi._gradient import Cotangent, Gradient, Recording, gradient_of, numbers_of
-from fvi._integrate import _arguments, _integrated, _scenario, as_it_is, described_by, integrate, named_after_argument
+from fvi._integrate import (
+    Changes,
+    ModelArguments,
+    _arguments,
+    _integrated,
+    _scenario,
+    as_it_is,
+    described_by,
+    integrate,
+    named_after_argument,
+)
 from fvi._result import Result, ending
 from fvi._run import Progress, check_progress, finish, raise_with, result_of
 from fvi._runs import Runs, runs_of
 from fvi._scenario import SHORT_NAMES, Ready, by_path, key_of, places_of, put, ready
 from fvi._system import System
 from fvi._terms import Damping
-from fvi._types import FloatArray
+from fvi._types import FloatArray, Whole
 
 DEFAULTS: dict[str, Any] = {
     name: parameter.default
@@ -95,22 +105,20 @@ class Model:
     True
     """
 
-    def __init__(self, system: System | None = None, *, mass: Any = None, **arguments: Any) -> None:
+    def __init__(self, system: System | None = None, **arguments: Unpack[ModelArguments]) -> None:
         self._arguments: dict[str, Any] = {}
         self._prepared = _fvi.Prepared()
         self._compiled: dict[tuple[str, ...], _Known] = {}
-        arguments = described_by(system, arguments)
-        mass = arguments.pop("mass", mass) if system is not None else mass
+        given = described_by(system, {**arguments})
         # Misspelt names are told here and not by the first call.
-        by_path(None, {name: value for name, value in arguments.items() if name not in DEFAULTS}, tuple(DEFAULTS))
+        by_path(None, {name: value for name, value in given.items() if name not in DEFAULTS}, tuple(DEFAULTS))
         self._size: int | None = None
-        if mass is not None:
-            mass = ready("mass", mass, None)
+        if given.get("mass") is not None:
+            mass = given["mass"] = ready("mass", given["mass"], None)
             self._size = None if mass.shape == (1,) else mass.shape[0]
-            arguments["mass"] = mass
-        elif arguments.get("kinetic") is None:
+        elif given.get("kinetic") is None:
             raise InputError("mass: needed by a model, unless there is `kinetic`", "mass", "None")
-        self._arguments = self._taken(arguments)
+        self._arguments = self._taken(given)
 
     def __getstate__(self) -> dict[str, Any]:
         # What has been prepared and compiled is made anew.
@@ -119,7 +127,7 @@ class Model:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state, _prepared=_fvi.Prepared(), _compiled={})
 
-    def integrate(self, **changes: Any) -> Result:
+    def integrate(self, **changes: Unpack[Changes]) -> Result:
         """Integrates it.
 
         Parameters
@@ -192,7 +200,7 @@ class Model:
         self,
         parameters: Mapping[str, ArrayLike],
         *,
-        jobs: int | None = None,
+        jobs: Whole | None = None,
         check: bool = True,
         progress: Progress | None = None,
     ) -> Runs:

@@ -6,7 +6,7 @@ import html
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from fvi._errors import InputError
 from fvi._result import Picture, html_table, labelled, new_axes
 from fvi._scenario import Scenario, by_path
 from fvi._system import System, scenario_of, source_of
-from fvi._types import FloatArray
+from fvi._types import FloatArray, Real, ResponseKeys, Whole
 
 ComplexArray = NDArray[np.complex128]
 
@@ -233,17 +233,17 @@ def response(
     scenario: Scenario,
     omega: Sequence[float] | FloatArray | None = None,
     *,
-    from_omega: float | None = None,
-    to_omega: float | None = None,
-    points: int = 400,
-    input: int = 0,
-    output: int = 0,
+    from_omega: Real | None = None,
+    to_omega: Real | None = None,
+    points: Whole = 400,
+    input: Whole = 0,
+    output: Whole = 0,
     about: Sequence[float] | FloatArray | None = None,
     near: float | Sequence[float] | FloatArray | None = None,
-    modes: int = 6,
+    modes: Whole = 6,
     discrete: bool = True,
     overrides: Mapping[str, Any] | None = None,
-    **keys: Any,
+    **keys: Unpack[ResponseKeys],
 ) -> Response:
     """The frequency response H(ω) = (−ω²M + K + Σ ρ K(iω))⁻¹ of a scenario, as the program `fvi response` computes it.
 
@@ -293,8 +293,8 @@ def response(
         if omega is None:
             raise InputError("omega: needed for a system without steps", "omega", "None")
         keys = {**keys, "step": np.pi / max(np.max(omega), np.finfo(float).tiny), "steps": 1}
-    scenario, keys = scenario_of(scenario, keys)
-    _, given = source_of(scenario, by_path(overrides, keys, response))
+    scenario, changed = scenario_of(scenario, keys)
+    _, given = source_of(scenario, by_path(overrides, changed, response))
 
     def numbers(name: str, values: Any) -> list[float] | None:
         if values is None:

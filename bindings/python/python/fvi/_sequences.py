@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
-from fvi._types import Derivative, Engine, FloatArray
+from fvi._types import Derivative, Engine, FloatArray, Real, Whole
 from fvi._errors import InputError
 from fvi._kernel import Kernel
 from fvi._keyed import exponent_or_kernel, keys_of
@@ -20,9 +20,9 @@ from fvi._keyed import exponent_or_kernel, keys_of
 def derivative(
     x: ArrayLike,
     order: float | Kernel,
-    step: float,
+    step: Real,
     *,
-    axis: int = -1,
+    axis: Whole = -1,
     quadrature: Literal["bdf1", "bdf2", "bdf3", "bdf4", "bdf5", "bdf6"] = "bdf1",
     start: Derivative = "caputo",
     slope: ArrayLike | None = None,
@@ -153,13 +153,13 @@ def _rise(columns: FloatArray, shape: tuple[int, ...], formula: int, step: float
 
 def weights(
     *,
-    exponent: float | None = None,
+    exponent: Real | None = None,
     kernel: Any = None,
-    step: float,
-    count: int,
-    order: int = 1,
+    step: Real,
+    count: Whole,
+    order: Whole = 1,
     family: Literal["bdf", "radau-iia", "lobatto-iiic", "trapezoidal"] = "bdf",
-    stages: int | None = None,
+    stages: Whole | None = None,
 ) -> FloatArray:
     """Weights w₀, …, w_{count−1} of the convolution quadrature of s^exponent, or of another kernel.
 

@@ -14,15 +14,15 @@ from fvi._result import Convergence, Extremal, Table
 from fvi._run import Progress
 from fvi._scenario import Scenario, by_path, source
 from fvi._system import scenario_of, source_of
-from fvi._types import ScenarioKeys
+from fvi._types import Real, ScenarioKeys, Whole
 
 
 def converge(
     scenario: Scenario,
     levels: tuple[int, int] = (4, 11),
     *,
-    intervals: int = 1,
-    from_time: float = 0.0,
+    intervals: Whole = 1,
+    from_time: Real = 0.0,
     progress: Progress | None = None,
     overrides: Mapping[str, Any] | None = None,
     **keys: Unpack[ScenarioKeys],
@@ -82,7 +82,7 @@ def compare_engines(
     *,
     order: int | Sequence[int] = 1,
     exponent: float | Sequence[float] = 0.5,
-    repetitions: int | None = None,
+    repetitions: Whole | None = None,
 ) -> Table:
     """Compares the memory engines: agreement with the plain sum, time per step, bytes.
 

@@ -16,7 +16,7 @@ from fvi._run import Progress, check_progress
 from fvi._scenario import Scenario, source
 from fvi._system import System, scenario_of
 from fvi._terms import out_of
-from fvi._types import Precision
+from fvi._types import Precision, Whole
 
 
 def sweep(
@@ -24,7 +24,7 @@ def sweep(
     *,
     client: Any = None,
     out: str | os.PathLike[str] | None = None,
-    jobs: int | None = None,
+    jobs: Whole | None = None,
     shard: str | None = None,
     gather: bool = False,
     precision: Precision = "f64",

@@ -16,7 +16,7 @@ from fvi._keyed import keys_of
 from fvi._native import Native, native
 from fvi._scenario import SEVERAL, Files, symmetric
 from fvi._sparsity import sparse_hessian
-from fvi._types import Action, Derivative, Direction
+from fvi._types import Action, Derivative, Direction, Real
 
 Function = Callable[..., Any]
 
@@ -112,7 +112,7 @@ class Damping:
         `coefficient`; or several, with a diagonal or a matrix. The force is −(∂g/∂q)ᵀ ρ K(D) g.
     """
 
-    order: float | None = None
+    order: Real | None = None
     coefficient: Any = None
     derivative: Derivative = "caputo"
     attached: Any = None

@@ -115,7 +115,7 @@ class Tuning:
         return html_table(("kp", "ki", "λ", "kd", "μ"), gains) + html_table(("margin", "continuous", "sampled"), rows)
 
 
-def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None, **keys: Any) -> Tuning:
+def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None) -> Tuning:
     """Tunes gains and orders of a controller for a plant, as the program `fvi tune` does.
 
     Parameters
@@ -123,8 +123,8 @@ def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None, **key
     problem : path or dict
         A file or a dictionary with its keys: `plant`, `controller`, `specification`. There `plant.scenario` is a path, a
         dictionary as in `run`, or a `System`, whose steps are then those of `controller.sample`.
-    overrides, **keys
-        As in `run`.
+    overrides : mapping, optional
+        Values in place of the problem's, by paths such as ``"specification.phase_margin"``.
 
     Returns
     -------
@@ -147,7 +147,7 @@ def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None, **key
     2.69908 0.619222 0.969410
     """
     problem, plant = _with_plant(problem)
-    text, controller, (response, steps) = _fvi.tune(source(problem, by_path(overrides, keys, tune)), plant)
+    text, controller, (response, steps) = _fvi.tune(source(problem, dict(overrides or {})), plant)
     record = json.loads(text)
     for warning in record["warnings"]:
         warnings.warn(warning, stacklevel=2)
