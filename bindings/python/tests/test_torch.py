@@ -66,3 +66,16 @@ def test_a_kernel_is_learned():
 
     optimizer.step(loss)
     assert np.allclose(torch.exp(logarithms).detach().numpy(), [0.8, 0.7], rtol=1e-4)
+
+
+def test_names_are_told_and_a_single_number_stands_for_a_vector():
+    model = fvi.Model(mass=[1.0, 1.0], stiffness=[4.0, 1.0], position=[1.0, 2.0], step=0.05, steps=40)
+    for given, said in (({"positon": 1.0}, "did you mean position"), (["k"], "names"), ({"position": [1.0] * 3}, "3 numbers, where 2")):
+        with pytest.raises(fvi.InputError, match=said):
+            fvi.torch.integrate(model, given)
+    with pytest.raises(fvi.InputError, match="model"):
+        fvi.torch.integrate({}, {})
+    start = torch.tensor(1.5, dtype=torch.float64, requires_grad=True)
+    fvi.torch.integrate(model, {"position": start})[0].sum().backward()
+    run = model.gradient({"position": [1.5, 1.5]}, lambda r: np.ones_like(r.q))
+    assert start.grad.shape == () and start.grad.item() == pytest.approx(run["position"].sum(), rel=1e-12)

@@ -53,6 +53,8 @@ class Recording:
         The trajectory.
     nbytes : int
         Bytes of the steps.
+    shapes : dict of str to tuple of int
+        The shapes of the parameters by their names.
     """
 
     def __init__(self, result: Result, steps: _fvi.Recording, shapes: dict[str, tuple[int, ...]]) -> None:
@@ -63,6 +65,11 @@ class Recording:
     @property
     def nbytes(self) -> int:
         return self._steps.nbytes
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """The shapes of the parameters by their names."""
+        return dict(self._shapes)
 
     def gradient(self, q: ArrayLike | None = None, p: ArrayLike | None = None) -> Gradient:
         """The derivatives of the function whose derivatives by the rows of the result are `q` and `p`.
@@ -102,6 +109,16 @@ class Recording:
 
     def __repr__(self) -> str:
         return f"Recording({self.result!r}, {self.nbytes} bytes)"
+
+
+def checked(model: Any, parameters: Any) -> None:
+    """Raises InputError unless these may be a model and its numbers."""
+    from fvi._model import Model
+
+    if not isinstance(model, Model):
+        raise InputError(f"model = {model!r}: a fvi.Model is needed", "model", repr(model))
+    if not isinstance(parameters, Mapping):
+        raise InputError("parameters: numbers by their names are needed", "parameters", repr(parameters))
 
 
 def gradient_of(recording: Recording, cotangent: Cotangent | Callable[[Result], Any]) -> Gradient:

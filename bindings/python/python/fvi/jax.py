@@ -11,14 +11,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from fvi._gradient import Recording
+from fvi._errors import InputError
+from fvi._gradient import Recording, checked
 from fvi._model import Model
 
 KEPT = 64
 """Runs of one model whose steps are kept between the two passes."""
 
 _recordings: weakref.WeakKeyDictionary[Model, OrderedDict[bytes, Recording]] = weakref.WeakKeyDictionary()
+_checked: weakref.WeakKeyDictionary[Model, dict[tuple[str, ...], dict[str, tuple[int, ...]]]] = weakref.WeakKeyDictionary()
 _shapes: weakref.WeakKeyDictionary[Model, tuple[int, int]] = weakref.WeakKeyDictionary()
+_failures: weakref.WeakKeyDictionary[Model, Exception] = weakref.WeakKeyDictionary()
 
 
 def integrate(model: Model, parameters: Mapping[str, Any]) -> tuple[jax.Array, jax.Array]:
@@ -36,6 +39,13 @@ def integrate(model: Model, parameters: Mapping[str, Any]) -> tuple[jax.Array, j
     q, p : jax.Array
         Shape (rows, N).
 
+    Raises
+    ------
+    InputError
+        If the model has no number with a name, or another shape of it, or no gradient by it; also inside of `jax.jit`.
+    StepError, Exception
+        As `Model.gradient`. Inside of `jax.jit`, whose functions JAX calls, it is a ``JaxRuntimeError`` whose text ends with it.
+
     Notes
     -----
     The run and its gradient, that of `Model.gradient`, are made on the host in double precision; arrays have JAX's precision,
@@ -52,12 +62,37 @@ def integrate(model: Model, parameters: Mapping[str, Any]) -> tuple[jax.Array, j
     >>> bool(abs(jax.grad(last)(1.0) + 0.42) < 0.01)
     True
     """
-    given = {name: jnp.asarray(value, dtype=jnp.result_type(float)) for name, value in parameters.items()}
-    if model not in _shapes:
-        rows, size = model.run().q.shape
-        _shapes[model] = (rows, size)
-    q, p = _integrate(model, given)
+    checked(model, parameters)
+    shapes = _known(model, tuple(parameters))
+    given = {name: _shaped(name, value, shapes[name]) for name, value in parameters.items()}
+    _failures.pop(model, None)
+    try:
+        q, p = jax.block_until_ready(_integrate(model, given))
+    except jax.errors.JaxRuntimeError:
+        if (failure := _failures.pop(model, None)) is None:
+            raise
+        raise failure from None
     return q, p
+
+
+def _known(model: Model, names: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
+    """The shapes of the numbers with these names, by a run with the model's own."""
+    known = _checked.setdefault(model, {})
+    if names not in known:
+        recording = model.record(names)
+        rows, size = recording.result.q.shape
+        _shapes[model], known[names] = (rows, size), recording.shapes
+    return known[names]
+
+
+def _shaped(name: str, value: Any, shape: tuple[int, ...]) -> jax.Array:
+    array = jnp.asarray(value, dtype=jnp.result_type(float))
+    if (array.shape, shape) == ((1,), ()):
+        # A list of one number, if the model has one there.
+        return array
+    if array.shape not in ((), shape):
+        raise InputError(f"{name}: shape {array.shape}, where {shape} is needed", name, str(array.shape))
+    return jnp.broadcast_to(array, shape)
 
 
 def _key(parameters: Mapping[str, Any]) -> bytes:
@@ -72,7 +107,11 @@ def _forward(model: Model, parameters: dict[str, jax.Array], keep: bool) -> Any:
     dtype = jnp.result_type(float)
 
     def host(given: dict[str, Any]) -> tuple[Any, Any]:
-        recording = _recorded(model, given)
+        try:
+            recording = _recorded(model, given)
+        except Exception as error:
+            _failures[model] = error
+            raise
         if keep:
             kept = _recordings.setdefault(model, OrderedDict())
             kept[_key(given)] = recording

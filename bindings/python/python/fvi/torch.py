@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from fvi._gradient import checked
 from fvi._model import Model
 
 
@@ -26,6 +27,11 @@ def integrate(model: Model, parameters: Mapping[str, Any]) -> tuple[Any, Any]:
     q, p : tensor
         Shape (rows, N), in double precision, on the processor.
 
+    Raises
+    ------
+    InputError, StepError, Exception
+        As `Model.gradient`.
+
     Notes
     -----
     The gradient is that of `Model.gradient`; it is not differentiated again. For a batch stack the results of several calls,
@@ -41,6 +47,7 @@ def integrate(model: Model, parameters: Mapping[str, Any]) -> tuple[Any, Any]:
     >>> bool(abs(k.grad + 0.42) < 0.01)
     True
     """
+    checked(model, parameters)
     names = tuple(parameters)
     values = [torch.as_tensor(parameters[name], dtype=torch.float64).cpu() for name in names]
     q, p = _Integrate.apply(model, names, *values)
@@ -51,12 +58,14 @@ class _Integrate(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, model: Model, names: tuple[str, ...], *values: Any) -> Any:
         recording = model.record({name: value.detach().numpy() for name, value in zip(names, values)})
-        ctx.recording, ctx.names = recording, names
+        ctx.recording, ctx.names, ctx.shapes = recording, names, [value.shape for value in values]
         return torch.from_numpy(recording.result.q.copy()), torch.from_numpy(recording.result.p.copy())
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, q: Any, p: Any) -> Any:
         gradient = ctx.recording.gradient(q.detach().numpy(), p.detach().numpy())
-        by = [torch.from_numpy(np.atleast_1d(np.asarray(gradient[name]))).reshape(np.shape(gradient[name])) for name in ctx.names]
+        arrays = [np.atleast_1d(np.asarray(gradient[name])) for name in ctx.names]
+        # A single number has stood for all of a vector.
+        by = [torch.from_numpy(array if shape else array.sum(keepdims=True)).reshape(shape) for array, shape in zip(arrays, ctx.shapes)]
         return (None, None, *by)
