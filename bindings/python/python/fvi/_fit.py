@@ -17,6 +17,7 @@ from typing import Any, Literal, Unpack
 import numpy as np
 
 from fvi import _arrays, _fvi
+from fvi._datasets import _module, appearance_of, attributes, dataset
 from fvi._errors import InputError
 from fvi._result import Picture, labelled, new_axes
 from fvi._run import Progress, check_progress
@@ -81,6 +82,31 @@ class FitTable:
     deviation: dict[str, FloatArray]
     temperature: float | None = None
     log10_shift: float | None = None
+    _units: dict[str, str] = field(default_factory=dict, repr=False, compare=False)
+
+    def to_pandas(self) -> Any:
+        """The rows as a pandas DataFrame over `places`, with columns such as ``q0``, ``q0_model`` and ``q0_deviation``."""
+        pandas = _module("pandas", "to_pandas()")
+        columns = {
+            f"{name}{behind}": values[name]
+            for name in self.data
+            for behind, values in (("", self.data), ("_model", self.model), ("_deviation", self.deviation))
+        }
+        return pandas.DataFrame(columns, index=pandas.Index(self.places, name=self.over))
+
+    def to_xarray(self) -> Any:
+        """The same as an xarray Dataset, with names, and units where the scenario names them."""
+        frame: dict[str, tuple[Any, Any]] = {}
+        described = {}
+        for name, data in self.data.items():
+            of = attributes(name.rstrip("0123456789"), self._units)
+            for behind, values in (("", data), ("_model", self.model[name]), ("_deviation", self.deviation[name])):
+                frame[f"{name}{behind}"] = (self.over, values)
+                described[f"{name}{behind}"] = {**of, "long_name": f"{of['long_name']} {name}{behind.replace('_', ', ')}"}
+        made = dataset(frame, {self.over: (self.over, self.places)}, self._units)
+        for name, entries in described.items():
+            made[name].attrs.update(entries)
+        return made
 
 
 @dataclass(frozen=True, repr=False)
@@ -193,6 +219,35 @@ class Fit:
         model = "" if self.name is None else f"{html.escape(self.name)}: "
         end = f"<p>{model}χ² = {self.chi2:.6g}, AIC = {self.aic:.6g}, BIC = {self.bic:.6g}</p>"
         return f"<table><tr>{head}</tr>{''.join(rows)}</table>{end}<ul>{said}</ul>"
+
+    def to_pandas(self) -> Any:
+        """The estimates as a pandas DataFrame, a row for each parameter by its path."""
+        pandas = _module("pandas", "to_pandas()")
+        return pandas.DataFrame(self._estimates(), index=pandas.Index(list(self.parameters), name="parameter"))
+
+    def to_xarray(self) -> Any:
+        """The estimates, with their correlations, as an xarray Dataset with dimensions ``parameter`` and ``other``; χ² and the criteria
+        are attributes. `tables` have a Dataset each."""
+        variables: dict[str, tuple[Any, Any]] = {name: ("parameter", column) for name, column in self._estimates().items()}
+        variables["correlation"] = (("parameter", "other"), self.correlation)
+        paths = list(self.parameters)
+        numbers = {"chi2": self.chi2, "aic": self.aic, "bic": self.bic, "degrees_of_freedom": self.degrees_of_freedom}
+        return dataset(variables, {"parameter": ("parameter", paths), "other": ("other", paths)}, {}, numbers)
+
+    def _estimates(self) -> dict[str, Any]:
+        found = list(self.parameters.values())
+
+        def column(numbers: list[float | None]) -> FloatArray:
+            return np.array([np.nan if number is None else number for number in numbers], dtype=np.float64)
+
+        return {
+            "start": column([one.start for one in found]),
+            "estimate": column([one.estimate for one in found]),
+            "standard_error": column([one.standard_error for one in found]),
+            "lower": column([None if one.interval is None else one.interval[0] for one in found]),
+            "upper": column([None if one.interval is None else one.interval[1] for one in found]),
+            "at_bound": np.array([one.at_bound or "" for one in found]),
+        }
 
     def plot(self, axes: Any = None, *, units: Mapping[str, str] | None = None) -> Picture:
         """Draws data and model, and below them the residuals over their deviations, a column for each table of data.
@@ -441,7 +496,7 @@ def fit(
         models={model["name"]: model for model in found if "name" in model},
         scenario=fitted[0],
         scenarios=tuple(fitted[1:]),
-        tables=tuple(_told(table, entry) for table, entry in zip(tables, record["tables"])),
+        tables=tuple(_told(table, entry, appearance_of(given)[1]) for table, entry in zip(tables, record["tables"])),
         record=record,
         _report=report,
     )
@@ -605,11 +660,13 @@ def _estimate(entry: dict[str, Any]) -> Estimate:
     )
 
 
-def _told(table: tuple[FloatArray, str, list[tuple[FloatArray, FloatArray, FloatArray]]], entry: dict[str, Any]) -> FitTable:
+def _told(
+    table: tuple[FloatArray, str, list[tuple[FloatArray, FloatArray, FloatArray]]], entry: dict[str, Any], units: dict[str, str]
+) -> FitTable:
     places, over, columns = table
     names = entry["columns"]
     data, model, deviation = ({name: column[which] for name, column in zip(names, columns)} for which in range(3))
-    return FitTable(over, places, data, model, deviation, entry.get("temperature"), entry.get("log10_shift"))
+    return FitTable(over, places, data, model, deviation, entry.get("temperature"), entry.get("log10_shift"), units)
 
 
 def _with_estimates(

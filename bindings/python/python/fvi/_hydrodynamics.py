@@ -9,9 +9,9 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from fvi._datasets import _module
 from fvi._errors import InputError
 from fvi._kernel import Kernel
-from fvi._result import _module
 from fvi._types import FloatArray, RadiationKeys
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
+from fvi._datasets import appearance_of
 from fvi._errors import InputError, StepError
 from fvi._gradient import Cotangent, Gradient, Recording, gradient_of, numbers_of
 from fvi._integrate import (
@@ -68,6 +69,8 @@ class _Known(NamedTuple):
     """The mass, where it is a file."""
     moves: bool
     """Whether velocities follow from the momenta of each run in another way."""
+    appearance: tuple[list[str], dict[str, str]]
+    """Labels and units."""
 
 
 class Model:
@@ -269,7 +272,7 @@ class Model:
             if isinstance(end, InputError):
                 error = _after_argument(end, known.names)
                 table["ends"][index] = InputError(f"run {index}: {error}", error.key, error.value)
-        runs = runs_of(table, given, known.coordinates, known.mass)
+        runs = runs_of(table, given, known.coordinates, known.mass, known.appearance)
         runs._systems.update(_systems(known, columns, runs.status))
         for place, end in runs._ends.items():
             if end["status"] == "failed":
@@ -444,7 +447,8 @@ class Model:
         mass = kept if isinstance(kept, Ready) or _arrays.is_sparse(kept) else None
         in_words = arguments["kinetic"] is not None
         moves = any(path.startswith("system.mass") or path.endswith(".infinite") or in_words for path in paths)
-        return _Known(batch, counts, by_path, tuple(range(size) if chosen is None else chosen), mass, moves)
+        written = tuple(range(size) if chosen is None else chosen)
+        return _Known(batch, counts, by_path, written, mass, moves, appearance_of(source))
 
     def _taken(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Arguments with large matrices converted once."""

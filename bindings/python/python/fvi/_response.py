@@ -5,13 +5,14 @@ from __future__ import annotations
 import html
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi import _arrays, _fvi
+from fvi._datasets import _module, appearance_of, dataset
 from fvi._errors import InputError
 from fvi._result import Picture, html_table, labelled, new_axes
 from fvi._scenario import Scenario, by_path
@@ -150,6 +151,45 @@ class Response:
     kernels: tuple[KernelCurves, ...]
     left_out: tuple[str, ...]
     modes: tuple[Mode, ...] = ()
+    _units: dict[str, str] = field(default_factory=dict, repr=False, compare=False)
+
+    def to_pandas(self) -> Any:
+        """The response over the frequencies `omega` as a pandas DataFrame: `response` and `discrete`, complex, which is NaN where it is
+        left out."""
+        pandas = _module("pandas", "to_pandas()")
+        columns = {"response": self.response, "discrete": self._discrete()}
+        return pandas.DataFrame(columns, index=pandas.Index(self.omega, name="omega"))
+
+    def to_xarray(self) -> Any:
+        """Everything as an xarray Dataset, with names, and the unit of time where the scenario names it: `response` and `discrete` over
+        ``omega``, `between` over ``omega_between``, `moduli`, `creep` and `relaxation` of each ``kernel``, poles, and modes with their
+        shapes."""
+        variables: dict[str, tuple[Any, Any]] = {
+            "response": ("omega", self.response),
+            "discrete": ("omega", self._discrete()),
+            "between": ("omega_between", self.between),
+        }
+        places: dict[str, tuple[Any, Any]] = {"omega": ("omega", self.omega), "omega_between": ("omega_between", self.omega_between)}
+        if self.poles is not None:
+            places["pole"] = ("pole", self.poles)
+        if self.kernels:
+            places.update(t=("t", self.kernels[0].t), kernel=("kernel", [kernel.name for kernel in self.kernels]))
+            variables["moduli"] = (("kernel", "omega"), np.array([kernel.moduli for kernel in self.kernels]))
+            for name in ("creep", "relaxation"):
+                curves = [getattr(kernel, name) for kernel in self.kernels]
+                missing = np.full_like(self.kernels[0].t, np.nan)
+                variables[name] = (("kernel", "t"), np.array([missing if curve is None else curve for curve in curves]))
+        if self.modes:
+            places["mode"] = ("mode", np.array([mode.s for mode in self.modes]))
+            variables["shape"] = (("mode", "coordinate"), np.array([mode.shape for mode in self.modes]))
+        return dataset(variables, places, self._units, {"left_out": list(self.left_out)})
+
+    def _discrete(self) -> ComplexArray:
+        """H of the discrete scheme over all frequencies, NaN where there is none."""
+        filled = np.full(self.omega.shape, complex(np.nan, np.nan))
+        if self.discrete is not None:
+            filled[: len(self.discrete)] = self.discrete
+        return filled
 
     @property
     def frequency(self) -> FloatArray:
@@ -343,6 +383,7 @@ def response(
         tuple(kernels),
         tuple(record["left_out"]),
         tuple(_mode(entry) for entry in record["modes"]),
+        appearance_of(given)[1],
     )
 
 

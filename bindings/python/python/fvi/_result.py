@@ -15,20 +15,9 @@ from typing import Any, Literal
 import numpy as np
 
 from fvi import _fvi
+from fvi._datasets import _module, dataset, members_of
 from fvi._errors import InputError
 from fvi._types import FloatArray
-
-
-def _module(name: str, what: str) -> Any:
-    """Imports a library that only this call needs."""
-    import importlib
-
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name and error.name.split(".")[0] == name.split(".")[0]:
-            raise ModuleNotFoundError(f"{what} needs the package {name.split('.')[0]}", name=error.name) from None
-        raise
 
 
 def _text(record: str | _fvi.Record) -> str:
@@ -397,6 +386,17 @@ class Result:
         return list(self.summary.get("events", []))
 
     @property
+    def labels(self) -> list[str]:
+        """Names of the coordinates: those of the scenario, or q0, q1, …"""
+        given = self.summary.get("labels", [])
+        return list(given) if len(given) == self.q.shape[1] else [f"q{coordinate}" for coordinate in self.coordinates]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The units that the scenario names, of "time", "position", "momentum" and "energy"."""
+        return dict(self.summary.get("units", {}))
+
+    @property
     def title(self) -> str:
         """The title of the scenario; empty if it has none."""
         return str(self.summary.get("scenario", {}).get("title") or "")
@@ -407,9 +407,9 @@ class Result:
         *,
         coordinates: Sequence[int] | None = None,
         labels: Sequence[str] | None = None,
-        unit: str = "",
-        time_unit: str = "",
-        energy_unit: str = "",
+        unit: str | None = None,
+        time_unit: str | None = None,
+        energy_unit: str | None = None,
     ) -> Picture:
         """Draws coordinates and energy over time.
 
@@ -420,9 +420,9 @@ class Result:
         coordinates : sequence of int, optional
             The coordinates to draw, as the system numbers them; default: the first ten of the result.
         labels : sequence of str, optional
-            Their names in the legend; default: q0, q1, …
-        unit, time_unit, energy_unit : str
-            Units for the labels.
+            Their names in the legend; default: `labels` of the result.
+        unit, time_unit, energy_unit : str, optional
+            Units for the labels; default: `units` of the result.
 
         Returns
         -------
@@ -435,20 +435,21 @@ class Result:
             if coordinate not in known:
                 allowed = f"coordinates of the result: {', '.join(map(str, known[:64]))}"
                 raise InputError(f"coordinates: {coordinate}: not allowed; allowed: {allowed}", "coordinates", str(coordinate))
-        names = [f"q{coordinate}" for coordinate in chosen] if labels is None else list(labels)
+        own, units = self.labels, self.units
+        names = [own[known.index(coordinate)] for coordinate in chosen] if labels is None else list(labels)
         if len(names) != len(chosen):
             raise InputError(f"labels: {len(names)} names for {len(chosen)} coordinates", "labels", str(len(names)))
         above, below = axes = new_axes(axes, 2, 1, (6.4, 4.8), sharex=True)
         for coordinate, name in zip(chosen, names):
             above.plot(self.t, self.q[:, known.index(coordinate)], label=name, linewidth=1)
-        above.set_ylabel(labelled("position", unit))
+        above.set_ylabel(labelled("position", units.get("position", "") if unit is None else unit))
         first = coordinates is None and len(chosen) < len(known)
         above.set_title(f"{self.title} (first {len(chosen)} coordinates)" if first else self.title)
         if len(chosen) > 1 or labels is not None:
             above.legend(loc="upper right", fontsize="small")
         below.plot(self.t, self.energy, color="black", linewidth=1)
-        below.set_ylabel(labelled("energy", energy_unit))
-        below.set_xlabel(labelled("time t", time_unit))
+        below.set_ylabel(labelled("energy", units.get("energy", "") if energy_unit is None else energy_unit))
+        below.set_xlabel(labelled("time t", units.get("time", "") if time_unit is None else time_unit))
         return Picture(axes)
 
     def to_pandas(self) -> Any:
@@ -470,19 +471,17 @@ class Result:
         return pandas.DataFrame(columns, index=pandas.Index(self.t, name="t"))
 
     def to_xarray(self) -> Any:
-        """The rows as an xarray Dataset with dimensions ``t`` and ``coordinate``; scalars of the summary are attributes."""
-        xarray = _module("xarray", "to_xarray()")
-        scalars = {key: value for key, value in self.summary.items() if isinstance(value, (str, int, float))}
-        return xarray.Dataset(
-            {
-                "q": (("t", "coordinate"), self.q),
-                "p": (("t", "coordinate"), self.p),
-                "energy": ("t", self.energy),
-                **{name: (("t", "controller")[: column.ndim], column) for name, column in self.columns.items()},
-            },
-            coords={"t": self.t, "coordinate": self.coordinates},
-            attrs={"title": self.title, **scalars},
-        )
+        """The rows as an xarray Dataset with dimensions ``t`` and ``coordinate``, with names, and units where the scenario names them;
+        scalars of the summary are attributes."""
+        known = {"title": self.title, **self.summary}
+        dimensions = {name: ("t", members_of(name))[: column.ndim] for name, column in self.columns.items()}
+        rows = {"energy": ("t", self.energy), **{name: (dimensions[name], column) for name, column in self.columns.items()}}
+        if self.dq.shape[1] > 0:
+            rows.update((name, (("t", "parameter", "coordinate"), values)) for name, values in (("dq", self.dq), ("dp", self.dp)))
+        state = {"q": (("t", "coordinate"), self.q), "p": (("t", "coordinate"), self.p)}
+        places = {"t": ("t", self.t), "coordinate": ("coordinate", self.coordinates), "label": ("coordinate", self.labels)}
+        scalars = {key: value for key, value in known.items() if isinstance(value, (str, int, float))}
+        return dataset({**state, **rows}, places, self.units, scalars)
 
 
 Arrays = tuple[
@@ -718,6 +717,10 @@ class Table(Mapping[str, Any]):
     def to_pandas(self) -> Any:
         """The table as a pandas DataFrame."""
         return _module("pandas", "to_pandas()").DataFrame(self._columns)
+
+    def to_xarray(self) -> Any:
+        """The table as an xarray Dataset with the dimension ``row``."""
+        return dataset({name: ("row", column) for name, column in self._columns.items()}, {}, {})
 
 
 class Convergence(Table):

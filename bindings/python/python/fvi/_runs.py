@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi import _arrays
+from fvi._datasets import dataset, members_of
 from fvi._errors import InputError
-from fvi._result import Picture, Result, _module, ending, html_table, new_axes
+from fvi._result import Picture, Result, ending, html_table, labelled, new_axes
 from fvi._types import FloatArray
 
 
@@ -62,6 +63,8 @@ class Runs:
     _velocities: FloatArray | None = None
     _coordinates: tuple[int, ...] = ()
     _mass: Any = None
+    _appearance: tuple[list[str], dict[str, str]] = field(default_factory=lambda: ([], {}))
+    """Labels and units of the model."""
     _systems: dict[int, dict[str, Any]] = field(default_factory=dict)
     """What velocities follow from in each run."""
 
@@ -104,7 +107,8 @@ class Runs:
             "initial": {"position": self.q[place, :1].ravel().tolist(), "momentum": self.p[place, :1].ravel().tolist()},
             "output": {"coordinates": list(self._coordinates)},
         }
-        record = {**known, "events": self.events[place], "scenario": scenario}
+        labels, units = self._appearance
+        record = {**known, "events": self.events[place], "labels": labels, "units": units, "scenario": scenario}
         return Result(
             np.array(self.t[:rows] if self.t.ndim == 1 else self.t[place, :rows]),
             np.array(self.q[place, :rows]),
@@ -158,28 +162,32 @@ class Runs:
         above, below = axes = new_axes(axes, 2, 1, (6.4, 4.8), sharex=True)
         times = np.broadcast_to(self.t, self.energy.shape).T
         above.plot(times, self.q[:, :, self._coordinates.index(chosen)].T, linewidth=0.7)
-        above.set_ylabel(f"position q{chosen}")
+        labels, units = self._appearance
+        place = self._coordinates.index(chosen)
+        above.set_ylabel(labelled(labels[place] if labels else f"position q{chosen}", units.get("position", "")))
         below.plot(times, self.energy.T, linewidth=0.7)
-        below.set_ylabel("energy")
-        below.set_xlabel("time t")
+        below.set_ylabel(labelled("energy", units.get("energy", "")))
+        below.set_xlabel(labelled("time t", units.get("time", "")))
         return Picture(axes)
 
     def to_xarray(self) -> Any:
-        """The runs as an xarray Dataset with dimensions ``run``, ``row`` or ``t``, and ``coordinate``."""
-        xarray = _module("xarray", "to_xarray()")
+        """The runs as an xarray Dataset with dimensions ``run``, ``row`` or ``t``, and ``coordinate``, with names, and units where the
+        model names them."""
         along = "t" if self.t.ndim == 1 else "row"
-        rows = {"t": self.t} if along == "t" else {"t": (("run", "row"), self.t)}
+        labels, units = self._appearance
+        names = labels or [f"q{coordinate}" for coordinate in self._coordinates]
+        rows = {"t": (("t",) if along == "t" else ("run", "row"), self.t)}
         given = {name: ("run", column) for name, column in self.parameters.items() if column.ndim == 1}
-        return xarray.Dataset(
-            {
-                "q": (("run", along, "coordinate"), self.q),
-                "p": (("run", along, "coordinate"), self.p),
-                "energy": (("run", along), self.energy),
-                "status": ("run", self.status),
-                **{name: (("run", along, "member")[: column.ndim], column) for name, column in self.columns.items()},
-            },
-            coords={"coordinate": list(self._coordinates), **rows, **given},
-        )
+        columns = {name: (("run", along, members_of(name))[: column.ndim], column) for name, column in self.columns.items()}
+        variables = {
+            "q": (("run", along, "coordinate"), self.q),
+            "p": (("run", along, "coordinate"), self.p),
+            "energy": (("run", along), self.energy),
+            "status": ("run", self.status),
+            **columns,
+        }
+        places = {"coordinate": ("coordinate", list(self._coordinates)), "label": ("coordinate", names)}
+        return dataset(variables, {**places, **rows, **given}, units)
 
 
 def runs_of(
@@ -187,6 +195,7 @@ def runs_of(
     given: dict[str, FloatArray],
     coordinates: tuple[int, ...],
     mass: Any,
+    appearance: tuple[list[str], dict[str, str]],
 ) -> Runs:
     """The runs of what the compiled part has returned."""
     count = len(table["rows"])
@@ -204,5 +213,5 @@ def runs_of(
     happened = [table["events"].get(place, []) for place in range(count)]
     return Runs(
         table["t"], table["q"], table["p"], table["energy"], table["rows"], table["steps"], status, errors, happened, table["columns"],
-        given, ends, table["derivatives"], table["v"], coordinates, mass,
+        given, ends, table["derivatives"], table["v"], coordinates, mass, appearance,
     )

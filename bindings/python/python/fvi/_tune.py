@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi import _fvi
+from fvi._datasets import _module, dataset
 from fvi._result import Picture, html_table, labelled, new_axes
 from fvi._scenario import Scenario, by_path, source
 from fvi._system import System, scenario_of, source_of
@@ -101,6 +102,26 @@ class Tuning:
         course.set_ylabel(labelled("measured value", unit))
         course.legend(fontsize="small")
         return Picture(axes)
+
+    def to_pandas(self) -> Any:
+        """The margins as a pandas DataFrame: a row for each number of `margins`, in columns `continuous` and `sampled`, NaN where
+        there is none."""
+        names = [name for name, value in self.margins.items() if isinstance(value, (int, float))]
+
+        def column(margins: dict[str, Any]) -> list[float]:
+            return [float(value) if isinstance(value := margins.get(name), (int, float)) else np.nan for name in names]
+
+        pandas = _module("pandas", "to_pandas()")
+        columns = {"continuous": column(self.margins), "sampled": column(self.sampled_margins)}
+        return pandas.DataFrame(columns, index=pandas.Index(names, name="margin"))
+
+    def to_xarray(self) -> Any:
+        """The frequency responses over ``omega`` and the responses to steps over ``t`` as an xarray Dataset with names; gains and orders
+        are attributes."""
+        of_frequency = {name: ("omega", getattr(self, name)) for name in ("plant", "loop", "sampled_loop")}
+        of_time = {name: ("t", getattr(self, name)) for name in ("step", "control", "load")}
+        numbers = {name: getattr(self, name) for name in ("kp", "ki", "lam", "kd", "mu")}
+        return dataset({**of_frequency, **of_time}, {"omega": ("omega", self.omega), "t": ("t", self.t)}, {}, numbers)
 
     def _repr_html_(self) -> str:
         """Gains, orders and margins, for notebooks."""
