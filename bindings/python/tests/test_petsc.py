@@ -115,6 +115,10 @@ def test_a_killed_rank_ends_the_job_and_other_numbers_of_ranks_go_on(tmp_path, e
     assert json.loads(str(finished["summary"]))["resumed_at"] == 34
     errors = differences(finished, expected["small"])
     assert max(errors.values()) <= 10.0 * TOLERANCE, errors
+    import fvi
+
+    read = fvi.load(tmp_path / "out")
+    assert read.success and np.array_equal(read.q, finished["q"]) and np.array_equal(read.p, finished["p"])
     with np.load(tmp_path / "out" / "trajectory.npz") as written:
         assert all(np.array_equal(written[name], finished[name]) for name in ("t", "q", "p", "energy"))
     assert_snapshots(tmp_path / "out", finished, {0: 2, 20: 3, 40: 1, 60: 1})

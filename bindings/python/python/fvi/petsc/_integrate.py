@@ -498,7 +498,9 @@ class _Run:
         channels = together.sum(float(sum(len(term.channels.index) for term in stepper.damping)))
         table = together.comm.bcast(self.rows.table() if together.rank == 0 else None)
         summary = {
+            "status": "completed" if failed is None else "stopped" if isinstance(failed, KeyboardInterrupt) else "failed",
             "version": _fvi.__version__,
+            "files": [] if failed is not None or self.directory is None else ["trajectory.npz"],
             "scenario": {"output": {"coordinates": self.chosen.tolist()}},
             "ranks": together.size,
             "coordinates": self.layout.size,
