@@ -40,6 +40,10 @@ pub(super) const FORM: &str = "relaxation";
 /// place of a power series for every row, with errors relative to each weight.
 const MANY: usize = 65;
 
+/// Number of weights below which those of a long table, too, are a power series: a transform costs the same for
+/// a few as for all.
+const FEW: usize = 8;
+
 /// −ln of what a sum leaves out, relative to its largest terms.
 const NOTHING: f64 = 50.0;
 
@@ -412,7 +416,7 @@ impl Formula for Relaxation {
 
     fn weights(&self, rule: MultistepRule, step_size: f64, count: usize) -> Option<Vec<f64>> {
         let MultistepRule::Bdf(order) = rule else { return None };
-        let is_many = self.count() >= MANY && rule.is_passive();
+        let is_many = self.count() >= MANY && count >= FEW && rule.is_passive();
         is_many.then(|| self.weights_of_transform(order, step_size, count))
     }
 }
