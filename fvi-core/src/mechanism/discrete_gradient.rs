@@ -3,7 +3,9 @@
 use crate::linear::{Singular, all_finite, at, factor, substitute};
 use crate::mechanism::definite::not_definite;
 use crate::mechanism::lagrangian::{Dampers, Lagrangian, Second};
-use crate::mechanism::step::{Shape, add_compensated, add_transposed, copy, dot, from, product, put};
+use crate::mechanism::step::{
+    Shape, add_compensated, add_transposed, copy, dot, from, product, put, scale_of,
+};
 use crate::newton::{Stiffened, Stiffening, is_steep, is_unbalanced};
 use crate::real::{Real, max_or_nan};
 use crate::scheme::StepError;
@@ -246,7 +248,8 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
             }
             room.unknowns.iter_mut().zip(&*room.residual).for_each(|(place, &change)| *place -= change);
             let (change, extent) = (size_of(from(room.residual, 0, n)), size_of(from(room.unknowns, 0, n)));
-            let rounding = T::of(2.0) * T::EPSILON * (T::one() + extent);
+            let scale = scale_of(from(room.unknowns, 0, n), self.position, self.length);
+            let rounding = T::of(2.0) * T::EPSILON * scale;
             match iteration.judge(residual, change, (rounding, extent)) {
                 Ok(true) => break Ok(DIRECT + iteration.count),
                 Ok(false) => {}
@@ -404,11 +407,11 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
     /// Weights of V, of μ and of θ in distances.
     fn scale(&self, point: &[T]) -> [T; 3] {
         let (velocities, rest) = (from(point, 0, self.shape.n), from(point, self.shape.n, self.shape.m));
-        let weight = |numbers: &[T]| {
-            let size = T::one() + size_of(numbers);
-            T::one() / (size * size)
-        };
-        [weight(velocities), weight(rest), T::one()]
+        let weight = |size: T| T::one() / (size * size);
+        let velocity = scale_of(velocities, self.position, self.length);
+        // At rest at the origin there is nothing to compare with.
+        let velocity = if velocity < T::SMALLEST_NORMAL.sqrt() { T::one() } else { velocity };
+        [weight(velocity), weight(T::one() + size_of(rest)), T::one()]
     }
 
     fn newton(
@@ -434,7 +437,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Conserving<'_, T, L, D> {
             }
             room.unknowns.iter_mut().zip(&*room.residual).for_each(|(place, &change)| *place -= change);
             let correction = size_of(from(room.residual, 0, n));
-            let scale = T::one() + size_of(from(room.unknowns, 0, n));
+            let scale = scale_of(from(room.unknowns, 0, n), self.position, self.length);
             // What rounding leaves of a difference of heights is divided by the way.
             let way = size_of(room.rise) + self.length * correction;
             let is_rounding = correction < near * scale || correction * way < T::of(8.0) * T::EPSILON * scale;

@@ -167,6 +167,16 @@ pub(super) fn product<'a, T: Real>(matrix: &'a [T], x: &'a [T]) -> impl Iterator
     rows.map(move |row| row.iter().zip(x).fold(T::zero(), |sum, (&b, &x)| sum + b * x))
 }
 
+/// Rounding of a position, divided by h, is this fraction of what a correction of a velocity is compared with.
+const OF_POSITION: f64 = 0.01;
+
+/// What corrections of velocities are compared with: the velocities, and |q|/h, with whose rounding positions
+/// move. In units of velocities, so that it is the same system in any units.
+pub(super) fn scale_of<T: Real>(velocities: &[T], position: &[T], length: T) -> T {
+    let size = |numbers: &[T]| numbers.iter().fold(T::zero(), |most, x| max_or_nan(most, x.abs()));
+    size(velocities) + T::of(OF_POSITION) * size(position) / length + T::SMALLEST_NORMAL / T::EPSILON
+}
+
 /// The equations of one step from (q₀, p₀) at a time, of length h.
 pub(super) struct Equations<'a, T, L, D> {
     pub(super) rule: &'a GaussLobatto<T>,
@@ -208,7 +218,7 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
             self.correct(room);
             let size = |numbers: &[T]| numbers.iter().fold(T::zero(), |most, x| max_or_nan(most, x.abs()));
             let correction = size(part(room.residual, velocities));
-            let scale = T::one() + size(part(room.unknowns, velocities));
+            let scale = scale_of(part(room.unknowns, velocities), self.position, self.length);
             let stalls = correction >= T::of(0.3) * last && correction < near * scale;
             if correction < close * scale || stalls {
                 self.evaluate(room);
@@ -263,7 +273,8 @@ impl<T: Real, L: Lagrangian<T>, D: Dampers<T>> Equations<'_, T, L, D> {
             self.correct(room);
             let extent = size(part(room.unknowns, velocities));
             let change = size(part(room.residual, velocities));
-            let rounding = T::of(2.0) * T::EPSILON * (T::one() + extent);
+            let scale = scale_of(part(room.unknowns, velocities), self.position, self.length);
+            let rounding = T::of(2.0) * T::EPSILON * scale;
             self.evaluate(room);
             if iteration.judge(residual, change, (rounding, extent))? {
                 if !all_finite(room.residual) {
