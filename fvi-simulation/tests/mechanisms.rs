@@ -365,3 +365,57 @@ fn energies_of_a_quadratic_potential_hold_over_a_long_run() {
     println!("{steps} steps: energies off by {most:.1e} of the first");
     assert!(most < 1e-14 * (steps as f64).sqrt(), "{most:e}");
 }
+
+/// A spring that hardens and a damper c sign(v)|v|^0.3, with lengths around 1 and around a picometre: the
+/// motion is the same to rounding, by Gauss weights and by the energy scheme.
+#[test]
+fn a_motion_is_the_same_in_any_unit_of_length() {
+    let end = |scheme: &Value, length: f64| {
+        let mut scenario = scheme.clone();
+        scenario["system"] = json!({
+            "mass": [1.0],
+            "potential": "0.5*4*q0^2 + 0.25*1.5*(q0/L)^2*q0^2",
+            "force": ["-0.5*L*sign(v0)*abs(v0/L)^0.3"],
+            "parameters": { "L": length },
+        });
+        scenario["initial"] = json!({ "position": [length] });
+        scenario["time"] = json!({ "step": 0.02, "steps": 200 });
+        let scenario = Scenario::from_value(&scenario).unwrap();
+        let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+        (0..200).for_each(|_| assert!(motion.advance().is_ok()));
+        [motion.state().position[0] / length, motion.state().momentum[0] / length]
+    };
+    let gauss =
+        json!({ "scheme": { "kind": "galerkin", "degree": 2 }, "convolution": { "family": "gauss" } });
+    for scheme in [gauss, json!({ "scheme": { "kind": "energy" } })] {
+        let of_metres = end(&scheme, 1.0);
+        for length in [1e-12, 1e-6, 1e6] {
+            for (one, other) in of_metres.iter().zip(end(&scheme, length)) {
+                assert!((one - other).abs() < 1e-11, "{scheme}, lengths of {length}: {one} {other}");
+            }
+        }
+    }
+}
+
+/// A pendulum whose bar is a hundredth too long at the start is refused in any unit, one that fits is not.
+#[test]
+fn a_start_off_its_constraint_is_refused_in_any_unit_of_length() {
+    let starts = |length: f64, stretch: f64| {
+        let scenario = Scenario::from_value(&json!({
+            "system": {
+                "mass": [1.0, 1.0],
+                "potential": "9.81*L*q1/L",
+                "parameters": { "L": length },
+                "constraints": ["q0^2/L + q1^2/L - L"],
+            },
+            "initial": { "position": [0.6 * length * stretch, -0.8 * length * stretch] },
+            "time": { "step": 0.001, "steps": 2 },
+        }))
+        .unwrap();
+        Motion::start(&scenario, Precision::F64).is_ok()
+    };
+    for length in [1.0, 1e-8, 1e-6, 1e5] {
+        assert!(starts(length, 1.0), "lengths of {length}");
+        assert!(!starts(length, 1.01), "lengths of {length}");
+    }
+}

@@ -410,8 +410,7 @@ where
         if !(all_finite(room.values) && all_finite(rows)) {
             return Err(MechanismError::InitialState);
         }
-        let near = largest(T::one(), carried.position);
-        let tolerance = T::of(ON_CONSTRAINTS).max(T::of(1e3) * T::EPSILON);
+        let near = allowed_off(carried.position);
         for index in 0..m {
             let (before, rest) = parts_mut(rows, index * n);
             let (row, _) = parts_mut(rest, n);
@@ -428,7 +427,7 @@ where
             let left = dot(row, row);
             if left <= T::of(REDUNDANT * REDUNDANT) * whole || whole == T::zero() {
                 // To first order it is this where the others hold.
-                let holds = value.abs() <= tolerance * steep * near;
+                let holds = value.abs() <= steep * near;
                 return Err(match holds {
                     true => MechanismError::Redundant { index },
                     false => MechanismError::Inconsistent { index, value: value.to_f64() },
@@ -498,16 +497,15 @@ where
         let (instant, shape) = (self.now(), self.shape);
         let (carried, mut room, system, pivots) = self.split();
         form_saddle(system, shape, (instant, carried.position, carried.velocity), &mut room);
-        let tolerance = T::of(ON_CONSTRAINTS).max(T::of(1e3) * T::EPSILON);
-        let (near, slow) = (largest(T::one(), carried.position), largest(T::one(), carried.velocity));
+        let (near, slow) = (allowed_off(carried.position), allowed_off(carried.velocity));
         let rows = room.constraints.chunks_exact(shape.n.max(1));
         for (index, (&value, row)) in room.values.iter().zip(rows).enumerate() {
             let steep = largest(T::zero(), row);
             let rate = dot(row, carried.velocity);
-            if value.abs() > tolerance * steep * near || !value.is_finite() {
+            if value.abs() > steep * near || !value.is_finite() {
                 return Err(MechanismError::OffConstraint { index, value: value.to_f64() });
             }
-            if rate.abs() > tolerance * steep * slow || !rate.is_finite() {
+            if rate.abs() > steep * slow || !rate.is_finite() {
                 return Err(MechanismError::LeavesConstraint { index, rate: rate.to_f64() });
             }
         }
@@ -888,6 +886,13 @@ fn look_at_mass<T: Real, L: Lagrangian<T>>(
     let StepShape { n, m, .. } = shape;
     let point = (from(room.mass, 0, n * n), from(room.constraints, 0, m * n));
     not_definite(point, [n, m], (room.matrix, room.residual))
+}
+
+/// How far positions of this size, or velocities, may be off a constraint whose gradient is one: a part of
+/// them, and the rounding of terms of the size one, such as cosines.
+fn allowed_off<T: Real>(numbers: &[T]) -> T {
+    let rounding = T::of(1e3) * T::EPSILON;
+    T::of(ON_CONSTRAINTS).max(rounding) * largest(T::zero(), numbers) + rounding
 }
 
 /// The largest absolute value of `least` and the numbers.

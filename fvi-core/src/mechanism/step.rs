@@ -167,11 +167,11 @@ pub(super) fn product<'a, T: Real>(matrix: &'a [T], x: &'a [T]) -> impl Iterator
     rows.map(move |row| row.iter().zip(x).fold(T::zero(), |sum, (&b, &x)| sum + b * x))
 }
 
-/// Rounding of a position, divided by h, is this fraction of what a correction of a velocity is compared with.
+/// Share of |q|/h, the rounding of positions over a step, in what corrections of velocities are compared with.
 const OF_POSITION: f64 = 0.01;
 
 /// What corrections of velocities are compared with: the velocities, and |q|/h, with whose rounding positions
-/// move. In units of velocities, so that it is the same system in any units.
+/// move. It is a velocity, so that a system is the same in any units.
 pub(super) fn scale_of<T: Real>(velocities: &[T], position: &[T], length: T) -> T {
     let size = |numbers: &[T]| numbers.iter().fold(T::zero(), |most, x| max_or_nan(most, x.abs()));
     size(velocities) + T::of(OF_POSITION) * size(position) / length + T::SMALLEST_NORMAL / T::EPSILON
