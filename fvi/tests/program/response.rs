@@ -331,6 +331,32 @@ fn a_response_about_a_kink_of_the_forces_comes_with_a_warning() {
     }
 }
 
+/// A dashpot damps a mass on a spring by c/(2m), however light it is beside ω.
+#[test]
+fn poles_of_light_damping_have_their_digits() {
+    let place = Workplace::new();
+    for case in 0..12 {
+        let (mass, stiffness) = (2.7 + 0.31 * f64::from(case), 5.0 * 1.9_f64.powi(case - 6));
+        for damping in [1e-4, 1e-6, 1e-8] {
+            let scenario = format!(
+                "[system]\nmass = [{mass}]\nstiffness = [{stiffness}]\n[[system.damping]]\norder = 1.0\n\
+                 coefficient = [{damping}]\n[initial]\nposition = [1.0]\n[time]\nstep = 0.001\nsteps = 10\n"
+            );
+            place.write("scenario.toml", &scenario);
+            let output = place.fvi(&["response", "scenario.toml", "--out", "out"]);
+            assert!(output.status.success(), "{scenario}: {}", text(&output.stderr));
+            let poles = fs::read_to_string(place.path("out/poles.csv")).unwrap();
+            let [re, im] = [0, 1].map(|column| {
+                let line = poles.lines().nth(1).unwrap();
+                line.split(',').nth(column).unwrap().parse::<f64>().unwrap()
+            });
+            let omega = (stiffness / mass).sqrt();
+            assert!((re + damping / (2.0 * mass)).abs() < 1e-14 * omega, "{scenario}: {re:e}");
+            assert!((im - omega).abs() < 1e-13 * omega, "{scenario}: {im}");
+        }
+    }
+}
+
 /// Two bars that hang: products of the forces' derivatives vanish by symmetry, second derivatives do not.
 #[test]
 fn hanging_bars_have_no_kink() {

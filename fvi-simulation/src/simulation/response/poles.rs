@@ -48,6 +48,9 @@ const CLOSE: f64 = 1e-3;
 /// Size of a cell, in ln s, below which zeros whose halves cannot be counted are one place.
 const ONE_PLACE: f64 = 1e-4;
 
+/// Last correction of a zero, in ln s: the next one of the secant method is of rounding.
+const SETTLED: f64 = 1e-9;
+
 /// For a side of a cell.
 const FINENESS: Fineness = Fineness { followed: 0.7, parts: 8, halvings: 40 };
 
@@ -366,12 +369,18 @@ impl<'a> Search<'a> {
                 return None;
             }
             value_now = value(now);
+            // Where values are rounding they no longer fall, and the secant through two of them leads away.
+            if change.norm() < SETTLED && value_now.norm() >= value_before.norm() {
+                now = before;
+                break;
+            }
             if change.norm() < 1e-15 {
                 break;
             }
         }
         let own = |x: f64, from: f64, to: f64| x >= from - 1e-12 && x <= to + 1e-12;
-        let settled = (now - before).norm() < 1e-9 && own(now.re, from.0, to.0) && own(now.im, from.1, to.1);
+        let settled =
+            (now - before).norm() < SETTLED && own(now.re, from.0, to.0) && own(now.im, from.1, to.1);
         settled.then(|| chart.place(now))
     }
 }
