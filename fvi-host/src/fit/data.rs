@@ -425,9 +425,13 @@ impl Record {
                 [own.as_str(), "deviation"].into_iter().find_map(|name| Some((name, cells.column(name)?)));
             match found {
                 Some((name, index)) => {
-                    // A column `deviation` is in the unit of each column of data.
-                    let factor = if name == "deviation" { cells.factor(&column.name) } else { 1.0 };
-                    column.deviations = positive(index)?.into_iter().map(|one| one * factor).collect();
+                    let mut deviations = positive(index)?;
+                    if name == "deviation" {
+                        // It is in the unit of each column of data.
+                        let pairs = deviations.iter_mut().zip(&column.values);
+                        pairs.for_each(|(one, &value)| *one = cells.deviation(&column.name, value, *one));
+                    }
+                    column.deviations = deviations;
                 }
                 None if !of_columns.is_empty() => {
                     return Err(cells.fault(cells.header, format!("`{}` has no column `{own}`", column.name)));
@@ -491,8 +495,10 @@ impl Record {
             let parts = self.columns.iter().filter(|column| is_part(column));
             let whole = parts.map(|column| column.values[row].powi(2)).sum::<f64>().sqrt();
             for (column, (one, share)) in self.columns.iter_mut().zip(&shares) {
-                if let Some(one) = one {
-                    column.deviations[row] = *one;
+                if let Some(one) = *one {
+                    let in_decibels = cells.is_in_decibels(&column.name);
+                    let spread = || cells.deviation(&column.name, column.values[row], one);
+                    column.deviations[row] = if in_decibels { spread() } else { one };
                 }
                 let Some(share) = share else { continue };
                 let of_whole = to_magnitude.unwrap_or(matches!(column.name.as_str(), "re" | "im"));

@@ -82,6 +82,22 @@ impl Cells<'_, '_> {
         self.column(name).map_or(1.0, |column| self.columns[column].factor)
     }
 
+    /// The deviation of the number `value` of a column where the file, or a key beside it, says `deviation` in
+    /// the unit of that column: decibels are a share of the number, other units a factor.
+    pub fn deviation(&self, name: &str, value: f64, deviation: f64) -> f64 {
+        match self.column(name) {
+            Some(column) if self.columns[column].in_decibels => {
+                value.abs() * deviation * std::f64::consts::LN_10 / 20.0
+            }
+            _ => deviation * self.factor(name),
+        }
+    }
+
+    /// True if a column holds decibels.
+    pub fn is_in_decibels(&self, name: &str) -> bool {
+        self.column(name).is_some_and(|column| self.columns[column].in_decibels)
+    }
+
     /// "column 2 (storage)".
     pub fn place(&self, column: usize) -> String {
         let Place { name, number, .. } = &self.columns[column];

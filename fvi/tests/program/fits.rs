@@ -889,6 +889,17 @@ fn relative_deviations_are_those_of_each_datum() {
         ),
         ("omega,re,im\n1,3,4\n", "relative_deviation = 0.1\n", [0.5, 0.5]),
         ("omega,re,im\n1,3,4\n", "relative_deviation = 0.1\nrelative_to = \"datum\"\n", [0.3, 0.4]),
+        // A decibel more is a factor of 10^{1/20}.
+        (
+            "omega,magnitude,tan_delta\n1,20,0.5\n",
+            "units = { magnitude = \"dB\" }\ndeviation = { magnitude = 0.1, tan_delta = 0.03 }\n",
+            [std::f64::consts::LN_10 / 20.0, 0.03],
+        ),
+        (
+            "omega,magnitude,deviation\n1,20,0.1\n",
+            "units = { magnitude = \"dB\" }\n",
+            [std::f64::consts::LN_10 / 20.0, f64::NAN],
+        ),
     ];
     for (data, keys, deviations) in cases {
         let text = format!("{STANDARD_FREE}{keys}");
