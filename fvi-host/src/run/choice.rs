@@ -43,6 +43,18 @@ const MOST_FAILED: usize = 4096;
 /// Number of times that steps are made shorter after they have been told.
 const ATTEMPTS: usize = 4;
 
+/// Adaptive steps of a motion whose positions stay below it would all be accepted: their tolerance is
+/// relative to positions of the size one.
+const LEAST_POSITION: f64 = 1e-3;
+
+/// Why there are no adaptive steps for a motion with such positions.
+fn too_small(largest: f64) -> String {
+    format!(
+        "positions stay below {largest:.1e}, and the tolerance of adaptive steps is relative to 1: take a smaller unit of length, \
+         or `grid = \"adaptive\"` with `scale` = {largest:.1e}"
+    )
+}
+
 /// The tolerance of adaptive steps as a part of the one that is asked for, and by what it is made smaller.
 const OF_STEPS: f64 = 0.1;
 const SMALLEST_OF_STEPS: f64 = 1e-12;
@@ -151,6 +163,13 @@ struct Pilots<'a> {
 struct Pilot {
     rows: Vec<Rows>,
     steps: usize,
+}
+
+impl Pilot {
+    fn largest_position(&self) -> f64 {
+        let all = self.rows.iter().flat_map(|rows| &rows.position);
+        all.fold(0.0, |largest, position| max_or_nan(largest, position.abs()))
+    }
 }
 
 /// A run takes more steps than any that would be chosen.
@@ -352,6 +371,11 @@ impl Search<'_> {
         let fineness = Fineness::Tolerance(tolerance);
         match self.pilot(candidate, fineness)? {
             Ok(pilot) => {
+                let largest = pilot.largest_position();
+                if largest > 0.0 && largest < LEAST_POSITION {
+                    self.put_aside(candidate, NoRows::Failed(too_small(largest)));
+                    return Ok(None);
+                }
                 let steps = pilot.steps;
                 let finest = Some((steps, pilot));
                 Ok(Some(Told {
