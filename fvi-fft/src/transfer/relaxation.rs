@@ -40,8 +40,8 @@ pub(super) const FORM: &str = "relaxation";
 /// place of a power series for every row, with errors relative to each weight.
 const MANY: usize = 65;
 
-/// Number of weights below which those of a long table, too, are a power series: a transform costs the same for
-/// a few as for all.
+/// Number of weights below which those of a long table, too, are a power series: a transform costs the same
+/// for a few as for all.
 const FEW: usize = 8;
 
 /// −ln of what a sum leaves out, relative to its largest terms.

@@ -505,7 +505,7 @@ fn inside(side: Side, value: f64) -> f64 {
     }
 }
 
-/// Times at which arguments along a pair of steps are evaluated: its ends, and those of the parts of its halves.
+/// Times at which arguments along a pair of steps are evaluated: its ends, and those of parts of its halves.
 pub(super) fn looks([begin, middle, end]: [f64; 3]) -> impl Iterator<Item = f64> {
     let parts =
         |from: f64, to: f64| (0..LOOKS).map(move |look| from + (to - from) * (look as f64 / LOOKS as f64));

@@ -4,6 +4,7 @@ use super::choices::Choice;
 use super::progress::Progress;
 use super::{CommandError, default_directory, stop, terminal, warn};
 use fvi_fft::memory::Engine;
+use fvi_fft::sums::max_or_nan;
 use fvi_host::checkpoint::CheckpointEvery;
 use fvi_host::results::trajectory::Format;
 use fvi_host::run::{RunEnd, RunError, RunOptions, RunSummary, run};
@@ -129,6 +130,14 @@ impl RunArguments {
 /// Largest number of coordinates of the last state shown on the terminal.
 const MOST_SHOWN: usize = 8;
 
+/// Numbers with nine decimals, or with nine after the first digit where all are small.
+fn told(numbers: &[f64]) -> Vec<String> {
+    let largest = numbers.iter().fold(0.0, |largest, number| max_or_nan(largest, number.abs()));
+    let is_small = largest > 0.0 && largest < 1e-3;
+    let told = |number: &f64| if is_small { format!("{number:.9e}") } else { format!("{number:.9}") };
+    numbers.iter().map(told).collect()
+}
+
 /// The result of the run in one line, with the output coordinates.
 fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> String {
     let last = &summary.last;
@@ -147,7 +156,7 @@ fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> S
     let chosen = scenario.written_coordinates();
     let list = |numbers: &[f64]| {
         let shown = chosen.iter().take(MOST_SHOWN).filter_map(|&index| numbers.get(index));
-        let mut shown: Vec<String> = shown.map(|number| format!("{number:.9}")).collect();
+        let mut shown = told(&shown.copied().collect::<Vec<_>>());
         if chosen.len() > MOST_SHOWN {
             shown.push("…".to_owned());
         }
@@ -168,7 +177,7 @@ fn result_line(scenario: &Scenario, summary: &RunSummary, directory: &Path) -> S
         Some(_) => format!("x = {}", list(&last.position)),
         None => {
             let (q, p) = (list(&last.position), list(&last.momentum));
-            format!("q = {q}, p = {p}, energy = {:.9}", last.energy)
+            format!("q = {q}, p = {p}, energy = {}", told(&[last.energy]).concat())
         }
     };
     format!(
