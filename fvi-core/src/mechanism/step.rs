@@ -167,7 +167,7 @@ pub(super) fn product<'a, T: Real>(matrix: &'a [T], x: &'a [T]) -> impl Iterator
     rows.map(move |row| row.iter().zip(x).fold(T::zero(), |sum, (&b, &x)| sum + b * x))
 }
 
-/// Share of |q|/h, the rounding of positions over a step, in what corrections of velocities are compared with.
+/// Share of |q|/h, the rounding of positions over a step, in what corrections are compared with.
 const OF_POSITION: f64 = 0.01;
 
 /// What corrections of velocities are compared with: the velocities, and |q|/h, with whose rounding positions

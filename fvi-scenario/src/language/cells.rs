@@ -82,7 +82,7 @@ impl Cells<'_, '_> {
         self.column(name).map_or(1.0, |column| self.columns[column].factor)
     }
 
-    /// The deviation of the number `value` of a column where the file, or a key beside it, says `deviation` in
+    /// The deviation of the number `value` of a column where file or key say `deviation`, in
     /// the unit of that column: decibels are a share of the number, other units a factor.
     pub fn deviation(&self, name: &str, value: f64, deviation: f64) -> f64 {
         match self.column(name) {
