@@ -353,6 +353,7 @@ impl<'a> Search<'a> {
         };
         let (mut before, mut now) = (middle + Complex::new(1e-4, 1e-4), middle);
         let (mut value_before, mut value_now) = (value(before), value(now));
+        let (mut best, mut settled) = ((now, value_now.norm()), value_now == Complex::ZERO);
         for _ in 0..60 {
             if value_now == Complex::ZERO {
                 break;
@@ -369,19 +370,19 @@ impl<'a> Search<'a> {
                 return None;
             }
             value_now = value(now);
-            // Where values are rounding they no longer fall, and the secant through two of them leads away.
-            if change.norm() < SETTLED && value_now.norm() >= value_before.norm() {
-                now = before;
-                break;
+            if value_now.norm() < best.1 {
+                best = (now, value_now.norm());
             }
+            settled |= change.norm() < SETTLED;
             if change.norm() < 1e-15 {
                 break;
             }
         }
         let own = |x: f64, from: f64, to: f64| x >= from - 1e-12 && x <= to + 1e-12;
-        let settled =
-            (now - before).norm() < SETTLED && own(now.re, from.0, to.0) && own(now.im, from.1, to.1);
-        settled.then(|| chart.place(now))
+        // Where values are rounding the secant through two of them leads away.
+        let place = best.0;
+        settled &= own(place.re, from.0, to.0) && own(place.im, from.1, to.1);
+        settled.then(|| chart.place(place))
     }
 }
 
