@@ -20,14 +20,14 @@ fvi.converge({}, (1, 2), enginee="direct")  # wrong
 fvi.integrate(mass=[1.0], position=[1.0], steps=3, end=1.0, grid="gradd")  # wrong
 fvi.integrate(mass=[1.0], position=[1.0], step=0.1, steps=3, times="0.1")  # wrong
 fvi.integrate(mass=[1.0], position=[1.0], step=0.1, steps=3, precision="f16")  # wrong
-fvi.run({}, quadrature="gaus")  # wrong
+fvi.run({}, quadrature="gauss2")  # wrong
 fvi.Model(mass=[1.0], positon=[1.0])  # wrong
 fvi.Model(mass=[1.0], position=[1.0], grid="gradd")  # wrong
 model = fvi.Model(mass=[1.0], position=[1.0], step=np.float32(0.1), steps=np.int64(3), scheme="galerkin", degree=np.int32(2))
-model.integrate(stps=3)  # wrong
+model.integrate(stepz=3)  # wrong
 model.integrate(overflow="forgett")  # wrong
 model.integrate(steps=np.int64(3), loads=fvi.Load([1.0], "sin(t)"), precision="f32", progress=None)
-model.run({"k": 1.0}, chek=False)  # wrong
+model.run({"k": 1.0}, checks=False)  # wrong
 model.batch({"k": [1.0]}, job=2)  # wrong
 model.gradient(["k"], lambda r: r.q, most=3)  # wrong
 fvi.integrate_cases({}, mass=[1.0], postion=[1.0])  # wrong
@@ -45,7 +45,7 @@ fvi.FractionalPid(sample=0.1, kp=2.0, form="serial")  # wrong
 fvi.FractionalPid(sample=0.1, kp=np.float64(2.0), limits=[-1.0, 1.0], anti_windup={"kind": "conditional"})
 fvi.Memory(exponent=0.5, step=0.1, engin="direct")  # wrong
 fvi.Memory(exponent=0.5, step=0.1, engine="direkt")  # wrong
-fvi.derivative([1.0, 2.0], 0.5, 0.1, strat="caputo")  # wrong
+fvi.derivative([1.0, 2.0], 0.5, 0.1, starts="caputo")  # wrong
 fvi.weights(exponent=0.5, step=0.1, cont=3)  # wrong
 fvi.integrate(mass=[1.0], position=[1.0], steps=4, end=1.0, grid="graded", exponent=np.float64(2.0))
 fvi.integrate(mass=[1.0], position=(1, 2), grid=np.linspace(0.0, 1.0, 9), coordinates=range(2), times=[0.5])
