@@ -148,23 +148,28 @@ impl Formula for Symbol {
     }
 }
 
-/// Partial fractions of an expression in s, of sums term by term; `None` if it is not a quotient of
-/// polynomials.
+/// Partial fractions of an expression in s; `None` if it is not a quotient of polynomials.
 fn fractions_of(node: &Node) -> Option<Fractions> {
+    by_terms(&Quotient::constant(1.0), node).or_else(|| quotient(node)?.fractions())
+}
+
+/// Partial fractions of the product of a factor and an expression, of sums term by term: over a common
+/// denominator the residues would lose digits. `None` too where only the sum of all terms has partial
+/// fractions, as of s² − s³/(s + 1).
+fn by_terms(factor: &Quotient, node: &Node) -> Option<Fractions> {
     match node.kind() {
-        Kind::Negation(inner) => Some(fractions_of(inner)?.scale(-1.0)),
+        Kind::Negation(inner) => Some(by_terms(factor, inner)?.scale(-1.0)),
         Kind::Chain(first, operands) if operands.iter().all(|(operator, _)| operator.is_additive()) => {
-            operands.iter().try_fold(fractions_of(first)?, |sum, (operator, operand)| {
+            operands.iter().try_fold(by_terms(factor, first)?, |sum, (operator, operand)| {
                 let sign = if *operator == Operator::Subtract { -1.0 } else { 1.0 };
-                Some(sum.plus(fractions_of(operand)?.scale(sign)))
+                Some(sum.plus(by_terms(factor, operand)?.scale(sign)))
             })
         }
-        // A number times a sum is the sum of its terms.
-        Kind::Chain(first, operands) => match (first.as_number(), operands.as_slice()) {
-            (Some(number), [(Operator::Multiply, operand)]) => Some(fractions_of(operand)?.scale(number)),
-            _ => quotient(node)?.fractions(),
+        Kind::Chain(first, operands) => match operands.as_slice() {
+            [(Operator::Multiply, operand)] => by_terms(&factor.clone().multiply(&quotient(first)?), operand),
+            _ => factor.clone().multiply(&quotient(node)?).fractions(),
         },
-        _ => quotient(node)?.fractions(),
+        _ => factor.clone().multiply(&quotient(node)?).fractions(),
     }
 }
 

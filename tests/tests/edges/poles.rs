@@ -68,10 +68,6 @@ impl Kernel {
 impl Structure {
     fn text(&self) -> String {
         let size = self.stiffness.nrows();
-        let rows = |matrix: &DMatrix<f64>| -> String {
-            let row = |row: usize| format!("{:?}", matrix.row(row).iter().collect::<Vec<_>>());
-            format!("[{}]", (0..size).map(row).collect::<Vec<_>>().join(", "))
-        };
         let terms = self.kernels.iter().map(|kernel| {
             let coefficient = &kernel.direction * kernel.direction.transpose();
             format!("[[system.damping]]\ncoefficient = {}\n{}\n", rows(&coefficient), kernel.text)
@@ -107,33 +103,41 @@ impl Structure {
         matrix
     }
 
-    /// Compares the poles with the eigenvalues, each with one.
     fn check(&self, tolerance: f64) {
-        let text = self.text();
-        let read = scenario(&text);
-        let linearised = Linearised::new(&read, &vec![0.0; self.stiffness.nrows()]).unwrap();
-        let mut found: Vec<Complex<f64>> = linearised
-            .poles()
-            .unwrap_or_else(|error| panic!("{error}\n{text}"))
-            .iter()
-            .flat_map(|pole| {
-                let pair = [pole.place, pole.place.conj()];
-                pair.into_iter().take(if pole.place.im == 0.0 { 1 } else { 2 })
-            })
-            .collect();
-        let known = self.matrix().complex_eigenvalues();
-        assert_eq!(found.len(), known.len(), "{text}{found:?}\n{known:?}");
-        // Eigenvalues have the rounding errors of the largest.
-        let largest = known.iter().map(|s| s.norm()).fold(0.0, max_or_nan);
-        for s in known.iter() {
-            let distance = |found: &Complex<f64>| (found - s).norm();
-            let nearest = (0..found.len())
-                .min_by(|&a, &b| distance(&found[a]).total_cmp(&distance(&found[b])))
-                .unwrap();
-            let error = distance(&found.swap_remove(nearest));
-            assert!(error < tolerance * s.norm() + 1e-11 * largest, "{s}: {error:e}\n{text}{known}");
-        }
+        compare(&self.text(), self.matrix(), tolerance);
     }
+}
+
+/// Compares the poles of a scenario with the eigenvalues of its system of first order, each with one.
+fn compare(text: &str, matrix: DMatrix<f64>, tolerance: f64) {
+    let read = scenario(text);
+    let linearised = Linearised::new(&read, &vec![0.0; read.system.mass.size()]).unwrap();
+    let mut found: Vec<Complex<f64>> = linearised
+        .poles()
+        .unwrap_or_else(|error| panic!("{error}\n{text}"))
+        .iter()
+        .flat_map(|pole| {
+            let pair = [pole.place, pole.place.conj()];
+            pair.into_iter().take(if pole.place.im == 0.0 { 1 } else { 2 })
+        })
+        .collect();
+    let known = matrix.complex_eigenvalues();
+    assert_eq!(found.len(), known.len(), "{text}{found:?}\n{known:?}");
+    // Eigenvalues have the rounding errors of the largest.
+    let largest = known.iter().map(|s| s.norm()).fold(0.0, max_or_nan);
+    for s in known.iter() {
+        let distance = |found: &Complex<f64>| (found - s).norm();
+        let nearest =
+            (0..found.len()).min_by(|&a, &b| distance(&found[a]).total_cmp(&distance(&found[b]))).unwrap();
+        let error = distance(&found.swap_remove(nearest));
+        assert!(error < tolerance * s.norm() + 1e-11 * largest, "{s}: {error:e}\n{text}{known}");
+    }
+}
+
+/// A matrix as a list of rows.
+fn rows(matrix: &DMatrix<f64>) -> String {
+    let row = |row: usize| format!("{:?}", matrix.row(row).iter().collect::<Vec<_>>());
+    format!("[{}]", (0..matrix.nrows()).map(row).collect::<Vec<_>>().join(", "))
 }
 
 fn one(stiffness: f64, kernels: Vec<Kernel>) -> Structure {
@@ -201,6 +205,45 @@ fn poles_are_counted_with_several_coordinates() {
             Kernel::resonator([0.9, ratio * omega, 2.0 * ratio * omega, omega * omega, 0.0], &first);
         let prony = Kernel::prony(&[1.0, 0.4], &[time, 0.2], &second);
         Structure { stiffness, kernels: vec![resonator, prony] }.check(1e-6);
+    }
+}
+
+/// K̂ = Σ b bᵀ s/(s² + 2ζω s + ω²) as equations of states A, B, C in a basis that hides the pairs.
+#[test]
+fn poles_are_counted_with_equations_of_states() {
+    let mut numbers = noise(14);
+    for (size, pairs) in [(1, 8), (2, 6), (2, 6), (2, 5), (3, 5), (3, 5), (4, 4)] {
+        let mut between = |low: f64, high: f64| low + (high - low) * numbers();
+        let stiffness = DMatrix::from_diagonal(&DVector::from_fn(size, |_, _| between(1.0, 5.0)));
+        let count = 2 * pairs;
+        let (mut a, mut b, mut c) =
+            (DMatrix::zeros(count, count), DMatrix::zeros(count, size), DMatrix::zeros(size, count));
+        for pair in (0..count).step_by(2) {
+            let (ratio, omega) = (between(0.05, 0.5), between(0.5, 3.0));
+            a.view_mut((pair, pair), (1, 2)).copy_from_slice(&[-2.0 * ratio * omega, -omega * omega]);
+            a[(pair + 1, pair)] = 1.0;
+            let direction = DVector::from_fn(size, |_, _| between(-1.0, 1.0));
+            b.row_mut(pair).copy_from(&direction.transpose());
+            c.column_mut(pair).copy_from(&direction);
+        }
+        let basis = DMatrix::from_fn(count, count, |_, _| between(-1.0, 1.0)).qr().q();
+        let (a, b, c) = (&basis * a * basis.transpose(), &basis * b, c * basis.transpose());
+        let text = format!(
+            "[system]\nmass = {:?}\nstiffness = {}\n[[system.damping]]\n\
+             kernel = {{ states = {{ A = {}, B = {}, C = {} }} }}\n[time]\nstep = 0.01\nsteps = 1\n",
+            vec![1.0; size],
+            rows(&stiffness),
+            rows(&a),
+            rows(&b),
+            rows(&c)
+        );
+        let mut matrix = DMatrix::zeros(2 * size + count, 2 * size + count);
+        matrix.view_mut((0, size), (size, size)).fill_with_identity();
+        matrix.view_mut((size, 0), (size, size)).copy_from(&-stiffness);
+        matrix.view_mut((size, 2 * size), (size, count)).copy_from(&-c);
+        matrix.view_mut((2 * size, size), (count, size)).copy_from(&b);
+        matrix.view_mut((2 * size, 2 * size), (count, count)).copy_from(&a);
+        compare(&text, matrix, 1e-6);
     }
 }
 
