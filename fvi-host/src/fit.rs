@@ -16,6 +16,7 @@ mod prony;
 mod search;
 mod shift;
 mod statistics;
+mod units;
 
 pub use data::KEYS as DATA_KEYS;
 pub use estimates::{Estimate, FittedModel, Profiled, StartRecord, TableRecord};

@@ -1,5 +1,6 @@
 //! Measured data: tables of numbers over time or frequency.
 
+use super::units::{inverse, is_same_dimension, plain};
 use fvi_core::max_or_nan;
 use fvi_scenario::language::cells::{Cells, DEVIATION, OVER, cells};
 use fvi_scenario::language::document::{Table, Value};
@@ -86,6 +87,8 @@ pub(super) struct Column {
     pub(super) deviations: Vec<f64>,
     /// Its unit, where the file says it.
     pub(super) unit: Option<String>,
+    /// What the numbers of the file were multiplied by.
+    pub(super) factor: f64,
 }
 
 /// What a table specifies about its standard deviations.
@@ -211,8 +214,14 @@ const SMALLEST: f64 = 1e-70;
 const LARGEST: f64 = 1e70;
 
 impl Record {
-    /// Reads one table of `[[data]]`; `plain` is the same without places.
-    pub(super) fn read(value: &Value<'_>, plain: &toml::Value, extent: Extent) -> Result<Self, InputError> {
+    /// Reads one table of `[[data]]`; `plain` is the same without places, and `before` are those that stand
+    /// before it.
+    pub(super) fn read(
+        value: &Value<'_>,
+        plain: &toml::Value,
+        extent: Extent,
+        before: &[Self],
+    ) -> Result<Self, InputError> {
         let table = value.table()?;
         table.allow(&KEYS)?;
         let file = table.required("file")?;
@@ -257,7 +266,7 @@ impl Record {
         let own_time = record.set.iter().any(|(path, _)| path == "time" || path.starts_with("time."));
         let times = if own_time { (0.0, f64::INFINITY) } else { (extent.begin, extent.end) };
         record.check_places(&cells, over, times)?;
-        record.read_columns(&cells, extent)?;
+        record.read_columns(&cells, extent, before)?;
         record.read_deviations(&cells, &table)?;
         Ok(record)
     }
@@ -293,7 +302,12 @@ impl Record {
         Ok(())
     }
 
-    fn read_columns(&mut self, cells: &Cells<'_, '_>, extent: Extent) -> Result<(), InputError> {
+    fn read_columns(
+        &mut self,
+        cells: &Cells<'_, '_>,
+        extent: Extent,
+        before: &[Self],
+    ) -> Result<(), InputError> {
         let known: Vec<String> = match self.domain {
             Domain::Time => {
                 let of = |letter: char| (0..extent.coordinates).map(move |index| format!("{letter}{index}"));
@@ -332,8 +346,8 @@ impl Record {
                     return Err(cells.fault(cells.header, reason));
                 }
                 let deviations = vec![1.0; cells.rows.len()];
-                let (values, unit) = (cells.values(index), place.unit.clone());
-                self.columns.push(Column { name: name.clone(), what, values, deviations, unit });
+                let (values, unit, factor) = (cells.values(index), place.unit.clone(), cells.factor(name));
+                self.columns.push(Column { name: name.clone(), what, values, deviations, unit, factor });
             }
         }
         if self.columns.is_empty() {
@@ -355,30 +369,10 @@ impl Record {
                 return Err(cells.fault(cells.header, reason));
             }
         }
-        self.check_units(cells)
-    }
-
-    /// Checks that quantities of one kind have one unit.
-    fn check_units(&self, cells: &Cells<'_, '_>) -> Result<(), InputError> {
-        let with_unit = || self.columns.iter().filter_map(|column| Some((column, column.unit.as_ref()?)));
-        for (column, unit) in with_unit() {
-            let kind = column.what.kind(&self.domain);
-            let same = |other: &Column| other.what.kind(&self.domain) == kind;
-            if let Some((other, own)) = with_unit().find(|(other, own)| same(other) && *own != unit)
-                && cells.factor(&column.name) == cells.factor(&other.name)
-            {
-                let reason = format!(
-                    "{} is in `{}`, and {} in `{}`: `units = {{ {} = … }}` is the number to multiply it by",
-                    column.name,
-                    excerpt(unit),
-                    other.name,
-                    excerpt(own),
-                    column.name
-                );
-                return Err(cells.fault(cells.header, reason));
-            }
+        match contradiction(self, before) {
+            Some(reason) => Err(cells.fault(cells.header, reason)),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     fn read_deviations(&mut self, cells: &Cells<'_, '_>, table: &Table<'_>) -> Result<(), InputError> {
@@ -656,4 +650,53 @@ fn closed(
     };
     let position = position.map(|value| value.vector(extent.coordinates)).transpose()?;
     Ok(Domain::Closed { over, answer, position })
+}
+
+/// The sentence about a column of `record` whose unit contradicts that of another column, in it or in a table
+/// `before` it; `None` if there is none.
+///
+/// Units are compared as they are written, and where both columns are multiplied by the same number: who says
+/// `units = { … }` of one of them knows what it does.
+fn contradiction(record: &Record, before: &[Record]) -> Option<String> {
+    for (index, column) in record.columns.iter().enumerate() {
+        let earlier = record.columns[..index].iter().map(|other| (other, record));
+        let others = before.iter().flat_map(|other| other.columns.iter().map(move |column| (column, other)));
+        let mut others = earlier.chain(others);
+        let Some(unit) = &column.unit else { continue };
+        let found = others.find_map(|(other, of)| {
+            let own = other.unit.as_ref().filter(|_| other.factor == column.factor)?;
+            contradicts((column, &record.domain, unit), (other, &of.domain, own)).then_some((other, of, own))
+        });
+        if let Some((other, of, own)) = found {
+            let place = if std::ptr::eq(of, record) { String::new() } else { format!(" of {}", of.name) };
+            return Some(format!(
+                "{} is in `{}`, and {}{place} in `{}`: `units = {{ {} = … }}` is the number to multiply it by",
+                column.name,
+                excerpt(unit),
+                other.name,
+                excerpt(own),
+                column.name
+            ));
+        }
+    }
+    None
+}
+
+type Written<'a> = (&'a Column, &'a Domain, &'a str);
+
+fn contradicts((one, of_one, unit): Written<'_>, (other, of_other, own): Written<'_>) -> bool {
+    if one.what.kind(of_one) == other.what.kind(of_other) {
+        // One coordinate may be a length and the next an angle.
+        let is_of_one_quantity = matches!(of_one, Domain::Closed { .. }) || one.what == other.what;
+        return plain(unit) != plain(own) && (is_of_one_quantity || is_same_dimension(unit, own));
+    }
+    let is_compliance = |column: &Column| column.what == Observed::Creep;
+    let is_modulus =
+        |column: &Column, domain: &Domain| ["a modulus", "a kernel"].contains(&column.what.kind(domain));
+    let pair = match (is_compliance(one), is_compliance(other)) {
+        (true, false) if is_modulus(other, of_other) => Some((unit, own)),
+        (false, true) if is_modulus(one, of_one) => Some((own, unit)),
+        _ => None,
+    };
+    pair.and_then(|(compliance, modulus)| Some(inverse(compliance)? != plain(modulus))).unwrap_or(false)
 }

@@ -203,7 +203,8 @@ impl Fit {
         for (index, value) in tables.iter().enumerate() {
             let plain = plain_data.and_then(|list| list.get(index));
             let plain = plain.ok_or_else(|| value.out_of_range("a table of data"))?;
-            records.push(Record::read(value, plain, extent)?);
+            let record = Record::read(value, plain, extent, &records)?;
+            records.push(record);
         }
         let deviations = deviations(root, &tables, &records)?;
         let shift = Shift::read(root, &tables, &records)?;

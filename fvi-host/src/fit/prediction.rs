@@ -298,8 +298,8 @@ impl<'f> Predictions<'f> {
         self.scenario(record, point, by).is_ok()
     }
 
-    /// ∂/∂θ of what `compute` writes, by central differences of order four, or by one-sided differences of
-    /// order two where the points on the other side are refused.
+    /// ∂/∂θ of what `compute` writes, by central differences of order four, or by one-sided ones where points
+    /// on the other side are beyond a bound or refused.
     fn difference(
         &mut self,
         parameter: usize,
@@ -309,6 +309,7 @@ impl<'f> Predictions<'f> {
         compute: &Compute<'_, 'f>,
     ) -> Result<(), NoPrediction> {
         let change = relative * size(&self.model.free[parameter], point[parameter]);
+        let (low, high) = self.model.free[parameter].bounds;
         let mut attempt = |shares: &[(f64, f64)]| -> Result<DVector<f64>, NoPrediction> {
             let mut sum = DVector::zeros(predicted.values.len());
             let mut first: Option<DVector<f64>> = None;
@@ -331,15 +332,23 @@ impl<'f> Predictions<'f> {
             Ok(sum)
         };
         let central = [(-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0)];
-        let up = [(0.0, -1.5), (1.0, 2.0), (2.0, -0.5)];
-        let down = [(0.0, 1.5), (-1.0, -2.0), (-2.0, 0.5)];
-        let column = match attempt(&central) {
-            Err(NoPrediction::Refused(_)) => match attempt(&up) {
-                Err(NoPrediction::Refused(_)) => attempt(&down)?,
-                found => found?,
-            },
-            found => found?,
+        let up = [(0.0, -25.0 / 12.0), (1.0, 4.0), (2.0, -3.0), (3.0, 4.0 / 3.0), (4.0, -0.25)];
+        let down = up.map(|(offset, share): (f64, f64)| (-offset, -share));
+        let is_allowed = |shares: &[(f64, f64)]| {
+            let mut places = shares.iter().map(|(offset, _)| point[parameter] + offset * change);
+            places.all(|place| (low..=high).contains(&place))
         };
+        let mut ways: [&[(f64, f64)]; 3] = [&central, &up, &down];
+        // Those between the bounds first.
+        ways.sort_by_key(|shares| !is_allowed(shares));
+        let mut column = attempt(ways[0]);
+        for shares in &ways[1..] {
+            if !matches!(column, Err(NoPrediction::Refused(_))) {
+                break;
+            }
+            column = attempt(shares);
+        }
+        let column = column?;
         if let Some(jacobian) = &mut predicted.jacobian {
             // The rows of other tables of data are zero here and must not be overwritten.
             for (row, &slope) in column.iter().enumerate().filter(|(_, slope)| **slope != 0.0) {

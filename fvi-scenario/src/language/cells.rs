@@ -5,6 +5,7 @@ use super::document::{Table, Value};
 use super::error::{InputError, Problem};
 use crate::language::excerpt::excerpt;
 use crate::language::expression::nearest;
+use fvi_core::{max_or_nan, min_or_nan};
 use layout::{Layout, Row, is_missing, number_of};
 use std::f64::consts::{PI, TAU};
 use units::{FREQUENCIES, factor_of, is_unit, unit_in, without_unit};
@@ -179,6 +180,7 @@ pub fn cells<'v, 'd>(value: &'v Value<'d>, table: &Table<'_>) -> Result<Cells<'v
         };
         return Err(read.fault(read.header, reason));
     }
+    read.check_second_table(over)?;
     read.units(table.optional("units").as_ref())?;
     read.sort(over);
     Ok(read)
@@ -224,10 +226,12 @@ impl Cells<'_, '_> {
         match over.as_slice() {
             &[one] => Ok(one),
             [] => {
-                let first = self.columns.first().map_or("…", |column| column.name.as_str());
+                let time = self.columns.iter().find(|column| column.name.to_lowercase().starts_with("time"));
+                let own = if time.is_some() { "t" } else { "omega" };
+                let first = time.or(self.columns.first()).map_or("…", |column| column.name.as_str());
                 let reason = format!(
-                    "there is no column t, omega (rad/s) or f (Hz) among {}; `columns = {{ omega = \"{}\", … }}` says which \
-                     of the file's it is, and what the others are; the header may then be any line",
+                    "there is no column t, omega (rad/s) or f (Hz) among {}; `columns = {{ {own} = \"{}\", … }}` says which of \
+                     the file's it is, and what the others are; the header may then be any line",
                     list_of(self.columns.iter().map(|column| column.name.as_str())),
                     excerpt(first)
                 );
@@ -483,6 +487,31 @@ impl Cells<'_, '_> {
             numbers.push(number);
         }
         self.rows.push((line, numbers));
+        Ok(())
+    }
+
+    /// Refuses a second table below an empty line or a comment, whose places lie among those above.
+    fn check_second_table(&self, over: usize) -> Result<(), InputError> {
+        let name = &self.columns[over].name;
+        let is_below = |above: &(u64, Vec<f64>), below: &(u64, Vec<f64>)| {
+            let between = below.0 - above.0 - 1;
+            let left_out = self.left_out.iter().filter(|line| (above.0..below.0).contains(line));
+            between == 0 || between == left_out.count() as u64
+        };
+        let [mut low, mut high] = [f64::INFINITY, f64::NEG_INFINITY];
+        for block in self.rows.chunk_by(is_below) {
+            let places = || block.iter().map(|(_, row)| row[over]);
+            let least = places().fold(f64::INFINITY, min_or_nan);
+            let most = places().fold(f64::NEG_INFINITY, max_or_nan);
+            if least < high && most > low {
+                let reason = format!(
+                    "a second table below an empty line, with {name} from {least} to {most} after {low} to {high}: it wants a \
+                     file of its own; the rows of one table stand without empty lines and comments between them"
+                );
+                return Err(self.fault(block[0].0, reason));
+            }
+            (low, high) = (min_or_nan(low, least), max_or_nan(high, most));
+        }
         Ok(())
     }
 

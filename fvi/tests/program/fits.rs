@@ -1308,7 +1308,12 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
         (
             "omega,storage,loss\nrad/s,MPa,kPa\n1,2,3\n",
             with("quantity = \"modulus\"\n"),
-            &["storage is in `MPa`, and loss in `kPa`"],
+            &["loss is in `kPa`, and storage in `MPa`"],
+        ),
+        (
+            "t,relaxation [kPa],creep [1/Pa]\n0.1,1,1\n",
+            with(""),
+            &["line 1", "creep is in `1/Pa`, and relaxation in `kPa`", "units = { creep"],
         ),
         ("t,relaxation\n0.0,1\n", with(""), &["line 2", "column 1 (t)", "not a time > 0"]),
         (
@@ -1331,6 +1336,27 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
         (good, with("units = { q1 = 2.0 }\n"), &["data[0].units.q1", "unknown key"]),
         (good, with("units = { t = \"min\" }\n"), &["data[0].units.t", "a number"]),
     ]);
+}
+
+#[test]
+fn tables_in_different_units_are_not_fitted_together() {
+    let place = Workplace::new();
+    place.write("scenario.toml", OSCILLATOR);
+    place.write("one.csv", "omega,storage [kPa]\n1,0.1\n2,0.1\n");
+    place.write("two.csv", "t,relaxation [Pa]\n1,100\n2,90\n");
+    let with = |units: &str| {
+        let first = "[[data]]\nfile = \"one.csv\"\nquantity = \"modulus\"\n";
+        let second = "[[data]]\nfile = \"two.csv\"\nquantity = \"modulus\"\n";
+        place.write("fit.toml", &format!("{FREE}{first}{units}{second}"));
+        place.fvi(&["fit", "fit.toml", "--out", "out"])
+    };
+    let output = with("");
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    let wanted = ["two.csv, line 1", "relaxation is in `Pa`, and storage of one.csv in `kPa`"];
+    assert!(wanted.iter().all(|wanted| said.contains(wanted)), "{said}");
+    let output = with("units = { storage = 1000 }\n");
+    assert!(!text(&output.stderr).contains("kPa"), "{}", text(&output.stderr));
 }
 
 #[test]

@@ -267,7 +267,7 @@ fn what_is_not_a_table_says_what_it_is() {
         (
             "columns = { omega = \"w\", storage = \"E' (MPa)\", loss = \"E'' (kPa)\" }",
             format!("w,E' (MPa),E'' (kPa)\n{rows}").into(),
-            &["storage is in `MPa`, and loss in `kPa`"],
+            &["loss is in `kPa`, and storage in `MPa`"],
         ),
         (
             names,
@@ -290,6 +290,12 @@ fn what_is_not_a_table_says_what_it_is() {
             &["line 2", "`[Hz]`, `[Pa]`, `[Pa]`", "the 4 names of line 1", "columns = { f = 2"],
         ),
         ("", "omega,storage,loss\nlog(rad/s),Pa,Pa\n1,2,3\n".into(), &["column 1 (omega)", "`log(rad/s)`"]),
+        (
+            "",
+            format!("omega,storage,loss\n{rows}\n1.5,4,6\n2.5,6,8\n").into(),
+            &["line 5", "a second table", "omega from 1.5 to 2.5 after 1 to 2"],
+        ),
+        ("", "Time,G\n1,2\n".into(), &["line 1", "columns = { t = \"Time\""]),
         ("", "omega,storage,loss\n1,2,12 %\n".into(), &["line 2", "column 3 (loss)", "empty cells, dashes"]),
     ];
     for (keys, data, expected) in cases {
