@@ -44,6 +44,9 @@ const LARGEST: f64 = 0.999;
 /// What tables up to half their time may change of a mode, relative to |s|.
 const OF_TABLES: f64 = 1e-3;
 
+/// Distances from iω whose ratio differs from 1 by less are equal.
+const APART: f64 = 1e-6;
+
 /// For the edge of a disc.
 const FINENESS: Fineness = Fineness { followed: 0.3, parts: 8, halvings: 22 };
 
@@ -295,7 +298,7 @@ impl Search<'_> {
                     zeros.iter().filter(|zero| self.distance(zero) < radius).cloned().collect();
                 let Some(all) = self.count(self.centre, radius, &zeros) else { continue };
                 if all == inside.len() as i64 {
-                    return Ok(inside);
+                    return Ok(self.nearest(inside, count));
                 }
                 last = (all, inside.len());
                 counted = usize::try_from(all).ok().map(|all| (radius, all));
@@ -305,7 +308,7 @@ impl Search<'_> {
                 break;
             };
             if let Some(all) = self.complete(&mut zeros, radius, wanted) {
-                return Ok(all);
+                return Ok(self.nearest(all, count));
             }
         }
         let omega = self.centre.im;
@@ -322,6 +325,15 @@ impl Search<'_> {
         ))
     }
 
+    /// The nearest zeros of all in a disc, and those that are as near as the last of them.
+    fn nearest(&self, mut zeros: Vec<Zero>, count: usize) -> Vec<Zero> {
+        zeros.sort_by(|a, b| self.distance(a).total_cmp(&self.distance(b)));
+        if let Some(last) = zeros.get(count - 1).map(|zero| self.distance(zero)) {
+            zeros.retain(|zero| self.distance(zero) <= last * (1.0 + APART));
+        }
+        zeros
+    }
+
     /// Adds the zeros in a disc that undamped modes about the nearest one lead to, as where many lie close
     /// together far from ω, or that integrals over its edge tell; all of them if multiple ones make up their
     /// number.
@@ -336,7 +348,8 @@ impl Search<'_> {
         }
         for nodes in [24, 96] {
             for (k, start) in self.starts(radius, wanted + 6, nodes).into_iter().enumerate() {
-                self.add_from(zeros, start, Irregular(17 + k as u64).vector(self.system.size));
+                // Beside the zero itself, where T has no inverse.
+                self.add_from(zeros, start * (1.0 + 1e-6), Irregular(17 + k as u64).vector(self.system.size));
             }
             let inside: Vec<&Zero> = zeros.iter().filter(|zero| self.distance(zero) < radius).collect();
             if inside.len() >= wanted {
@@ -379,7 +392,6 @@ impl Search<'_> {
 
     /// A radius with the wanted zeros inside, and those that are as far away as the last of them.
     fn radius(&self, zeros: &[Zero], count: usize) -> f64 {
-        const APART: f64 = 1e-6;
         let distances: Vec<f64> = zeros.iter().map(|zero| self.distance(zero)).collect();
         for at in count..distances.len() {
             let (inner, outer) = (distances[at - 1], min_or_nan(distances[at], self.largest));
@@ -441,10 +453,11 @@ impl Search<'_> {
         let mut before = f64::INFINITY;
         for _ in 0..ROUNDS {
             let mut u = self.system.product(&self.system.slopes_at(s, kernels), &x);
-            let solved = self.factored(s, kernels)?.solve(&mut u);
+            let solved = self.factored(s, kernels).and_then(|factored| factored.solve(&mut u));
             if solved.is_none() {
                 // At the zero itself to rounding.
-                return if before < 1e-9 { zero(s, x) } else { None };
+                let residual = self.system.residual(&self.system.factors_at(s, kernels), &x);
+                return if residual < 1e-10 { zero(s, x) } else { None };
             }
             let change = Complex::new(1.0, 0.0) / inner(&x, &u);
             s -= change;

@@ -114,10 +114,8 @@ fn modes_at_the_end_of_a_band_are_told_apart() {
     }
 }
 
-/// A square membrane has double frequencies, which damping by s^½ in proportion to the stiffness keeps.
-#[test]
-fn modes_of_a_square_are_counted_as_often_as_they_are() {
-    let side = 12;
+/// A square membrane of unit masses and springs, with damping by 0.02 s^½ of its stiffness.
+fn membrane(side: usize) -> Linearised {
     let at = |i: usize, j: usize| i * side + j;
     let mut entries = Vec::new();
     for i in 0..side {
@@ -133,7 +131,26 @@ fn modes_of_a_square_are_counted_as_often_as_they_are() {
         "[system]\nmass = [{}]\nstiffness = \"k.mtx\"\n[[system.damping]]\norder = 0.5\ncoefficient = \"c.mtx\"\n[time]\nstep = 0.1\nsteps = 10\n[output]\ncoordinates = [0]\n",
         vec!["1.0"; size].join(", ")
     );
-    let system = linearised(&text, &[("k.mtx", file(size, &entries)), ("c.mtx", file(size, &damping))]);
+    linearised(&text, &[("k.mtx", file(size, &entries)), ("c.mtx", file(size, &damping))])
+}
+
+/// Of a membrane of 15 × 15 masses, k_i + k_j = 4 for 15 pairs: a fifteenfold mode.
+#[test]
+fn a_mode_is_found_as_often_as_it_is() {
+    let system = membrane(15);
+    let equation = |s: Complex<f64>| s * s + (s.sqrt() * 0.02 + 1.0) * 4.0;
+    let exact = zero_of(&equation, Complex::new(0.0, 2.0));
+    for count in [1, 3, 15] {
+        let found = modes(&system, exact.im, count);
+        assert_eq!(found.len(), 15, "{count}");
+        assert!(found.iter().all(|mode| (mode.place - exact).norm() < 1e-10), "{count}");
+    }
+}
+
+/// It has double frequencies too, which the damping keeps.
+#[test]
+fn modes_of_a_square_are_counted_as_often_as_they_are() {
+    let system = membrane(12);
     let value = |j: usize| 2.0 - 2.0 * (std::f64::consts::PI * j as f64 / 13.0).cos();
     let exact = |one: usize, other: usize| {
         let stiffness = value(one) + value(other);
