@@ -51,7 +51,7 @@ use fvi_fft::transfer::laplace::on_a_line;
 use fvi_simulation::simulation::closed_loop::{
     Contour, OpenLoop, growing_motions, growing_motions_open, growing_sampled_motions, logarithm,
 };
-use grid::SampledPlant;
+use grid::{SampledPlant, is_rising};
 use largest_gain::by_sensitivity;
 use margins::{follow, margins};
 use measured::Measured;
@@ -138,6 +138,11 @@ fn open_loop(plant: &Plant, law: &Law, s: Complex<f64>) -> Option<OpenLoop> {
 const ENDS_AT: f64 = 0.3;
 const MUST_END_AT: f64 = 0.95;
 
+/// Lowest frequency that is considered, relative to that of the specification, and |L| from which on it does
+/// not matter that it grows.
+const LEAST: f64 = 1e-30;
+const LARGE: f64 = 30.0;
+
 fn range(plant: &Plant, law: &Law, about: f64) -> Result<Range, String> {
     let size = |omega: f64| {
         open_loop(plant, law, Complex::new(0.0, omega)).map_or(f64::NAN, |open| open.value.norm())
@@ -168,7 +173,15 @@ fn range(plant: &Plant, law: &Law, about: f64) -> Result<Range, String> {
     if ki != 0.0 && kp != 0.0 {
         lowest = lowest.min(1e-4 * libm::pow((ki / kp).abs(), law.lambda.recip()));
     }
-    let lowest = lowest.max(1e-30 * about);
+    let mut lowest = lowest.max(LEAST * about);
+    // The lowest frequency that is looked at is 10² of it: where |L| grows without bound as ω → 0, it is to
+    // be large there.
+    while size(1e2 * lowest) < LARGE && is_rising(size(lowest), size(1e2 * lowest)) {
+        if lowest < LEAST * about {
+            return Err(format!("|L| grows as ω → 0 and is no more than {LARGE} at ω = {lowest:e}"));
+        }
+        lowest *= 1e-2;
+    }
     let count = 40 * libm::log10(highest / lowest) as usize;
     let mut crossing = lowest;
     for k in 0..=count {
@@ -365,10 +378,17 @@ fn check_plant(plant: &Plant) -> Result<(), TuneError> {
     }
 }
 
-/// Gains and orders of a law, for a message.
-fn in_words(law: &Law) -> String {
-    let [kp, ki, kd] = law.three();
-    format!("kp = {kp:.6}, ki = {ki:.6}, lambda = {:.4}, kd = {kd:.6}, mu = {:.4}", law.lambda, law.mu)
+/// A law for a message: gains with six digits behind the point, or as powers of ten where these would be few.
+pub fn in_words(law: &Law) -> String {
+    let gain = |gain: f64| {
+        if gain == 0.0 || (1e-3..1e7).contains(&gain.abs()) {
+            format!("{gain:.6}")
+        } else {
+            format!("{gain:.6e}")
+        }
+    };
+    let [kp, ki, kd] = law.three().map(gain);
+    format!("kp = {kp}, ki = {ki}, lambda = {:.4}, kd = {kd}, mu = {:.4}", law.lambda, law.mu)
 }
 
 /// The margins of a law in continuous time.

@@ -29,6 +29,11 @@ const MOST_FOR_DEAD_TIME: f64 = 1000.0;
 /// Number of pieces of the arc around s = 0.
 const ARC: usize = 12;
 
+/// True if |L| at a low frequency, compared with a higher one, seems to grow without bound as ω → 0.
+pub(super) fn is_rising(low: f64, high: f64) -> bool {
+    low > 1.02 * high
+}
+
 /// The sampled plant at one frequency.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SampledPoint {
@@ -166,9 +171,18 @@ impl<'a> SampledPlant<'a> {
         margins(&self.loop_points(law), open)
     }
 
-    /// True if no motion of the sampled loop grows, where the grid tells: the turns of 1 + L along the unit
-    /// circle make up for the growing motions of the plant.
+    /// True if no motion of the sampled loop grows, as far as the grid tells: the turns of 1 + L along the
+    /// unit circle make up for the growing motions of the plant, and |L|, where it grows without bound as
+    /// ω → 0, is above 1 at the first point.
     pub(super) fn is_stable(&self, law: &Law) -> bool {
+        const FURTHER: usize = 10;
+        let size = |index: usize| {
+            let [difference, plant] = self.points[index.min(self.points.len() - 1)].beside;
+            (plant * law.response(difference).measured).norm()
+        };
+        if size(0) < 1.0 && is_rising(size(0), size(FURTHER)) {
+            return false;
+        }
         let beside = self.points.iter().map(|point| point.beside);
         let mut last: Option<Complex<f64>> = None;
         let mut turned = 0.0;

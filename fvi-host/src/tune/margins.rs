@@ -235,6 +235,8 @@ pub(super) fn margins(points: &[(f64, Complex<f64>)], open: &Loop<'_>) -> Margin
     let mut found = Margins::default();
     // At π/h every response of samples is a real number.
     let end = points.last().map_or(f64::NAN, |point| point.0);
+    // Of all places where L is a negative number.
+    let mut factors = Vec::new();
     for three in points.windows(3) {
         found.gain_crossovers.extend(grazed([three[0], three[1], three[2]], open).into_iter().flatten());
     }
@@ -250,10 +252,13 @@ pub(super) fn margins(points: &[(f64, Complex<f64>)], open: &Loop<'_>) -> Margin
         } else {
             None
         };
-        let none = found.phase_crossovers.is_empty();
-        found.phase_crossovers.extend(
-            crossed.filter(|&at| open(at).is_some_and(|value| value.re < 0.0 && (none || value.re < -0.1))),
-        );
+        let negative = crossed.and_then(|at| Some((at, -open(at)?.re))).filter(|(_, size)| *size > 0.0);
+        if let Some((at, size)) = negative {
+            factors.push(size.recip());
+            if found.phase_crossovers.is_empty() || size > 0.1 {
+                found.phase_crossovers.push(at);
+            }
+        }
     }
     found.gain_crossovers.sort_by(f64::total_cmp);
     let phases: Vec<(f64, f64)> = found
@@ -272,8 +277,6 @@ pub(super) fn margins(points: &[(f64, Complex<f64>)], open: &Loop<'_>) -> Margin
             .iter()
             .map(|&(omega, phase)| (if phase < 0.0 { phase + 2.0 * PI } else { phase }) / omega),
     );
-    let factors: Vec<f64> =
-        found.phase_crossovers.iter().filter_map(|&omega| Some(open(omega)?.norm().recip())).collect();
     found.gain_margin = smallest(&mut factors.iter().copied().filter(|&factor| factor > 1.0));
     found.gain_reduction = factors.iter().copied().filter(|&factor| factor <= 1.0).reduce(f64::max);
     (found.ms_at, found.ms) = largest(points, open, sensitivity);

@@ -18,6 +18,8 @@ pub struct Plant {
     kind: Kind,
     /// Dead time L in addition to that contained in P.
     dead_time: f64,
+    /// Sampling time of its controller.
+    sample: f64,
 }
 
 enum Kind {
@@ -118,6 +120,8 @@ impl Plant {
             return Err(other.key_error(Problem::Conflict { other: format!("plant.{form}") }));
         }
         let gain = || table.optional("gain").map_or(Ok(1.0), |value| not_zero(&value));
+        let of_controller = sample;
+        let sample = of_controller.positive()?;
         let kind = match form {
             "time_constant" => {
                 table.allow(&["gain", "time_constant", "dead_time"])?;
@@ -163,7 +167,7 @@ impl Plant {
                 let given = table.optional("dead_time").map(|_| dead_time);
                 let measured = Measured::read(table, &table.required(form)?, given)?;
                 let dead_time = measured.dead_time();
-                return Ok(Self { kind: Kind::Measured(Box::new(measured)), dead_time });
+                return Ok(Self { kind: Kind::Measured(Box::new(measured)), dead_time, sample });
             }
             _ => {
                 table.allow(&["scenario", "measures", "drives", "position", "dead_time"])?;
@@ -176,10 +180,10 @@ impl Plant {
                             .map_err(|error| refused(&file, name, &error))?
                     }
                 };
-                Kind::Scenario(Box::new(ScenarioPlant::read(table, of_file, sample, dead_time)?))
+                Kind::Scenario(Box::new(ScenarioPlant::read(table, of_file, of_controller, dead_time)?))
             }
         };
-        Ok(Self { kind, dead_time })
+        Ok(Self { kind, dead_time, sample })
     }
 
     /// P(s) e^{−Ls} and the logarithm of its denominator, ln D(s), for Re s ≥ 0 and Im s ≥ 0; `None` where
@@ -311,7 +315,8 @@ impl Plant {
         if sign < 0.0 { -1.0 } else { 1.0 }
     }
 
-    /// A characteristic angular frequency of the plant: where its phase is 45° below that at low frequencies.
+    /// A characteristic angular frequency of the plant: where its phase is 45° below that at low frequencies;
+    /// of one whose phase nowhere is, as of 1/s, a tenth of the inverse of the sampling time.
     pub fn scale(&self) -> f64 {
         match self.kind {
             Kind::FirstOrder { time, .. } => (time + self.dead_time).recip(),
@@ -333,7 +338,7 @@ impl Plant {
                     }
                     last = Some(value);
                 }
-                1.0
+                0.1 / self.sample
             }
         }
     }

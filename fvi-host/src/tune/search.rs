@@ -10,7 +10,7 @@ use super::plant::Plant;
 use super::problem::{Crossover, Limit, Preference, Structure, Terms};
 use super::sampled::{band, difference};
 use fvi_core::PidGains;
-use fvi_fft::sums::max_or_nan;
+use fvi_fft::sums::{max_or_nan, min_or_nan};
 use nalgebra::Complex;
 use std::cell::RefCell;
 use std::f64::consts::PI;
@@ -19,7 +19,7 @@ use std::f64::consts::PI;
 const ORDERS: (f64, f64) = (0.02, 1.98);
 
 /// Range of the slope d arg L/d ln ω, where the phase need not be flat.
-const SLOPES: (f64, f64) = (-3.0, 1.0);
+const SLOPES: (f64, f64) = (-30.0, 10.0);
 
 /// Bounds on Ms and Mt that a search keeps where a specification has free parameters and no bound of its own:
 /// the first ones, and where no loop keeps them the next.
@@ -299,9 +299,9 @@ impl<'a> Search<'a> {
             .collect()
     }
 
-    /// The law with these orders and this slope that has the crossover and the phase margin; `None` if its
-    /// gains would have other signs than the plant.
-    fn law(&self, point: Point) -> Option<Law> {
+    /// The gains of the law with these orders and this slope that has the crossover and the phase margin, and
+    /// the responses of its integral and derivative there.
+    fn gains(&self, point: Point) -> ([f64; 3], [Complex<f64>; 3]) {
         let Self { structure, wanted, .. } = self;
         let (s, stretch) = (self.difference, self.stretch);
         let margin = wanted.phase_margin.to_radians() - PI;
@@ -311,7 +311,7 @@ impl<'a> Search<'a> {
         let [through, slope] = filter(structure.filter, s);
         let derived = power(s, point.mu) / through;
         let derivative = (derived, derived * (Complex::new(point.mu, 0.0) - slope / through) * stretch);
-        let [proportional, ki, kd] = match structure.terms {
+        let gains = match structure.terms {
             Terms::Pi => {
                 let ki = needed.im / integral.0.im;
                 [needed.re - ki * integral.0.re, ki, 0.0]
@@ -332,13 +332,20 @@ impl<'a> Search<'a> {
                 [needed.re - ki * integral.0.re - kd * derivative.0.re, ki, kd]
             }
         };
+        (gains, [integral.0, derivative.0, needed])
+    }
+
+    /// The law with these gains; `None` if they would have other signs than the plant.
+    fn law(&self, point: Point) -> Option<Law> {
+        let structure = self.structure;
+        let ([proportional, ki, kd], [integral, derivative, needed]) = self.gains(point);
         let sign = self.sign;
         let used = [true, structure.terms.integrates(), structure.terms.differentiates()];
         let right = [proportional, ki, kd]
             .iter()
             .zip(used)
             .all(|(gain, used)| if used { gain * sign > 0.0 && gain.is_finite() } else { *gain == 0.0 });
-        let parts = proportional.abs() + ki.abs() * integral.0.norm() + kd.abs() * derivative.0.norm();
+        let parts = proportional.abs() + ki.abs() * integral.norm() + kd.abs() * derivative.norm();
         (right && parts <= MOST_CANCELLED * needed.norm()).then_some(Law {
             gains: PidGains::Parallel { proportional, integral: ki, derivative: kd },
             lambda: point.lambda,
@@ -495,8 +502,33 @@ impl<'a> Search<'a> {
         if !preferred.is_nan() && !missed.is_nan() { Merit { missed, preferred } } else { Merit::NONE }
     }
 
-    /// The orders λ and µ and the slopes that the search begins from.
-    fn axes(&self, is_line: bool) -> [Vec<f64>; 3] {
+    /// The slopes that the search begins from at these orders: among them some of the interval in which all
+    /// gains, linear functions of the slope, have the sign of the plant.
+    fn slopes(&self, lambda: f64, mu: f64, is_line: bool) -> Vec<f64> {
+        const SHARES: u32 = 8;
+        if self.wanted.flat_phase || is_line {
+            return vec![0.0];
+        }
+        let at = |slope: f64| self.gains(Point { lambda, mu, slope }).0.map(|gain| gain * self.sign);
+        let (mut low, mut high) = SLOPES;
+        for (still, next) in at(0.0).into_iter().zip(at(1.0)) {
+            let by = next - still;
+            let zero = -still / by;
+            if by > 0.0 {
+                low = max_or_nan(low, zero);
+            } else if by < 0.0 {
+                high = min_or_nan(high, zero);
+            } else if still <= 0.0 {
+                return Vec::new();
+            }
+        }
+        let shares = (0..SHARES).map(|k| low + (high - low) * (f64::from(k) + 0.5) / f64::from(SHARES));
+        let round = (0..17).map(|k| -3.0 + 0.25 * f64::from(k));
+        round.chain(shares).filter(|slope| low < *slope && *slope < high).collect()
+    }
+
+    /// The orders λ and µ that the search begins from.
+    fn axes(&self, is_line: bool) -> [Vec<f64>; 2] {
         let Self { structure, wanted, .. } = self;
         let orders = |count: usize| {
             let step = (ORDERS.1 - ORDERS.0) / (count - 1) as f64;
@@ -517,12 +549,7 @@ impl<'a> Search<'a> {
         };
         let lambdas = axis(structure.lambda, structure.terms.integrates(), count);
         let mus = axis(structure.mu, structure.terms.differentiates(), count);
-        let slopes: Vec<f64> = if wanted.flat_phase || is_line {
-            vec![0.0]
-        } else {
-            (0..17).map(|k| SLOPES.0 + (SLOPES.1 - SLOPES.0) * f64::from(k) / 16.0).collect()
-        };
-        [lambdas, mus, slopes]
+        [lambdas, mus]
     }
 
     /// The best law that `stable` accepts.
@@ -532,14 +559,14 @@ impl<'a> Search<'a> {
     pub(super) fn best(&self, stable: &dyn Fn(&Law) -> bool) -> Result<Law, String> {
         let Self { structure, wanted, .. } = self;
         let is_line = structure.terms != Terms::Pid;
-        let [lambdas, mus, slopes] = self.axes(is_line);
+        let [lambdas, mus] = self.axes(is_line);
         let mut candidates: Vec<(Point, Merit)> = Vec::new();
         if wanted.flat_phase && is_line {
             candidates.extend(self.flat(&lambdas, &mus));
         } else {
             for &lambda in &lambdas {
                 for &mu in &mus {
-                    for &slope in &slopes {
+                    for slope in self.slopes(lambda, mu, is_line) {
                         let point = Point { lambda, mu, slope };
                         let merit = self.merit(point);
                         if merit.missed.is_finite() {
@@ -553,7 +580,7 @@ impl<'a> Search<'a> {
         if candidates.is_empty() {
             return Err(self.nothing());
         }
-        let free = [lambdas.len() > 1, mus.len() > 1, slopes.len() > 1];
+        let free = [lambdas.len() > 1, mus.len() > 1, !wanted.flat_phase && !is_line];
         let is_fixed = free == [false; 3] || (wanted.flat_phase && is_line);
         // The best of the stable loops that are found from a few starts.
         let mut best: Option<(Law, Merit)> = None;
@@ -614,9 +641,24 @@ impl<'a> Search<'a> {
         let [kp, ki, kd] = law.three();
         Err(format!(
             "no law with this crossover and phase margin meets all bounds; of those tried the nearest one (kp = {kp:.5}, ki = {ki:.5}, lambda \
-             = {:.4}, kd = {kd:.5}, mu = {:.4}) misses: {}",
-            law.lambda, law.mu, missed
+             = {:.4}, kd = {kd:.5}, mu = {:.4}) misses: {}{}",
+            law.lambda,
+            law.mu,
+            missed,
+            self.of_defaults()
         ))
+    }
+
+    /// A sentence about bounds that were not asked for.
+    fn of_defaults(&self) -> String {
+        let own = [("ms", self.wanted.ms, self.ms), ("mt", self.wanted.mt, self.mt)];
+        let sought = own.into_iter().filter(|(_, asked, _)| asked.is_none());
+        let sought = sought.filter_map(|(key, _, sought)| Some(format!("`{key}` ≤ {}", sought?)));
+        let sought: Vec<String> = sought.collect();
+        if sought.is_empty() {
+            return String::new();
+        }
+        format!("; {} is sought by default: with the key more is allowed", sought.join(" and "))
     }
 
     fn nothing(&self) -> String {

@@ -2,7 +2,7 @@
 
 use super::{CommandError, default_directory, stop, terminal, warn};
 use fvi_host::results::output_directory::OutputDirectory;
-use fvi_host::tune::{TuneError, Tuning, TuningProblem, tune};
+use fvi_host::tune::{TuneError, Tuning, TuningProblem, in_words, tune};
 use fvi_scenario::language::escape::visible_line;
 use std::path::PathBuf;
 
@@ -41,22 +41,23 @@ impl TuneArguments {
 }
 
 fn said(found: &Tuning, problem: &TuningProblem) -> String {
-    let [kp, ki, kd] = found.law.three();
     let (sampled, continuous) = (&found.sampled_margins, &found.margins);
     let phase = |margin: Option<f64>| margin.map_or("–".to_owned(), |margin| format!("{margin:.2}°"));
     let crossover = sampled.gain_crossovers.last().map_or("–".to_owned(), |omega| format!("{omega:.4e}"));
-    let sought: String = ["Ms", "Mt"]
-        .into_iter()
-        .zip(found.sought)
-        .filter_map(|(name, bound)| Some(format!("; sought by default: {name} ≤ {:.3}", bound?)))
-        .collect();
+    let sought = |(name, bound, reached): (&str, Option<f64>, f64)| {
+        let bound = bound?;
+        // The search knows the points of a grid.
+        let passed = if reached > bound + 5e-4 { format!(" (reached: {reached:.3})") } else { String::new() };
+        Some(format!("; sought by default: {name} ≤ {bound:.3}{passed}"))
+    };
+    let reached = [("Ms", found.sought[0], sampled.ms), ("Mt", found.sought[1], sampled.mt)];
+    let sought: String = reached.into_iter().filter_map(sought).collect();
     let gain = sampled.gain_margin.map_or("any".to_owned(), |margin| format!("{margin:.3}"));
     format!(
-        "{}: kp = {kp:.6}, ki = {ki:.6}, lambda = {:.4}, kd = {kd:.6}, mu = {:.4}; with samples of {}: crossover {crossover}, \
+        "{}: {}; with samples of {}: crossover {crossover}, \
          phase margin {}, gain margin {gain}, Ms {:.3}, Mt {:.3} (in continuous time phase margin {}, Ms {:.3}){sought}",
         visible_line(problem.heading()),
-        found.law.lambda,
-        found.law.mu,
+        in_words(&found.law),
         problem.controller.sample,
         phase(sampled.phase_margin),
         sampled.ms,

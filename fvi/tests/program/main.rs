@@ -36,6 +36,7 @@ mod sweeps;
 mod tune;
 mod tune_bounds;
 mod tune_measured;
+mod tune_slow_plants;
 mod waves;
 mod weights_of_files;
 mod workplace;
