@@ -10,6 +10,7 @@ use crate::results::output_directory::OutputDirectory;
 use fvi_core::ParameterError;
 use fvi_fft::transfer::laplace::{creep, relaxation, whole};
 use fvi_scenario::language::InputError;
+use fvi_scenario::language::excerpt::excerpt;
 use fvi_scenario::language::memory_limit::{OutOfMemory, check_capacity};
 use fvi_scenario::scenario::Scenario;
 use fvi_simulation::simulation::response::{Linearised, MOST_MODES, SystemMode, SystemPole};
@@ -407,14 +408,20 @@ impl Response {
         let reasons =
             reasons.into_iter().filter(|(_, reason)| reason.is_none_or(|reason| reason != NOT_ASKED));
         let reasons = reasons.filter_map(|(file, reason)| Some(format!("{file}: {}", reason?)));
-        let active = self.kernels.iter().enumerate().filter(|(_, kernel)| kernel.creep.is_none());
-        let active = active.map(|(term, kernel)| {
+        let without = self.kernels.iter().enumerate().filter(|(_, kernel)| kernel.creep.is_none());
+        let without: Vec<_> = without.collect();
+        let of_kernels = without.first().map(|(first, kernel)| {
+            let others = match without.len() {
+                1 => String::new(),
+                count => format!(", and of {} others", count - 1),
+            };
             format!(
-                "creep_{term}.csv, relaxation_{term}.csv: the kernel {} is given by weights, active, or its curves are not finite",
-                kernel.name
+                "creep_{first}.csv, relaxation_{first}.csv of the kernel {}{others}: they are given by weights, active (as a single \
+                 entry of a matrix may be), or their curves are not finite",
+                excerpt(&kernel.name)
             )
         });
-        reasons.chain(active).collect()
+        reasons.chain(of_kernels).collect()
     }
 
     /// `modes.csv`, and `mode_shapes.csv` with a row for each coordinate.

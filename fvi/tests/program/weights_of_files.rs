@@ -66,10 +66,7 @@ fn weights_that_were_listed_run_and_answer_as_their_kernel() {
     near("response_discrete.csv", 1e-7);
     assert!(!place.path("given/poles.csv").exists() && !place.path("given/creep_0.csv").exists());
     let record = fs::read_to_string(place.path("given/response.json")).unwrap();
-    assert!(
-        record.contains("for frequencies up to π/h") && record.contains("is given by weights"),
-        "{record}"
-    );
+    assert!(record.contains("for frequencies up to π/h") && record.contains("given by weights"), "{record}");
     let message = refused_or_failed(&place, "response given.toml --to 1000 --out beyond");
     assert!(message.contains("which tell it up to π/h"), "{message}");
 }
