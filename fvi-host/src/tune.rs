@@ -227,8 +227,8 @@ struct Found {
 /// Safety margin of bounds in the search, which checks them at discrete points only, in their own units.
 const CLOSER: f64 = 1e-4;
 
-/// Largest violation that a search with a larger safety margin is expected to make up for, and number of
-/// searches.
+/// Largest violation that a search with a safety margin larger by it is expected to make up for, and number
+/// of searches.
 const MADE_UP: f64 = 0.1;
 const SEARCHES: usize = 4;
 
@@ -252,11 +252,12 @@ pub fn tune(problem: &TuningProblem, stop: &AtomicBool) -> Result<Tuning, TuneEr
             return Ok(Tuning { relay, bounds, sought, ..tuning });
         }
         let has_closer = !matches!(problem.specification, Specification::Rule { .. });
-        if searches == SEARCHES || excess > MADE_UP || !has_closer {
+        if searches == SEARCHES || !has_closer {
             let reason = format!("{} does not meet the specification: {}", in_words(&law), missed(&bounds));
             return Err(TuneError::Infeasible(reason));
         }
-        closer += 1.5 * excess;
+        // A crossover beside which |L| grazes 1 is missed by a lot, for a little of |L|.
+        closer += if excess > MADE_UP { 9.0 * closer } else { 1.5 * excess };
         searches += 1;
     }
 }

@@ -129,3 +129,25 @@ fn a_law_of_fixed_orders_is_found_where_its_slopes_are_few() {
         assert!((margin - 60.0).abs() < 0.1, "{crossover}: {margin}");
     }
 }
+
+/// A resonance that lifts |L| to 1 far above the crossover is kept below it, in seconds as in milliseconds.
+#[test]
+fn an_oscillating_plant_is_tuned_in_every_unit_of_time() {
+    for unit in [1.0, 1e3] {
+        let place = Workplace::new();
+        let record = tune(
+            &place,
+            &format!(
+                "plant = {{ gain = 1.0, frequency = {:?}, damping = 0.1, dead_time = {unit:?} }}\n\
+                 controller = {{ structure = \"pid\", sample = {:?} }}\n\
+                 specification = {{ crossover = {:?}, phase_margin = 65, flat_phase = true }}\n",
+                0.3 / unit,
+                0.5 * unit,
+                0.03 / unit
+            ),
+        );
+        let crossovers = record["sampled_margins"]["gain_crossovers"].as_array().unwrap();
+        assert_eq!(crossovers.len(), 1, "{crossovers:?}");
+        assert!((number(&record, "sampled_margins.phase_margin") - 65.0).abs() < 0.1);
+    }
+}
