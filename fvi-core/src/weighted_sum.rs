@@ -9,6 +9,9 @@ const LANES: usize = 8;
 /// Lags between two clearings of the accumulators; a multiple of `LANES`.
 const BLOCK: usize = 256 * LANES;
 
+/// True if the accumulators are in vector registers, so that a short sum is worth code of its own.
+const IN_REGISTERS: bool = cfg!(target_pointer_width = "64");
+
 /// Σ_{n=1}^{k} w_n x_{k−n} with the k samples, newest first, in `newer` followed by `older`.
 ///
 /// `weights[n]` is w_n; lags beyond the table count as zero. The oldest samples are added first, in blocks of
@@ -23,6 +26,12 @@ pub(crate) fn weighted_sum<T: Real>(weights: &[T], newer: &[T], older: &[T]) -> 
     let Some((newer_weights, older_weights)) = weights.split_at_checked(newer.len()) else {
         return T::zero();
     };
+    if IN_REGISTERS && older.is_empty() && newer.len() <= BLOCK {
+        // One block in one piece.
+        let mut lanes = [T::zero(); LANES];
+        add_rows(&mut lanes, newer_weights, newer);
+        return T::zero() + reduce(lanes);
+    }
     let mut sum = BlockedSum { total: T::zero(), lanes: [T::zero(); LANES] };
     sum.add(older_weights, older, newer.len());
     sum.add(newer_weights, newer, 0);
@@ -71,23 +80,25 @@ impl<T: Real> BlockedSum<T> {
         else {
             return;
         };
-        let (weight_chunks, last_weights) = weights.as_chunks::<LANES>();
-        let (chunks, last) = samples.as_chunks::<LANES>();
-        add_products(&mut self.lanes, last_weights, last);
-        self.lanes = add_chunks(self.lanes, weight_chunks, chunks);
+        add_rows(&mut self.lanes, weights, samples);
         add_products(self.lanes.get_mut(lane..).unwrap_or(&mut []), first_weights, first);
     }
 }
 
-/// Adds whole rows of products, the last row first. Accumulators by value stay in registers.
-#[inline]
-fn add_chunks<T: Real>(mut lanes: [T; LANES], weights: &[[T; LANES]], samples: &[[T; LANES]]) -> [T; LANES] {
-    for (w, x) in weights.iter().zip(samples).rev() {
+/// Adds products whose first one belongs to accumulator 0, the last row first.
+#[inline(always)]
+fn add_rows<T: Real>(lanes: &mut [T; LANES], weights: &[T], samples: &[T]) {
+    let (weight_rows, last_weights) = weights.as_chunks::<LANES>();
+    let (rows, last) = samples.as_chunks::<LANES>();
+    add_products(lanes, last_weights, last);
+    // Accumulators by value stay in registers.
+    let mut sums = *lanes;
+    for (w, x) in weight_rows.iter().zip(rows).rev() {
         for i in 0..LANES {
-            lanes[i] += w[i] * x[i];
+            sums[i] += w[i] * x[i];
         }
     }
-    lanes
+    *lanes = sums;
 }
 
 #[inline]
