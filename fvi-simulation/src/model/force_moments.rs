@@ -113,6 +113,9 @@ impl ForceMoments {
         lengths: StepLengths,
         (end, longest): (f64, Option<f64>),
     ) -> Option<Self> {
+        if components.is_empty() {
+            return None;
+        }
         // Steps that are chosen on the way follow the terms anyway.
         let terms = longest.and_then(|_| TimeTerms::of(components, end));
         let step_size = longest.unwrap_or(f64::NAN);

@@ -38,7 +38,9 @@ impl RoughForces {
     /// The rough forces of a scenario whose scheme computes the work of forces by a quadrature or at nodes
     /// inside the step; `None` if all forces are smooth.
     pub(crate) fn of(scenario: &Scenario) -> Option<Self> {
-        if !takes_moments(scenario) {
+        let is_forced = scenario.system.force.is_some() || loads(scenario).next().is_some();
+        let is_pushed = scenario.input.is_some() || !scenario.controllers.is_empty();
+        if !(is_forced || is_pushed) || !takes_moments(scenario) {
             return None;
         }
         let whole = UnboundedForces::of(scenario);

@@ -26,12 +26,13 @@ const MILD: [f64; 2] = [-0.5 - 1e-9, -0.2];
 impl UnboundedForces {
     /// `None` if there is no such term, or the scheme does not support moments.
     pub(crate) fn of(scenario: &Scenario) -> Option<Self> {
-        if !takes_moments(scenario) {
+        let components = scenario.system.force.as_deref().unwrap_or_default();
+        let is_forced = !components.is_empty() || loads(scenario).next().is_some();
+        if !is_forced || !takes_moments(scenario) {
             return None;
         }
         let (end, touched) = (scenario.time.end(), touched(scenario));
         let split = |expression: &Expression| split(expression, end, touched);
-        let components = scenario.system.force.as_deref().unwrap_or_default();
         let split_components: Vec<_> = components.iter().map(split).collect();
         let split_loads: Vec<_> = loads(scenario)
             .map(|(load, motions)| match &load.amplitude {

@@ -23,6 +23,9 @@ const MECHANISM: [&str; 2] = ["system.constraints", "system.damping"];
 /// Keys by which steps are chosen on the way without a grid.
 const TOLERANCE: [&str; 2] = ["time.tolerance", "time.end"];
 
+/// Name, key and predicate of a feature.
+type Definition = (&'static str, &'static str, fn(&Scenario) -> Option<usize>);
+
 /// Defines [`Feature`]: a name, the key, and a predicate that returns the index of what it found. In names
 /// and keys `{i}` stands for that index. After `or` come the keys that bring it where its own is not written.
 macro_rules! features {
@@ -40,12 +43,8 @@ macro_rules! features {
             /// All of them.
             pub const ALL: &'static [Self] = &[$(Self::$feature),*];
 
-            /// Name, key and predicate.
-            fn definition(self) -> (&'static str, &'static str, fn(&Scenario) -> Option<usize>) {
-                match self {
-                    $(Self::$feature => ($name, $key, $find),)*
-                }
-            }
+            /// Name, key and predicate of each.
+            const DEFINITIONS: &'static [Definition] = &[$(($name, $key, $find)),*];
 
             /// Keys that bring it without its own.
             fn other_keys(self) -> &'static [&'static str] {
@@ -182,6 +181,10 @@ features! {
 }
 
 impl Feature {
+    fn definition(self) -> &'static Definition {
+        &Self::DEFINITIONS[self as usize]
+    }
+
     /// Its name.
     pub fn name(self) -> String {
         self.definition().0.replace("{i}", "i")

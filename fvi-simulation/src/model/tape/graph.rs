@@ -27,8 +27,12 @@ pub(super) enum Origin {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Graph {
     origins: Vec<Origin>,
+    /// The values by their origins; empty for few values, which are found faster one by one.
     places: HashMap<Origin, Value>,
 }
+
+/// Number of values from which they are found by their origins.
+const MANY: usize = 16;
 
 impl Graph {
     pub(super) fn len(&self) -> usize {
@@ -57,9 +61,22 @@ impl Graph {
     }
 
     pub(super) fn insert(&mut self, origin: Origin) -> Value {
-        *self.places.entry(origin).or_insert_with(|| {
+        let value =
+            |index: usize| Value(u32::try_from(index).expect("fewer than 2³² values fit into the memory"));
+        let found = match self.places.is_empty() {
+            true => self.origins.iter().position(|known| *known == origin).map(value),
+            false => self.places.get(&origin).copied(),
+        };
+        found.unwrap_or_else(|| {
+            let new = value(self.origins.len());
             self.origins.push(origin);
-            Value(u32::try_from(self.origins.len() - 1).expect("fewer than 2³² values fit into the memory"))
+            if self.origins.len() == MANY {
+                self.places
+                    .extend(self.origins.iter().enumerate().map(|(index, &known)| (known, value(index))));
+            } else if self.origins.len() > MANY {
+                self.places.insert(origin, new);
+            }
+            new
         })
     }
 
@@ -68,14 +85,18 @@ impl Graph {
         for (place, &operand) in all.iter_mut().zip(operands) {
             *place = operand;
         }
-        let numbers = operands.iter().map(|&operand| self.number(operand)).collect::<Option<Vec<_>>>();
-        match numbers {
-            Some(numbers) => {
-                let mut padded = [0.0; 3];
-                padded[..numbers.len()].copy_from_slice(&numbers);
-                self.constant(operation.of(padded))
+        let mut numbers = [0.0; 3];
+        let mut pairs = numbers.iter_mut().zip(operands);
+        let are_numbers = pairs.all(|(place, &operand)| match self.number(operand) {
+            Some(number) => {
+                *place = number;
+                true
             }
-            None => self.insert(Origin::Computed(operation, all)),
+            None => false,
+        });
+        match are_numbers {
+            true => self.constant(operation.of(numbers)),
+            false => self.insert(Origin::Computed(operation, all)),
         }
     }
 

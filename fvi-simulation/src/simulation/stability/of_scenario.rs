@@ -7,7 +7,7 @@ use fvi_core::RungeKutta;
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::with_staged_method;
 use fvi_scenario::language::{InputError, Problem};
-use fvi_scenario::scenario::{DampedAt, Quadrature, Scenario, Scheme, SharedTerms, SymmetricMatrix};
+use fvi_scenario::scenario::{DampedAt, Quadrature, Scenario, Scheme, SharedTerms, SymmetricMatrix, System};
 use nalgebra::{DMatrix, DVector};
 
 /// Refuses a step at which motions near the start grow, unless the scenario allows it. The Euler methods,
@@ -24,9 +24,13 @@ pub(crate) fn check_step(
     if scenario.time.allow_unstable || scenario.time.adaptive().is_some() || may_drive(scenario) {
         return Ok(());
     }
-    // Stable for any mass; this avoids a Cholesky factor of a possibly large matrix.
-    let massless = !scenario.system.massless().is_empty();
-    if massless && large::is_unconditional(&discretisation, !scenario.system.damping.is_empty()) {
+    // Stable for any mass, or where nothing pushes: this avoids a Cholesky factor of a possibly large matrix,
+    // and the eigenvalues of one number.
+    let damped = !scenario.system.damping.is_empty();
+    let without_push = || resistance.is_none() && pulls_back(&scenario.system, stiffness);
+    if large::is_unconditional(&discretisation, damped)
+        && (!scenario.system.massless().is_empty() || without_push())
+    {
         return Ok(());
     }
     let damping = scenario.system.damping.iter().map(|term| LinearDamping {
@@ -46,6 +50,24 @@ pub(crate) fn check_step(
             Err(scenario.error_at(key, Problem::Unstable { largest_step, advice }))
         }
     }
+}
+
+/// True if masses, stiffness and damping are diagonal, and no coordinate is pushed away from where it is at
+/// rest.
+fn pulls_back(system: &System, stiffness: &DMatrix<f64>) -> bool {
+    let SymmetricMatrix::Diagonal(masses) = &system.mass else { return false };
+    let by_mass = |entries: &[f64]| {
+        entries.iter().zip(masses).all(|(entry, mass)| *entry >= 0.0 && (entry / mass).is_finite())
+    };
+    let is_damping = |matrix: &SymmetricMatrix| match matrix {
+        SymmetricMatrix::Diagonal(entries) => by_mass(entries),
+        _ => false,
+    };
+    let mut entries = stiffness.iter().enumerate();
+    let is_diagonal = entries.all(|(index, entry)| index % (masses.len() + 1) == 0 || *entry == 0.0);
+    is_diagonal
+        && by_mass(stiffness.diagonal().as_slice())
+        && system.damping.iter().all(|term| is_damping(&term.coefficient))
 }
 
 /// As [`check_step`] for a system in the sparse space, by its fastest motions.

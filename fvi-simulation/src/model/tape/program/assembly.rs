@@ -49,7 +49,8 @@ impl Schedule {
             }
             let kind = |value: Value| (level_of[value.0 as usize], operation(graph, value));
             let mut alike = HashMap::new();
-            for &value in window {
+            let candidates = if window.len() < SHORT { &[] } else { window };
+            for &value in candidates {
                 if let Some((constant, _)) = constant_and_other(graph, value) {
                     alike.entry((kind(value), constant)).or_insert_with(Vec::new).push(value);
                 }
