@@ -82,6 +82,7 @@ impl<T: Real> OneNode<T> {
         let mut equation = Equation::<T, X, Y, G, D> {
             storage: PhantomData,
             numbers: self,
+            instant: Instant::in_step(step.time, self.node, step.size),
             mechanics,
             damping,
             step,
@@ -174,6 +175,8 @@ fn line_velocity<T: Real>(increments: &[T], h: T, velocity: &mut [T]) {
 struct Equation<'a, T: Real, X: Space<T>, Y, G, D> {
     storage: PhantomData<Y>,
     numbers: &'a OneNode<T>,
+    /// The time of the node.
+    instant: Instant<T>,
     mechanics: &'a mut G,
     /// Damping, if it acts at the node.
     damping: Option<&'a D>,
@@ -299,7 +302,7 @@ where
     /// Computes G at the node without the contribution of the increments to the damping.
     #[inline(always)]
     fn find_force(&mut self, increments: &[T], linearise: bool) {
-        let instant = Instant::in_step(self.step.time, self.numbers.node, self.step.size);
+        let instant = self.instant;
         if self.mechanics.depends_on_velocity() {
             let velocity = part_mut(self.scratch, increments.len());
             line_velocity(increments, self.step.size, velocity);
@@ -373,7 +376,7 @@ where
         matrix.add(0, 0, numbers.kinetic / h, self.mechanics.mass());
         matrix.add(0, 0, -factor, self.stiffness);
         if self.mechanics.depends_on_velocity() {
-            let instant = Instant::in_step(self.step.time, numbers.node, h);
+            let instant = self.instant;
             let velocity = part_mut(self.scratch, increments.len());
             line_velocity(increments, h, velocity);
             let factor = if let Some(slopes) = stiffened {

@@ -86,7 +86,11 @@ macro_rules! real {
 
             #[inline]
             fn from_count(count: u64) -> Self {
-                count as $scalar
+                match i64::try_from(count) {
+                    // Large processors have an instruction for signed numbers only.
+                    Ok(count) if cfg!(target_pointer_width = "64") => count as $scalar,
+                    _ => count as $scalar,
+                }
             }
 
             #[inline]

@@ -948,6 +948,12 @@ struct Kick<T> {
     last: Vec<T>,
 }
 
+/// Result of `act`, whose code for any number of terms stays out of the steps of one term.
+#[inline(never)]
+fn out_of_line<R>(act: impl FnOnce() -> R) -> R {
+    act()
+}
+
 impl<T: Elementary + Memories> Damping<T, AnySpace> for DampingTerms<T> {
     fn check(&self, coordinates: usize, nodes: usize, step_size: T) -> Result<(), Mismatch> {
         self.terms[..].check(coordinates, nodes, step_size)
@@ -968,7 +974,10 @@ impl<T: Elementary + Memories> Damping<T, AnySpace> for DampingTerms<T> {
         known: &mut [T],
         scratch: &mut [T],
     ) -> Result<(), MemoryError> {
-        self.terms[..].add_known(sample, known, scratch)?;
+        match &mut self.terms[..] {
+            [only] => only.add_known(sample, known, scratch)?,
+            several => out_of_line(|| several.add_known(sample, known, scratch))?,
+        }
         if let Some(kick) = &mut self.kick {
             kick.next.iter_mut().zip(known).for_each(|(next, known)| *next = *known);
         }
@@ -977,7 +986,10 @@ impl<T: Elementary + Memories> Damping<T, AnySpace> for DampingTerms<T> {
 
     #[inline(always)]
     fn add_leading(&self, increments: &[T], force: &mut [T], scratch: &mut [T]) {
-        self.terms[..].add_leading(increments, force, scratch);
+        match &self.terms[..] {
+            [only] => only.add_leading(increments, force, scratch),
+            several => out_of_line(|| several.add_leading(increments, force, scratch)),
+        }
         if let Some(gyroscopic) = &self.gyroscopic {
             gyroscopic.add(increments, force, scratch);
         }
@@ -1005,7 +1017,10 @@ impl<T: Elementary + Memories> Damping<T, AnySpace> for DampingTerms<T> {
         if let Some(kick) = &mut self.kick {
             self.terms[..].add_leading(increments, &mut kick.next, scratch);
         }
-        self.terms[..].push(sample, increments, scratch)?;
+        match &mut self.terms[..] {
+            [only] => only.push(sample, increments, scratch)?,
+            several => out_of_line(|| several.push(sample, increments, scratch))?,
+        }
         if let Some(Kick { next, last }) = &mut self.kick {
             std::mem::swap(next, last);
             next.fill(T::zero());

@@ -278,14 +278,24 @@ impl<T: Real> Block<T> for Matrix<T> {
     #[inline(always)]
     fn multiply_add(&self, factor: T, x: &[T], out: &mut [T]) {
         // One coordinate: one number, without a loop.
-        if let ([x], [out], [entry]) = (x, &mut *out, self.numbers()) {
+        if let ([x], [out]) = (x, &mut *out) {
             match self {
-                Self::Diagonal(_) | Self::Dense(_) => *out += *entry * *x * factor,
-                Self::Sparse(_) if *x == T::zero() => {}
-                // A row is a sum that begins with zero.
-                Self::Sparse(_) => *out += (T::zero() + *entry * *x) * factor,
+                Self::Diagonal(entries) | Self::Dense(entries) => {
+                    if let [entry] = entries[..] {
+                        *out += entry * *x * factor;
+                        return;
+                    }
+                }
+                Self::Sparse(sparse) => {
+                    if let [entry] = sparse.values[..] {
+                        // A row is a sum that begins with zero.
+                        if *x != T::zero() {
+                            *out += (T::zero() + entry * *x) * factor;
+                        }
+                        return;
+                    }
+                }
             }
-            return;
         }
         match self {
             Self::Diagonal(diagonal) if diagonal.len() == x.len() => {

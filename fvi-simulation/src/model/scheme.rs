@@ -27,6 +27,8 @@ pub struct AnyScheme<T> {
     /// A and A² of collocation.
     matrix: Vec<T>,
     square: Vec<T>,
+    /// The coefficients if the polynomial is a straight line with one quadrature point.
+    line: Option<Line<T>>,
     form: Form,
     /// Coordinates without mass whose positions at grid points do not follow from the step's polynomial.
     massless: MasslessRows,
@@ -92,6 +94,7 @@ impl<T: Real> AnyScheme<T> {
             kinetic: numbers(degree * degree),
             matrix: Vec::new(),
             square: Vec::new(),
+            line: None,
             form,
             massless: MasslessRows::default(),
         };
@@ -102,6 +105,7 @@ impl<T: Real> AnyScheme<T> {
             kinetic: &mut scheme.kinetic,
         };
         tables.fill(&rule.nodes, &rule.weights)?;
+        scheme.line = Line::of(&scheme.view());
         Ok(scheme)
     }
 
@@ -116,6 +120,7 @@ impl<T: Real> AnyScheme<T> {
             kinetic: view.kinetic.to_vec(),
             matrix: Vec::new(),
             square: Vec::new(),
+            line: Line::of(&view),
             form,
             massless: MasslessRows::default(),
         }
@@ -133,6 +138,7 @@ impl<T: Real> AnyScheme<T> {
             kinetic: Vec::new(),
             matrix: super::vector(method.matrix().as_flattened()),
             square: super::vector(method.square().as_flattened()),
+            line: None,
             form: Form::Collocation,
             massless: MasslessRows::default(),
         }
@@ -171,21 +177,36 @@ impl<T: Real> AnyScheme<T> {
     }
 }
 
-/// The discrete Lagrangian of degree one with one quadrature point, as a view whose lengths are known to the
-/// compiler: its step has no loops over nodes and points.
-#[inline(always)]
-fn of_one_point<'a, T>(any: &DiscreteLagrangian<'a, T>) -> Option<DiscreteLagrangian<'a, T>> {
-    fn one<T>(numbers: &[T]) -> Option<&[T; 1]> {
-        numbers.try_into().ok()
+/// The coefficients of a discrete Lagrangian of degree one with one quadrature point.
+#[derive(Clone, Copy, Debug)]
+struct Line<T> {
+    weights: [T; 1],
+    nodes: [T; 1],
+    control_points: [T; 1],
+    shapes: [T; 1],
+    tests: [T; 1],
+    kinetic: [T; 1],
+}
+
+impl<T: Copy> Line<T> {
+    fn of(any: &DiscreteLagrangian<'_, T>) -> Option<Self> {
+        Some(Self {
+            weights: any.weights.try_into().ok()?,
+            nodes: any.nodes.try_into().ok()?,
+            control_points: any.control_points.try_into().ok()?,
+            shapes: any.shapes.try_into().ok()?,
+            tests: any.tests.try_into().ok()?,
+            kinetic: any.kinetic.try_into().ok()?,
+        })
     }
-    Some(DiscreteLagrangian {
-        weights: one(any.weights)?,
-        nodes: one(any.nodes)?,
-        control_points: one(any.control_points)?,
-        shapes: one(any.shapes)?,
-        tests: one(any.tests)?,
-        kinetic: one(any.kinetic)?,
-    })
+
+    /// The discrete Lagrangian, as a view whose lengths are known to the compiler: its step has no loops over
+    /// nodes and points.
+    #[inline(always)]
+    fn view(&self) -> DiscreteLagrangian<'_, T> {
+        let Self { weights, nodes, control_points, shapes, tests, kinetic } = self;
+        DiscreteLagrangian { weights, nodes, control_points, shapes, tests, kinetic }
+    }
 }
 
 /// A quadrature on [0, 1].
@@ -249,7 +270,7 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
         let numbers = |count: usize| vec![T::zero(); count * size];
         let behind = if self.form == Form::Nodes { points } else { 0 };
         // For a linear system there is no guess.
-        let guessed = !mechanics.is_linear() && of_one_point(&self.view()).is_some();
+        let guessed = !mechanics.is_linear() && self.line.is_some();
         StepBuffers {
             numbers: Numbers {
                 increments: numbers(degree),
@@ -298,7 +319,7 @@ impl<T: Real> Scheme<T, AnySpace> for AnyScheme<T> {
             room.settling.begin(&self.massless, &state.position);
         }
         // On a straight line with one node.
-        let few = if self.shapes.len() == 1 { state.position.len() } else { 0 };
+        let few = if self.line.is_some() { state.position.len() } else { 0 };
         let iterations = match few {
             1 => self.step_of_few::<1, _, _>(room, mechanics, damping, step, state),
             2 => self.step_of_few::<2, _, _>(room, mechanics, damping, step, state),
@@ -352,7 +373,7 @@ impl<T: Real> AnyScheme<T> {
         state: &mut State<Vec<T>>,
     ) -> Result<u32, StepError> {
         let StepBuffers { numbers: room, matrix, kept, .. } = room;
-        let line = of_one_point(&self.view());
+        let line = self.line.as_ref().map(Line::view);
         let (behind, rest) = room.carried.split_at_mut(room.behind);
         let mut work = Workspace::<T, AnySpace, _> {
             increments: &mut room.increments,
@@ -409,15 +430,19 @@ impl<T: Real> Numbers<T> {
         G: Mechanics<T, AnySpace>,
         D: Damping<T, AnySpace>,
     {
-        let line = of_one_point(&scheme.view()).expect("one point");
+        let line = scheme.line.expect("one point");
+        let line = line.view();
         let (behind, rest) = self.carried.split_at_mut(self.behind);
+        // On the stack their places are known.
+        let [mut increments, mut stages, mut residual, mut forces, mut known, mut scratch] =
+            [[T::zero(); N]; 6];
         let mut work = Workspace::<T, Small<N>, _> {
-            increments: few_mut::<T, N>(&mut self.increments),
-            residual: few_mut::<T, N>(&mut self.residual),
-            stages: few_mut::<T, N>(&mut self.stages),
-            forces: few_mut::<T, N>(&mut self.forces),
-            known: few_mut::<T, N>(&mut self.known),
-            scratch: few_mut::<T, N>(&mut self.scratch),
+            increments: &mut increments,
+            residual: &mut residual,
+            stages: &mut stages,
+            forces: &mut forces,
+            known: &mut known,
+            scratch: &mut scratch,
             behind,
             restoring: &mut rest[..self.pulled],
             moment_correction: &mut self.moment_correction,
@@ -426,13 +451,16 @@ impl<T: Real> Numbers<T> {
             matrix,
             kept,
         };
-        match scheme.form {
+        let made = match scheme.form {
             Form::MainNodes => {
                 work.behind = &mut [];
                 line.step_damped_at_main_nodes(&mut work, mechanics, damping, step, state)
             }
             _ => line.step_damped_at_nodes(&mut work, mechanics, damping, step, state),
-        }
+        };
+        *few_mut(&mut self.increments) = increments;
+        *few_mut(&mut self.stages) = stages;
+        made
     }
 }
 

@@ -265,7 +265,14 @@ impl StepBatch {
 
 /// Writes numbers to places at the distance `stride`.
 #[inline(always)]
-fn put(places: &mut [f64], (first, stride): (usize, usize), numbers: impl Iterator<Item = f64>) {
+fn put(places: &mut [f64], (first, stride): (usize, usize), mut numbers: impl Iterator<Item = f64>) {
+    // One coordinate: one number, without a loop.
+    if places.len() == stride {
+        if let (Some(place), Some(number)) = (places.get_mut(first), numbers.next()) {
+            *place = number;
+        }
+        return;
+    }
     if stride == STEPS && first < STEPS {
         // With columns of known length one bounds check serves all.
         for (column, number) in places.as_chunks_mut::<STEPS>().0.iter_mut().zip(numbers) {
