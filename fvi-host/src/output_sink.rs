@@ -106,20 +106,29 @@ impl<'a> BatchView<'a> {
         state
     }
 
-    /// Adds the states at some indices of the batch, with the coordinates `chosen`, to rows.
-    pub(crate) fn add_to<I: Iterator<Item = usize>>(
-        &self,
-        rows: &mut Rows,
-        chosen: &[usize],
-        indices: impl Fn() -> I,
-    ) {
-        rows.time.extend(indices().map(|index| self.time(index)));
-        rows.energy.extend(indices().map(|index| self.energy(index)));
-        for index in indices() {
-            rows.position.extend(chosen.iter().map(|&coordinate| self.position(coordinate)[index]));
-            rows.momentum.extend(chosen.iter().map(|&coordinate| self.momentum(coordinate)[index]));
-            rows.derivatives.extend(self.sensitivities(index, chosen));
-            rows.of_columns.extend_from_slice(self.columns());
+    /// Adds the states after multiples of `every` steps, with the coordinates `chosen`, to rows.
+    pub(crate) fn add_to(&self, rows: &mut Rows, chosen: &[usize], every: usize) {
+        let indices = || self.batch.multiples(every);
+        let add = |numbers: &mut Vec<f64>, column: &[f64]| match every {
+            1 => numbers.extend_from_slice(column),
+            _ => numbers.extend(indices().map(|index| column[index])),
+        };
+        add(&mut rows.time, self.batch.times());
+        add(&mut rows.energy, self.energies);
+        if let &[only] = chosen {
+            add(&mut rows.position, self.position(only));
+            add(&mut rows.momentum, self.momentum(only));
+        } else {
+            for index in indices() {
+                rows.position.extend(chosen.iter().map(|&coordinate| self.position(coordinate)[index]));
+                rows.momentum.extend(chosen.iter().map(|&coordinate| self.momentum(coordinate)[index]));
+            }
+        }
+        if !(self.columns().is_empty() && self.batch.sensitivities(0).is_empty()) {
+            for index in indices() {
+                rows.derivatives.extend(self.sensitivities(index, chosen));
+                rows.of_columns.extend_from_slice(self.columns());
+            }
         }
     }
 

@@ -101,7 +101,7 @@ impl Portion<'_> {
             return;
         }
         for (case, rows) in motions.iter_mut().enumerate() {
-            run.batch_view(case).add_to(rows, &self.place.chosen, || batch.multiples(output.every));
+            run.batch_view(case).add_to(rows, &self.place.chosen, output.every);
         }
     }
 
