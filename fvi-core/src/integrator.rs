@@ -214,18 +214,7 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
         }
         let nodes = scheme.sampling().nodes();
         damping.check(space.coordinates(), nodes, step_size).map_err(IntegratorError::Damping)?;
-        damping.begin(X::slice(&position), X::slice(&velocity));
-        if start != T::zero() {
-            damping.begin_at(start);
-        }
-        if matches!(scheme.sampling(), Sampling::MainNodes) {
-            let (rest, mut scratch) = (space.zeros(), space.zeros());
-            let (from, fractions) = (X::slice(&position), &[T::zero()]);
-            let sample = Sample { from, behind: &[], time: start, length: T::zero(), fractions };
-            damping
-                .push(&sample, X::slice(&rest), X::slice_mut(&mut scratch))
-                .map_err(IntegratorError::Memory)?;
-        }
+        begin(&space, &scheme, &mut damping, start, (&position, &velocity))?;
         let storage = scheme.storage(&space, &mechanics);
         let rounding = Rounding { position: space.zeros(), momentum: space.zeros() };
         let state = State { step: 0, position, momentum, rounding };
@@ -234,7 +223,60 @@ impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>
     }
 }
 
+/// Empties the memories of a damping, for a motion that begins at this time with a position and a velocity.
+#[inline]
+fn begin<T: Real, X: Space<T>, S: Scheme<T, X>, D: Damping<T, X>>(
+    space: &X,
+    scheme: &S,
+    damping: &mut D,
+    start: T,
+    (position, velocity): (&X::Vector, &X::Vector),
+) -> Result<(), IntegratorError> {
+    damping.begin(X::slice(position), X::slice(velocity));
+    if start != T::zero() {
+        damping.begin_at(start);
+    }
+    if matches!(scheme.sampling(), Sampling::MainNodes) {
+        let (rest, mut scratch) = (space.zeros(), space.zeros());
+        let (from, fractions) = (X::slice(position), &[T::zero()]);
+        let sample = Sample { from, behind: &[], time: start, length: T::zero(), fractions };
+        damping
+            .push(&sample, X::slice(&rest), X::slice_mut(&mut scratch))
+            .map_err(IntegratorError::Memory)?;
+    }
+    Ok(())
+}
+
 impl<T: Real, X: Space<T>, G: Mechanics<T, X>, S: Scheme<T, X>, D: Damping<T, X>> Integrator<T, X, G, S, D> {
+    /// Begins a new motion with this system, which may have been [changed](Self::system_mut): at the time t₀
+    /// with the position q₀ and the momentum p₀, and with empty memories. All its steps have the bits of
+    /// those of a new integrator.
+    ///
+    /// # Errors
+    /// [`IntegratorError`]; the integrator must then begin anew before its next step.
+    pub fn begin_anew(
+        &mut self,
+        start: T,
+        position: &X::Vector,
+        momentum: &X::Vector,
+    ) -> Result<(), IntegratorError> {
+        let Self { space, mechanics, scheme, storage, damping, state, anchor, .. } = self;
+        let mut velocity = space.zeros();
+        mechanics.velocity(X::slice(momentum), X::slice_mut(&mut velocity));
+        if ![position, momentum, &velocity].iter().all(|vector| all_finite(X::slice(vector))) {
+            return Err(IntegratorError::InitialState);
+        }
+        begin(space, scheme, damping, start, (position, &velocity))?;
+        *storage = scheme.storage(space, mechanics);
+        X::slice_mut(&mut state.position).copy_from_slice(X::slice(position));
+        X::slice_mut(&mut state.momentum).copy_from_slice(X::slice(momentum));
+        for rounding in [&mut state.rounding.position, &mut state.rounding.momentum] {
+            X::slice_mut(rounding).fill(T::zero());
+        }
+        (state.step, *anchor) = (0, (0, start));
+        Ok(())
+    }
+
     /// Makes one step with the input u held over it (zero where there is none); returns the iterations of
     /// Newton's method.
     ///
@@ -577,13 +619,19 @@ mod tests {
 
     /// A damped spring whose memory stores the nodes of the steps.
     macro_rules! damped {
-        ($kappa:expr, $order:expr, $derivative:expr, $start:expr, $q:expr, $p:expr) => {{
+        ($kappa:expr, $order:expr, $derivative:expr, $start:expr, $q:expr, $p:expr) => {
+            damped!(
+                NodeGalerkin::new(Galerkin::low_order($kappa).unwrap()),
+                $order, $derivative, $start, $q, $p;
+            )
+        };
+        ($scheme:expr, $order:expr, $derivative:expr, $start:expr, $q:expr, $p:expr;) => {{
             static WEIGHTS: [f64; 64] = monic_increment_table(BdfOrder::GRUNWALD_LETNIKOV, $order);
             let kernel = Kernel::bdf(BdfOrder::GRUNWALD_LETNIKOV, $order, 0.25).unwrap();
             let memory = kernel.full_memory::<f64, 1, 64>(&WEIGHTS).unwrap();
             let rho = Coefficients::Diagonal([0.7].into());
             let damping = DampingTerm::new(kernel, rho, $derivative, memory).unwrap();
-            Integrator::builder(plant(), NodeGalerkin::new(Galerkin::low_order($kappa).unwrap()), 0.25)
+            Integrator::builder(plant(), $scheme, 0.25)
                 .damping(damping)
                 .start($start)
                 .position([$q])
@@ -628,6 +676,28 @@ mod tests {
         assert_followed!(0.5, Derivative::Caputo);
         assert_followed!(1.5, Derivative::Caputo);
         assert_followed!(1.5, Derivative::RiemannLiouville);
+    }
+
+    #[test]
+    fn a_motion_that_begins_anew_has_the_bits_of_a_new_integrator() {
+        macro_rules! assert_anew {
+            ($scheme:expr, $order:expr) => {
+                let mut used = damped!($scheme, $order, Derivative::Caputo, 0.0, 1.0, 0.5;);
+                for step in 0..30 {
+                    used.step(&[f64::from(step)].into()).unwrap();
+                }
+                let refused = used.begin_anew(0.5, &[1.0].into(), &[f64::INFINITY].into());
+                assert_eq!(refused, Err(IntegratorError::InitialState));
+                used.begin_anew(0.5, &[-2.0].into(), &[0.75].into()).unwrap();
+                let mut new = damped!($scheme, $order, Derivative::Caputo, 0.5, -2.0, 0.75;);
+                for _ in 0..30 {
+                    assert_eq!((used.state(), used.time()), (new.state(), new.time()));
+                    assert_eq!(used.step(&[0.5].into()), new.step(&[0.5].into()));
+                }
+            };
+        }
+        assert_anew!(Galerkin::low_order(0.5).unwrap(), 0.5);
+        assert_anew!(NodeGalerkin::new(Galerkin::low_order(0.5).unwrap()), 1.5);
     }
 
     #[test]

@@ -1,13 +1,13 @@
 //! Batches: many runs of one scenario with other numbers, on threads, without files.
 
 use crate::results::rows::Rows;
-use crate::run::{Run, RunEnd, RunSummary};
+use crate::run::{Last, Run, RunEnd, RunSummary};
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::InputError;
 use fvi_scenario::scenario::{Feature, Members, Scenario};
-use fvi_simulation::simulation::Precision;
 use fvi_simulation::simulation::events::EventRecord;
 use fvi_simulation::simulation::step_batch::StepBatch;
+use fvi_simulation::simulation::{Precision, Simulation};
 use std::convert::Infallible;
 use std::num::NonZero;
 use std::slice;
@@ -96,16 +96,24 @@ impl Batch {
         stop: &AtomicBool,
         take: &mut dyn FnMut(&StepBatch),
     ) -> Result<(Rows, RunSummary), InputError> {
-        self.with_member(numbers, |scenario| {
-            let (run, rows, end) = self.made(scenario, stop, &mut *take)?;
+        self.with_member(numbers, &mut Last::default(), |scenario, ended| {
+            let (run, rows, end) = self.made(scenario, ended, stop, &mut *take)?;
             Ok((rows, run.summary(end)))
         })
     }
 
-    fn member_run(&self, numbers: &[f64], stop: &AtomicBool) -> Result<MemberRun, InputError> {
-        self.with_member(numbers, |scenario| {
-            let (run, rows, end) = self.made(scenario, stop, &mut |_| {})?;
+    fn member_run(
+        &self,
+        numbers: &[f64],
+        last: &mut Last,
+        stop: &AtomicBool,
+    ) -> Result<MemberRun, InputError> {
+        self.with_member(numbers, last, |scenario, ended| {
+            let (run, rows, end) = self.made(scenario, ended, stop, &mut |_| {})?;
             let (steps, events, warnings) = run.told();
+            if self.members.differ_in_start_and_parameters() {
+                *ended = Some(run.into_simulation());
+            }
             Ok(MemberRun { rows, end, steps, events, warnings })
         })
     }
@@ -114,19 +122,26 @@ impl Batch {
     fn with_member<R>(
         &self,
         numbers: &[f64],
-        mut make: impl FnMut(&Scenario) -> Result<R, InputError>,
+        last: &mut Last,
+        mut make: impl FnMut(&Scenario, &mut Option<Simulation>) -> Result<R, InputError>,
     ) -> Result<R, InputError> {
-        let scenario = self.members.member(numbers)?;
-        make(&scenario).or_else(|_| make(&self.members.read(numbers)?))
+        let Last { member, simulation } = last;
+        let member = self.members.put(numbers, member);
+        if let Some(made) = member.and_then(|scenario| make(scenario, simulation).ok()) {
+            return Ok(made);
+        }
+        make(&self.members.read(numbers)?, &mut None)
     }
 
     fn made<'s>(
         &self,
         scenario: &'s Scenario,
+        ended: &mut Option<Simulation>,
         stop: &AtomicBool,
         take: &mut dyn FnMut(&StepBatch),
     ) -> Result<(Run<'s>, Rows, RunEnd), InputError> {
-        let mut run = Run::of(scenario).precision(self.precision).tables(&self.tables).start()?;
+        let run = Run::of(scenario).precision(self.precision).tables(&self.tables);
+        let mut run = run.start_with(ended)?;
         let mut rows = Rows::for_run(scenario);
         let Ok(end) = run.drive(stop, |portion| {
             take(portion.batch());
@@ -155,19 +170,20 @@ impl Batch {
         let jobs = jobs.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZero::get);
         let jobs = if self.members.are_independent() { jobs } else { 1 };
         let done = AtomicUsize::new(0);
-        let make = |(places, numbers): (&mut [Option<_>], &[f64])| {
+        let make = |(places, numbers): (&mut [Option<_>], &[f64]), last: &mut Last| {
             for (place, numbers) in places.iter_mut().zip(numbers.chunks_exact(width)) {
                 if stop.load(Ordering::Relaxed) {
                     return;
                 }
-                *place = Some(self.member_run(numbers, stop));
+                *place = Some(self.member_run(numbers, last, stop));
                 done.fetch_add(1, Ordering::Relaxed);
             }
         };
         let shares = made.chunks_mut(SHARE).zip(numbers.chunks(SHARE * width));
         if jobs == 1 || count <= SHARE {
+            let mut last = Last::default();
             for share in shares {
-                make(share);
+                make(share, &mut last);
                 progress(done.load(Ordering::Relaxed));
             }
         } else {
@@ -177,10 +193,11 @@ impl Batch {
                 for _ in 0..jobs.min(count.div_ceil(SHARE)) {
                     let (shares, make, sender) = (&shares, &make, sender.clone());
                     scope.spawn(move || {
+                        let mut last = Last::default();
                         loop {
                             let share = shares.lock().unwrap_or_else(PoisonError::into_inner).next();
                             let Some(share) = share else { break };
-                            make(share);
+                            make(share, &mut last);
                         }
                         // The last thread that ends closes the channel.
                         drop(sender);
@@ -279,6 +296,80 @@ mod tests {
             for (run, numbers) in runs.into_iter().zip(numbers.chunks_exact(2)) {
                 let run = run.unwrap();
                 assert_eq!((run.rows, run.end), alone(&batch, numbers), "{paths:?} {numbers:?}");
+            }
+        }
+    }
+
+    /// Everything that a member's run says, or its error.
+    fn told(run: Result<MemberRun, InputError>) -> Result<MemberRun, String> {
+        run.map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_run_does_not_show_which_members_its_thread_has_run_before() {
+        let [k, c] = ["system.parameters.k", "system.parameters.c"];
+        let [q, p] = ["initial.position[0]", "initial.momentum[0]"];
+        let convolution = |value: Value| json!({ "convolution": value });
+        let forced = |force: &str| {
+            json!({ "system": {
+                "mass": [1.0], "potential": "0.5*k*q0^2 + c*q0^4", "force": [force],
+                "parameters": { "k": 1.0, "c": 0.1 },
+                "damping": [{ "order": 0.5, "coefficient": [0.1], "derivative": "riemann-liouville" }],
+            } })
+        };
+        let times = json!({ "output": { "times": [0.1, 0.33, 2.9] }, "event": [{ "when": "q0 - c" }] });
+        let stops = json!({ "event": [{ "when": "q0 - c", "action": "stop" }, { "when": "t - k" }] });
+        let engine = |engine: &str| json!({ "history": { "engine": engine } });
+        let gauss = json!({
+            "scheme": { "kind": "galerkin", "degree": 2, "quadrature": "gauss", "points": 2 },
+            "convolution": { "order": 3 },
+        });
+        let staged = json!({
+            "scheme": { "kind": "galerkin", "degree": 2 }, "convolution": { "family": "radau-iia", "stages": 2 },
+        });
+        let explicit =
+            json!({ "scheme": { "kind": "low-order", "kappa": 0.0 }, "convolution": { "at": "main-nodes" } });
+        for (more, paths) in [
+            (json!({}), [k, q]),
+            (stops, [c, p]),
+            (times, [c, q]),
+            (convolution(json!({ "at": "main-nodes", "order": 2 })), [q, k]),
+            (forced("k*sin(t) - c*step(t - 1)*q0"), [c, k]),
+            (forced("-c*v0^3 + step(t - k)"), [c, p]),
+            (engine("block-fft"), [k, p]),
+            (engine("exponential-sum"), [k, p]),
+            (gauss, [k, q]),
+            (staged, [q, p]),
+            (json!({ "output": { "memory_energy": true, "every": 7 } }), [k, q]),
+            // The step is too long for some members.
+            (explicit, [k, q]),
+        ] {
+            let mut all = json!({ "time": { "step": 0.05, "steps": 60 } });
+            all.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+            for precision in [Precision::F64, Precision::F32] {
+                let members = Members::new(scenario(all.clone()), paths).unwrap();
+                assert!(members.differ_in_start_and_parameters());
+                let batch = Batch::new(members, precision, Arc::default()).unwrap();
+                // The potential falls without end, a number that cannot be used, one that is no number.
+                let numbers = [
+                    [1.0, 0.5],
+                    [0.5, 1.5],
+                    [-30.0, 2.0],
+                    [0.5, 1.5],
+                    [1e300, 1.0],
+                    [1.0, 0.5],
+                    [f64::NAN, 1.0],
+                    [0.0, 0.0],
+                    [1.0, 0.5],
+                    [6000.0, 1.0],
+                    [0.5, 1.5],
+                ];
+                let stop = AtomicBool::new(false);
+                let together = batch.run(numbers.as_flattened(), NonZero::new(1), &stop, &mut |_| {});
+                for (run, numbers) in together.into_iter().zip(numbers) {
+                    let alone = batch.member_run(&numbers, &mut Last::default(), &stop);
+                    assert_eq!(told(run), told(alone), "{all} {numbers:?}");
+                }
             }
         }
     }

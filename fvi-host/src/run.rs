@@ -1,6 +1,7 @@
 //! One run: from a checked scenario to the files of its output directory.
 
 mod choice;
+mod last;
 mod portion;
 
 use crate::checkpoint::{self, Checkpoint, CheckpointError, CheckpointEvery, Identity, Progress, Timer};
@@ -22,7 +23,8 @@ use fvi_simulation::simulation::adaptive::Counts;
 use fvi_simulation::simulation::events::{EventRecord, Watch, WatchState};
 use fvi_simulation::simulation::motion::{Failure, Motion};
 use fvi_simulation::simulation::step_batch::StepBatch;
-use fvi_simulation::simulation::{GridState, Precision, Solver};
+use fvi_simulation::simulation::{GridState, Precision, Simulation, Solver};
+pub(crate) use last::Last;
 use portion::Place;
 pub use portion::Portion;
 use serde::Serialize;
@@ -613,11 +615,21 @@ impl<'s, 't> RunBuilder<'s, 't> {
     /// # Errors
     /// If the scenario cannot be run.
     pub fn start(self) -> Result<Run<'s>, InputError> {
+        self.start_with(&mut None)
+    }
+
+    /// As [`start`](Self::start), with the simulation of a run that [has ended](Run::into_simulation), if
+    /// there is one: it is taken, and begins anew. The scenario of that run must differ from this one in the
+    /// initial position and momentum and in parameters of expressions only, the precision in nothing.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start); the simulation is then gone.
+    pub(crate) fn start_with(self, ended: &mut Option<Simulation>) -> Result<Run<'s>, InputError> {
         let Self { scenario, precision, tables, seconds, choice, recorded } = self;
         let own = Tables::default();
         let tables = tables.unwrap_or(&own);
         let preparation = Instant::now();
-        let motion = Motion::sharing(scenario, precision, tables)?;
+        let motion = Motion::reusing(ended.take(), scenario, precision, tables)?;
         let motion = match recorded {
             Some(_) => {
                 scenario.check_use(Feature::Gradient)?;
@@ -709,6 +721,11 @@ impl<'s> Run<'s> {
             return vec![summary];
         }
         (0..scenario.copies()).map(|case| summary.of_case(scenario, case)).collect()
+    }
+
+    /// Its simulation, with which a run of another member of its batch can start.
+    pub(crate) fn into_simulation(self) -> Simulation {
+        self.motion.into_simulation()
     }
 
     /// What its steps have left behind for gradients, if they were to be [recorded](RunBuilder::recorded);
@@ -970,13 +987,18 @@ impl<'s> Run<'s> {
 
     /// The record of the run, which has ended so.
     pub fn summary(self, end: RunEnd) -> RunSummary {
+        self.into_parts(end).0
+    }
+
+    /// Its record, and its simulation, with which a run of another member of its batch can start.
+    pub(crate) fn into_parts(self, end: RunEnd) -> (RunSummary, Simulation) {
         let (seconds, overruns) = (self.seconds(), self.overruns());
         let (last, events) = (self.state().clone(), self.events());
         let warnings = self.warnings();
         let largest = Largest { energy: max_or_nan(self.largest.energy, last.energy.abs()), ..self.largest };
         let (scenario, motion) = (self.scenario, self.motion);
         let simulation = motion.simulation();
-        RunSummary {
+        let summary = RunSummary {
             end,
             version: env!("CARGO_PKG_VERSION"),
             platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
@@ -1025,6 +1047,7 @@ impl<'s> Run<'s> {
             appearance: scenario.output.appearance.clone(),
             scenario: scenario.clone(),
             notes: Vec::new(),
-        }
+        };
+        (summary, motion.into_simulation())
     }
 }

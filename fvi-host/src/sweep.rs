@@ -25,12 +25,12 @@ pub use table::Column;
 use crate::results::files::FileError;
 use crate::results::output_directory::OutputDirectory;
 use crate::results::trajectory::TrajectoryWriter;
-use crate::run::{Run, RunEnd};
+use crate::run::{Last, Run, RunEnd};
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::InputError;
 use fvi_scenario::scenario::{Feature, Scenario};
-use fvi_simulation::simulation::Precision;
 use fvi_simulation::simulation::columns::Columns;
+use fvi_simulation::simulation::{Precision, Simulation};
 use measured::Measured;
 use records::{Record, Records, Status};
 use serde::Serialize;
@@ -141,13 +141,15 @@ pub fn sweep(
             let (sender, next, records, tables) = (sender.clone(), &next, &records, &tables);
             let (made, failure) = (&made, &failure);
             let work = move || {
+                let mut last = Last::default();
                 while !stop.load(Ordering::Relaxed) {
                     let place = next.lock().ok().and_then(|mut places| places.next());
                     let Some(place) = place else { break };
                     if records.read(place)?.is_some() {
                         continue;
                     }
-                    let Some(record) = sweep.make(records.run(place), options, tables, stop)? else { break };
+                    let run = records.run(place);
+                    let Some(record) = sweep.make(run, &mut last, options, tables, stop)? else { break };
                     records.write(place, &record)?;
                     made.fetch_add(1, Ordering::Relaxed);
                     // If `progress` is still busy, this notification is dropped.
@@ -252,6 +254,7 @@ impl Sweep {
     fn make(
         &self,
         run: usize,
+        last: &mut Last,
         options: &SweepOptions,
         tables: &Tables,
         stop: &AtomicBool,
@@ -263,9 +266,18 @@ impl Sweep {
             let message = format!("{key}{}{advice}", error.problem());
             Record { status: Status::Refused, steps: 0, values: vec![f64::NAN; columns], message }
         };
-        let scenario = match self.scenario_of(run) {
-            Ok(scenario) => scenario,
-            Err(error) => return Ok(Some(refused(error))),
+        let Last { member, simulation } = last;
+        let (read, mut none);
+        let (scenario, ended) = match self.put_member(run, member) {
+            Some(member) => (member, simulation),
+            None => {
+                read = match self.read_scenario_of(run) {
+                    Ok(scenario) => scenario,
+                    Err(error) => return Ok(Some(refused(error))),
+                };
+                none = None;
+                (&read, &mut none)
+            }
         };
         if scenario.coordinates() != self.base().coordinates() {
             let message = format!(
@@ -276,12 +288,13 @@ impl Sweep {
             let values = vec![f64::NAN; columns];
             return Ok(Some(Record { status: Status::Refused, steps: 0, values, message }));
         }
-        let mut under_way = match begin(&scenario, options.precision, tables) {
+        let mut under_way = match begin(scenario, ended, options.precision, tables) {
             Ok(under_way) => under_way,
             Err(error) => {
                 // In the words of the run's own file.
                 let read = self.read_scenario_of(run);
-                let again = read.and_then(|read| begin(&read, options.precision, tables).map(drop));
+                let again =
+                    read.and_then(|read| begin(&read, &mut None, options.precision, tables).map(drop));
                 return Ok(Some(refused(again.err().unwrap_or(error))));
             }
         };
@@ -290,12 +303,12 @@ impl Sweep {
                 let writing = FileError::at(&path);
                 let parent = path.parent().unwrap_or(&options.directory);
                 std::fs::create_dir_all(parent).map_err(&writing)?;
-                let (coordinates, columns) = (scenario.written_coordinates().len(), Columns::of(&scenario));
+                let (coordinates, columns) = (scenario.written_coordinates().len(), Columns::of(scenario));
                 Some(TrajectoryWriter::npz(&path, coordinates, &columns).map_err(&writing)?)
             }
             None => None,
         };
-        let mut measured = Measured::new(&scenario, self.settled());
+        let mut measured = Measured::new(scenario, self.settled());
         let end = under_way.drive(stop, |portion| {
             measured.take(portion.batch());
             match &mut writer {
@@ -305,7 +318,8 @@ impl Sweep {
         });
         let path = || self.trajectory_of(run, &options.directory).unwrap_or_default();
         let end = end.map_err(|error| FileError::at(&path())(error))?;
-        let summary = under_way.summary(end);
+        let (summary, simulation) = under_way.into_parts(end);
+        *ended = self.runs_differ_in_start_and_parameters().then_some(simulation);
         let (status, message) = match &summary.end {
             RunEnd::Stopped => return Ok(None),
             RunEnd::Completed | RunEnd::Event { .. } => (Status::Completed, String::new()),
@@ -316,13 +330,18 @@ impl Sweep {
         if let Some(writer) = writer {
             writer.finish(&summary.last).map_err(|error| FileError::at(&path())(error))?;
         }
-        let values = self.quantities().values(&scenario, &summary, &measured);
+        let values = self.quantities().values(scenario, &summary, &measured);
         Ok(Some(Record { status, steps: summary.steps as u64, values, message }))
     }
 }
 
 /// The run of a scenario, which has no load cases.
-fn begin<'s>(scenario: &'s Scenario, precision: Precision, tables: &Tables) -> Result<Run<'s>, InputError> {
+fn begin<'s>(
+    scenario: &'s Scenario,
+    ended: &mut Option<Simulation>,
+    precision: Precision,
+    tables: &Tables,
+) -> Result<Run<'s>, InputError> {
     scenario.check_use(Feature::OneMotion)?;
-    Run::of(scenario).precision(precision).tables(tables).start()
+    Run::of(scenario).precision(precision).tables(tables).start_with(ended)
 }

@@ -122,6 +122,10 @@ pub struct Simulation {
 
 /// Interface of simulations with any scalar type.
 trait Stepper: Stateful {
+    /// Begins anew with another initial state and another model, compiled already or not; false if it cannot.
+    fn begin_anew(&mut self, _: &Scenario, _: Option<Model<f64>>) -> Result<bool, InputError> {
+        Ok(false)
+    }
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError>;
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError>;
     fn advance(
@@ -235,9 +239,7 @@ impl Simulation {
     ) -> Result<Self, InputError> {
         // Code may have changed what was read.
         scenario.check_combinations()?;
-        scenario.check_use(Feature::Motion)?;
-        forces_of_time::check(scenario)?;
-        given_weights::check(scenario)?;
+        check_forces(scenario)?;
         if scenario.is_mechanism() {
             return Self::of_mechanism(scenario, precision);
         }
@@ -254,12 +256,7 @@ impl Simulation {
                 space
             }
             None => {
-                // Eigenvalues of full matrices would take as long as hundreds of steps.
-                let known = choice::are_several(scenario) && stability::is_unconditional(scenario);
-                if !known || scenario.system.gyroscopic.is_some() {
-                    let model = check_stability(scenario)?;
-                    compiled = model.filter(|_| !placed.jumps);
-                }
+                compiled = checked_model(scenario)?.filter(|_| !placed.jumps);
                 AnySpace::dense(scenario.coordinates())
             }
         };
@@ -269,11 +266,30 @@ impl Simulation {
         });
         let stepper: Box<dyn Stepper> = match precision {
             Precision::F64 => Box::new(TypedSimulation::<f64>::new(space, given, &placed, tables, compiled)?),
-            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, given, &placed, tables, None)?),
+            Precision::F32 => Box::new(TypedSimulation::<f32>::new(space, given, &placed, tables, compiled)?),
         };
         let (engines, shared) = (stepper.engines(), stepper.shared());
         let warning = if solver == Solver::Dense { dense_warning(scenario) } else { None };
         Ok(Self { stepper, engines, shared, precision, solver, warning })
+    }
+
+    /// Begins anew with a scenario that differs from its own in the initial position and momentum and in
+    /// parameters of expressions only, and whose features are known to go together: all steps have the bits
+    /// of those of a new simulation. False where it has to be built anew, since more of it depends on these.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new); the simulation must begin anew before its next step.
+    pub(crate) fn begin_anew(&mut self, scenario: &Scenario) -> Result<bool, InputError> {
+        let depends = scenario.is_mechanism()
+            || self.solver != Solver::Dense
+            || scenario.initial.past.is_some()
+            || !scenario.system.massless().is_empty();
+        if depends {
+            return Ok(false);
+        }
+        check_forces(scenario)?;
+        let compiled = checked_model(scenario)?;
+        self.stepper.begin_anew(scenario, compiled)
     }
 
     fn of_mechanism(scenario: &Scenario, precision: Precision) -> Result<Self, InputError> {
@@ -475,6 +491,21 @@ impl Simulation {
     }
 }
 
+/// Refuses forces and weights that no simulation of a scenario can use.
+fn check_forces(scenario: &Scenario) -> Result<(), InputError> {
+    scenario.check_use(Feature::Motion)?;
+    forces_of_time::check(scenario)?;
+    given_weights::check(scenario)
+}
+
+/// Checks the step of a system in the dense space unless it is known to be stable; returns the system if it
+/// was compiled for that.
+fn checked_model(scenario: &Scenario) -> Result<Option<Model<f64>>, InputError> {
+    // Eigenvalues of full matrices would take as long as hundreds of steps.
+    let known = choice::are_several(scenario) && stability::is_unconditional(scenario);
+    if known && scenario.system.gyroscopic.is_none() { Ok(None) } else { check_stability(scenario) }
+}
+
 /// Largest number of coordinates for which all motions are checked for growth, not the fastest only.
 const ALL_MOTIONS: usize = 256;
 
@@ -486,15 +517,19 @@ fn check_stability(scenario: &Scenario) -> Result<Option<Model<f64>>, InputError
     if scenario.coordinates() > ALL_MOTIONS {
         return stability::check_large_step(scenario).map(|()| None);
     }
-    let model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
-    let (stiffness, resistance) = linearised(scenario, model.clone());
+    let mut model = Model::<f64>::new(scenario).map_err(|error| bad_mass(scenario, &error))?;
+    // A model that knows the velocity of its last evaluation is that of a new one only as a copy.
+    let (stiffness, resistance) = match Mechanics::depends_on_velocity(&model) {
+        true => linearised(scenario, &mut model.clone()),
+        false => linearised(scenario, &mut model),
+    };
     stability::check_step(scenario, (&stiffness, resistance.as_ref()))?;
     Ok(Some(model))
 }
 
 /// ∂²U/∂q² − ∂F/∂q and, if forces depend on the velocity, −∂F/∂v at the initial state in the middle of the
 /// first step.
-fn linearised(scenario: &Scenario, mut model: Model<f64>) -> (DMatrix<f64>, Option<DMatrix<f64>>) {
+fn linearised(scenario: &Scenario, model: &mut Model<f64>) -> (DMatrix<f64>, Option<DMatrix<f64>>) {
     let size = scenario.coordinates();
     let instant = Instant::in_step(scenario.time.start, 0.5, scenario.time.step);
     let mut restoring = vec![0.0; size];
@@ -507,7 +542,7 @@ fn linearised(scenario: &Scenario, mut model: Model<f64>) -> (DMatrix<f64>, Opti
         }
         dense
     };
-    if !Mechanics::depends_on_velocity(&model) {
+    if !Mechanics::depends_on_velocity(&*model) {
         model.linearise(instant, position, &mut restoring, &mut stiffness);
         return (full(&stiffness), None);
     }
@@ -562,7 +597,25 @@ enum Energies {
     Rows,
 }
 
-impl<T: Elementary + Memories> TypedSimulation<T> {
+/// A scalar of simulations.
+trait Scalar: Elementary + Memories {
+    /// The system of a scenario, compiled already in double precision or not.
+    fn model(scenario: &Scenario, compiled: Option<Model<f64>>) -> Result<Model<Self>, MatrixError>;
+}
+
+impl Scalar for f64 {
+    fn model(scenario: &Scenario, compiled: Option<Model<f64>>) -> Result<Model<f64>, MatrixError> {
+        compiled.map_or_else(|| Model::new(scenario), Ok)
+    }
+}
+
+impl Scalar for f32 {
+    fn model(scenario: &Scenario, _: Option<Model<f64>>) -> Result<Model<f32>, MatrixError> {
+        Model::new(scenario)
+    }
+}
+
+impl<T: Scalar> TypedSimulation<T> {
     /// Builds the integrator from system, compiled already or not, scheme and memories, which are at rest at
     /// the position of the scenario, and lets it jump to the one `placed`.
     fn new(
@@ -570,7 +623,7 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         scenario: &Scenario,
         placed: &Placed<'_>,
         tables: &Tables,
-        compiled: Option<Model<T>>,
+        compiled: Option<Model<f64>>,
     ) -> Result<Self, InputError> {
         let scheme = AnyScheme::new(scenario).map_err(|error| {
             let allowed = format!("{} ({} given)", error.allowed, error.parameter);
@@ -579,10 +632,7 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         let scheme = scheme.with_massless(placed.rows.clone());
         let nodes = scheme.sampling().nodes();
         let mut damping = damping_terms(scenario, &space, nodes, tables)?;
-        let system = match compiled {
-            Some(system) => system,
-            None => Model::new(scenario).map_err(|error| bad_mass(scenario, &error))?,
-        };
+        let system = T::model(scenario, compiled).map_err(|error| bad_mass(scenario, &error))?;
         // With a past the motion begins at rest at its first position.
         let position = vector(scenario.initial.base()).repeat(space.copies());
         let start = placed.jumps.then(|| vector(&placed.scenario.initial.position));
@@ -596,15 +646,9 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         let kicked = scenario.convolution.at == DampedAt::MainNodes;
         // With sparse factors an energy costs about as much as a step.
         let is_dear = space.plan().is_some();
-        // With several nodes terms do not share memories.
-        let offset = MomentumOffset::of(scenario, nodes, |term| {
-            let mut force = resisting(&damping.terms[term], start.as_ref().unwrap_or(&position));
-            placed.rows.all.iter().for_each(|&row| force[row] = T::zero());
-            force
-        });
+        let offset = offset(scenario, nodes, &damping, start.as_ref().unwrap_or(&position), &placed.rows.all);
         let mean = kicked && scenario.output.momentum == ReportedMomentum::Mean;
         damping.kick = mean.then(|| Kick { next: zeros(), last: zeros() });
-        let reported = (mean || !offset.is_empty()).then(zeros);
         if let (Some(skew), Sampling::Nodes(fractions)) = (gyroscopic(scenario, &space), scheme.sampling()) {
             damping.gyroscopic = Some(Gyroscopic::new(skew, fractions, T::of(scenario.time.step)));
         }
@@ -622,20 +666,41 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         if let Some(past) = &scenario.initial.past {
             follow_past(&mut integrator, scenario, past)?;
         }
-        let has_switches = integrator.system().switches() > 0;
+        let mut simulation = Self {
+            integrator,
+            input,
+            pushed: false,
+            reported: None,
+            offset,
+            pieces: None,
+            energies: Energies::EveryStep,
+            energy_room: EnergyRoom::default(),
+            energy: 0.0,
+        };
+        simulation.settle(scenario, is_dear);
+        Ok(simulation)
+    }
+
+    /// Sets what belongs to a motion beside the state of the integrator to its beginning; an energy `is_dear`
+    /// if it costs about as much as a step.
+    fn settle(&mut self, scenario: &Scenario, is_dear: bool) {
+        let system = self.integrator.system();
         let is_looked_into =
-            scenario.is_looked_into() || has_switches || VelocityKinks::of(scenario).is_some();
-        let pieces = is_looked_into.then(<[Piece<T>; 2]>::default);
+            scenario.is_looked_into() || system.switches() > 0 || VelocityKinks::of(scenario).is_some();
+        self.pieces = is_looked_into.then(<[Piece<T>; 2]>::default);
         let is_compared = scenario.reference.as_ref().is_some_and(|reference| reference.knows()[2]);
-        let energies = match is_dear {
+        self.energies = match is_dear {
             true if is_compared => Energies::EveryStep,
             true => Energies::Rows,
-            false if integrator.system().has_plain_energy() => Energies::Together,
+            false if system.has_plain_energy() => Energies::Together,
             false => Energies::EveryStep,
         };
-        let energy_room = EnergyRoom::default();
-        let energy = 0.0;
-        Ok(Self { integrator, input, pushed: false, reported, offset, pieces, energies, energy_room, energy })
+        let is_reported = self.integrator.damping().kick.is_some() || !self.offset.is_empty();
+        self.reported = is_reported.then(|| vec![T::zero(); self.input.len()]);
+        // What it holds is of the last system.
+        self.energy_room = EnergyRoom::default();
+        self.input.fill(T::zero());
+        (self.pushed, self.energy) = (false, 0.0);
     }
 }
 
@@ -919,6 +984,22 @@ fn gyroscopic<T: Elementary>(scenario: &Scenario, space: &AnySpace) -> Option<Ma
     Some(Matrix::of_entries(scenario.coordinates(), entries).on_threads(space.threads()))
 }
 
+/// The momentum offset of a motion whose terms are at rest at a position, without these coordinates.
+fn offset<T: Elementary + Memories>(
+    scenario: &Scenario,
+    nodes: usize,
+    damping: &DampingTerms<T>,
+    position: &[T],
+    massless: &[usize],
+) -> MomentumOffset<T> {
+    // With several nodes terms do not share memories.
+    MomentumOffset::of(scenario, nodes, |term| {
+        let mut force = resisting(&damping.terms[term], position);
+        massless.iter().for_each(|&row| force[row] = T::zero());
+        force
+    })
+}
+
 /// ρ x of a term with a scalar kernel.
 fn resisting<T: Elementary + Memories>(term: &ChannelDamping<T, HostMemory<T>>, vector: &[T]) -> Vec<T> {
     let mut scratch = vec![T::zero(); vector.len()];
@@ -961,6 +1042,10 @@ impl<T: Elementary + Memories> Damping<T, AnySpace> for DampingTerms<T> {
 
     fn begin(&mut self, position: &[T], velocity: &[T]) {
         self.terms[..].begin(position, velocity);
+        if let Some(Kick { next, last }) = &mut self.kick {
+            next.fill(T::zero());
+            last.fill(T::zero());
+        }
     }
 
     fn begin_at(&mut self, time: T) {
@@ -1058,7 +1143,22 @@ impl<T: Elementary + Memories> Stateful for DampingTerms<T> {
     }
 }
 
-impl<T: Elementary + Memories> Stepper for TypedSimulation<T> {
+impl<T: Scalar> Stepper for TypedSimulation<T> {
+    fn begin_anew(&mut self, scenario: &Scenario, compiled: Option<Model<f64>>) -> Result<bool, InputError> {
+        let model = T::model(scenario, compiled).map_err(|error| bad_mass(scenario, &error))?;
+        let initial = &scenario.initial;
+        let (position, momentum) = (vector(&initial.position), vector(&initial.momentum));
+        let integrator = &mut self.integrator;
+        *integrator.system_mut() = model;
+        integrator
+            .begin_anew(T::of(scenario.time.start), &position, &momentum)
+            .map_err(|error| refused(scenario, &error))?;
+        let (scheme, damping) = (self.integrator.scheme(), self.integrator.damping());
+        self.offset = offset(scenario, scheme.sampling().nodes(), damping, &position, &[]);
+        self.settle(scenario, false);
+        Ok(true)
+    }
+
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
         self.prepare(input);
         let made = self.integrator.step(&self.input);

@@ -412,11 +412,35 @@ impl Sweep {
     /// # Errors
     /// If the combination of values is invalid.
     pub fn scenario_of(&self, run: usize) -> Result<Scenario, InputError> {
-        let numbers = || self.values_of(run).iter().map(axis::number).collect::<Option<Vec<f64>>>();
-        match self.members.as_ref().and_then(|members| members.changed(&numbers()?)) {
+        match self.members.as_ref().and_then(|members| members.changed(&self.numbers_of(run)?)) {
             Some(scenario) => Ok(self.with_terms(scenario)),
             None => self.read_scenario_of(run),
         }
+    }
+
+    /// The values of a run, if all are numbers.
+    fn numbers_of(&self, run: usize) -> Option<Vec<f64>> {
+        self.values_of(run).iter().map(axis::number).collect()
+    }
+
+    /// The scenario of a run in the place of another [member](Members::put); `None` if it must be read, or is
+    /// refused.
+    pub(super) fn put_member<'m>(
+        &self,
+        run: usize,
+        member: &'m mut Option<Scenario>,
+    ) -> Option<&'m Scenario> {
+        let members = self.members.as_ref()?;
+        members.put(&self.numbers_of(run)?, member)?;
+        if self.own_terms.is_some() {
+            *member = member.take().map(|member| self.with_terms(member));
+        }
+        member.as_ref()
+    }
+
+    /// True if a simulation of one run can begin anew with another.
+    pub(super) fn runs_differ_in_start_and_parameters(&self) -> bool {
+        self.members.as_ref().is_some_and(Members::differ_in_start_and_parameters)
     }
 
     /// The scenario of a run, read from the values of its file.

@@ -5,6 +5,7 @@ use super::records::{Record, Records};
 use super::{Sweep, SweepError, SweepOptions, SweepSummary, conclude, failures};
 use crate::results::files::{self, FileError};
 use crate::results::output_directory::OutputDirectory;
+use crate::run::Last;
 use fvi_fft::memory::Tables;
 use fvi_scenario::language::{Document, InputError};
 use fvi_simulation::simulation::Precision;
@@ -84,7 +85,9 @@ impl Sweep {
         stop: &AtomicBool,
     ) -> Result<Option<RemoteRun>, SweepError> {
         let options = SweepOptions { precision, ..SweepOptions::new(scratch) };
-        let Some(record) = self.make(run, &options, tables, stop)? else { return Ok(None) };
+        let Some(record) = self.make(run, &mut Last::default(), &options, tables, stop)? else {
+            return Ok(None);
+        };
         let trajectory = match self.trajectory_of(run, scratch) {
             // A refused run has no trajectory.
             Some(path) if path.is_file() => {

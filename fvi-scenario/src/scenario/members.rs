@@ -181,11 +181,29 @@ impl Members {
 
     /// The scenario with these numbers put into their places; `None` if it must be read, or they are refused.
     pub fn changed(&self, numbers: &[f64]) -> Option<Scenario> {
+        let mut scenario = None;
+        self.put(numbers, &mut scenario)?;
+        scenario
+    }
+
+    /// True if members differ in the initial position and momentum and in parameters of expressions only.
+    pub fn differ_in_start_and_parameters(&self) -> bool {
+        let is_of_damping = |place: &Place| matches!(place, Place::Order(_) | Place::Coefficient(..));
+        self.places.as_ref().is_some_and(|places| !places.iter().any(is_of_damping))
+    }
+
+    /// As [`changed`](Self::changed), in the place of another member, if there is one: also of one whose
+    /// numbers were refused.
+    pub fn put<'s>(&self, numbers: &[f64], member: &'s mut Option<Scenario>) -> Option<&'s Scenario> {
         let places = self.places.as_ref()?;
         if !numbers.iter().all(|number| number.is_finite()) {
             return None;
         }
-        let mut scenario = self.with_own_terms(self.base.clone());
+        // Each member has terms in code of its own.
+        if member.is_none() || self.base.system.own_terms.is_some() {
+            *member = Some(self.with_own_terms(self.base.clone()));
+        }
+        let scenario = member.as_mut()?;
         let (mut velocity, mut is_named) = (None, false);
         for (place, &number) in places.iter().zip(numbers) {
             let system = &mut scenario.system;
@@ -219,7 +237,7 @@ impl Members {
         }
         if is_named {
             scenario.system.parse_again()?;
-            let Scenario { system, events, .. } = &mut scenario;
+            let Scenario { system, events, .. } = &mut *scenario;
             for event in events {
                 event.when = Expression::parse(event.when.text(), &Event::symbols(system)).ok()?;
                 event.when.root().as_number().is_none().then_some(())?;
@@ -227,7 +245,7 @@ impl Members {
         }
         let is_finite = scenario.initial.momentum.iter().all(|number| number.is_finite());
         (is_finite && scenario.check_start().is_ok() && scenario.check_combinations().is_ok())
-            .then_some(scenario)
+            .then_some(&*scenario)
     }
 
     /// `initial.velocity` of the file.
@@ -356,6 +374,13 @@ mod tests {
                 written + &format!("{:?} {:?}", scenario.system, scenario.events)
             };
             assert_eq!(text(&one), text(&other), "{paths:?}");
+            // In the place of another member, and of one whose numbers were refused.
+            let mut place = None;
+            for before in [0.25, f64::NAN] {
+                let _ = members.put(&vec![before; numbers.len()], &mut place);
+                let put = members.put(numbers, &mut place).map(text);
+                assert_eq!(put, direct.then(|| text(&other)), "{paths:?}");
+            }
         }
     }
 

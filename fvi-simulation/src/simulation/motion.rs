@@ -77,7 +77,22 @@ impl<'s> Motion<'s> {
         precision: Precision,
         tables: &Tables,
     ) -> Result<Self, InputError> {
-        let (mut simulation, mut state) = start(scenario, precision, tables)?;
+        Self::reusing(None, scenario, precision, tables)
+    }
+
+    /// As [`sharing`](Self::sharing), with the simulation of a motion that has ended, which begins anew. The
+    /// scenario of that one must differ from this one in the initial position and momentum and in parameters
+    /// of expressions only, the precision in nothing.
+    ///
+    /// # Errors
+    /// As [`start`](Self::start).
+    pub fn reusing(
+        ended: Option<Simulation>,
+        scenario: &'s Scenario,
+        precision: Precision,
+        tables: &Tables,
+    ) -> Result<Self, InputError> {
+        let (mut simulation, mut state) = start(ended, scenario, precision, tables)?;
         let columns = Columns::of(scenario);
         state.columns.resize(columns.len(), 0.0);
         let mut control = control(scenario, precision)?;
@@ -139,6 +154,11 @@ impl<'s> Motion<'s> {
             memory_energy,
             slopes: Vec::new(),
         })
+    }
+
+    /// Its simulation, for [another motion](Self::reusing).
+    pub fn into_simulation(self) -> Simulation {
+        self.simulation
     }
 
     /// The motion at t = 0 with the derivatives that its scenario requests.

@@ -7,11 +7,12 @@ use fvi_fft::memory::Tables;
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::Scenario;
 
-/// A simulation and its state at t = 0.
+/// A simulation and its state at t = 0; one that has `ended` begins anew if it can.
 ///
 /// # Errors
 /// If the simulation cannot be built, or its state or energy is not finite in its precision.
 pub(crate) fn start(
+    ended: Option<Simulation>,
     scenario: &Scenario,
     precision: Precision,
     tables: &Tables,
@@ -19,7 +20,14 @@ pub(crate) fn start(
     if precision == Precision::F32 {
         check_range(scenario)?;
     }
-    let mut simulation = Simulation::sharing(scenario, precision, SolverChoice::default(), tables)?;
+    let mut begun = None;
+    if let Some(mut simulation) = ended {
+        begun = simulation.begin_anew(scenario)?.then_some(simulation);
+    }
+    let mut simulation = match begun {
+        Some(simulation) => simulation,
+        None => Simulation::sharing(scenario, precision, SolverChoice::default(), tables)?,
+    };
     let none = vec![0.0; scenario.coordinates() * scenario.copies()];
     let mut state = GridState { position: none.clone(), momentum: none, ..GridState::default() };
     simulation.read(&mut state);
