@@ -102,7 +102,7 @@ def test_an_interrupted_sweep_goes_on(files):
 
     whole = fvi.sweep(files / "sweep.toml", out=files / "whole")
     with pytest.raises(Enough) as caught:
-        fvi.sweep(SWEEP | {"scenario": OSCILLATOR | {"time": {"step": 0.05, "steps": 20_000}}}, jobs=1, progress=stop)
+        fvi.sweep(SWEEP | {"scenario": OSCILLATOR | {"time": {"step": 0.05, "steps": 1_000_000}}}, jobs=1, progress=stop)
     part = caught.value.result
     assert 1 <= len(part) < 21 and list(part) == list(whole)
     heard = []
