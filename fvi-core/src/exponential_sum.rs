@@ -651,6 +651,19 @@ fn total<T: Real>([a, b, c, d]: Lanes<T>) -> T {
     (a + c) + (b + d)
 }
 
+/// Passes of a loop that the compiler does not unroll.
+#[inline(always)]
+fn rolled<I: Iterator>(passes: I) -> impl Iterator<Item = I::Item> {
+    passes.inspect(|_| core::hint::black_box(()))
+}
+
+/// Blocks of a table whose numbers the compiler does not know: of those that it knows it would put a second
+/// copy into the program.
+#[inline(always)]
+fn in_place<T>(blocks: &[[T; STATE_BLOCK]]) -> &[[T; STATE_BLOCK]] {
+    core::hint::black_box(blocks)
+}
+
 /// pending[i] ← pending[i+1] + weights[i] x: the next term moves to the front, and the sample joins those to
 /// come.
 ///
@@ -802,7 +815,9 @@ impl<'a, T: Real> NumberStep<'a, T> {
         let mut totals = [head, T::zero(), T::zero(), T::zero()];
         let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
         let third = third.as_chunks_mut::<LANES>().0;
-        for ((block, sums), &mut third) in self.exponentials.iter().zip(sums.iter_mut()).zip(&mut *third) {
+        let (far, others) = in_place(self.exponentials).split_at_checked(third.len()).unwrap_or_default();
+        let (far_sums, other_sums) = sums.split_at_mut_checked(third.len()).unwrap_or_default();
+        for ((block, sums), &third) in rolled(far.iter().zip(far_sums).zip(third.iter())) {
             let [decay, coefficient] = halves(*block);
             let [recent, settled] = halves(*sums);
             let before = lanes(|lane| (at(&third, lane) + at(&settled, lane)) + at(&recent, lane));
@@ -810,7 +825,7 @@ impl<'a, T: Real> NumberStep<'a, T> {
             *sums = lanes_of_both(changed, settled);
             totals = lanes(|lane| at(&totals, lane) + at(&coefficient, lane) * at(&before, lane));
         }
-        for (block, sums) in self.exponentials.iter().zip(sums.iter_mut()).skip(third.len()) {
+        for (block, sums) in rolled(others.iter().zip(other_sums)) {
             absorb_number(sums, block, leaving, &mut totals);
         }
         if let Some(settling) = self.settling {
@@ -889,25 +904,23 @@ where
         let sums = parts.sums.as_chunks_mut::<STATE_BLOCK>().0;
         let third = parts.third.as_chunks_mut::<LANES>().0;
         let [signal, _] = self.signal;
-        let (slow, fast) = step.exponentials.split_at_checked(table.slow_blocks)?;
+        let (slow, fast) = in_place(step.exponentials).split_at_checked(table.slow_blocks)?;
+        let (far, slow) = slow.split_at_checked(third.len())?;
         let (slow_sums, fast_sums) = sums.split_at_mut_checked(table.slow_blocks)?;
-        if third.is_empty() {
-            let (pairs, last) = slow.as_chunks::<2>();
-            let (sums_of_pairs, sums_of_last) = slow_sums.as_chunks_mut::<2>();
-            for ([first, second], [sums, more_sums]) in pairs.iter().zip(sums_of_pairs) {
-                follow(sums, first, |_| signal, &mut totals);
-                follow(more_sums, second, |_| signal, &mut totals);
-            }
-            for (block, sums) in last.iter().zip(sums_of_last) {
-                follow(sums, block, |_| signal, &mut totals);
-            }
-        } else {
-            for (index, (block, sums)) in slow.iter().zip(slow_sums.iter_mut()).enumerate() {
-                let third = linear::at(third, index);
-                follow(sums, block, |lane| signal - at(&third, lane), &mut totals);
-            }
+        let (far_sums, other_sums) = slow_sums.split_at_mut_checked(third.len())?;
+        for ((block, sums), third) in rolled(far.iter().zip(far_sums).zip(third.iter())) {
+            follow(sums, block, |lane| signal - at(third, lane), &mut totals);
         }
-        for (block, sums) in fast.iter().zip(fast_sums) {
+        let (pairs, last) = slow.as_chunks::<2>();
+        let (sums_of_pairs, sums_of_last) = other_sums.as_chunks_mut::<2>();
+        for ([first, second], [sums, more_sums]) in pairs.iter().zip(sums_of_pairs) {
+            follow(sums, first, |_| signal, &mut totals);
+            follow(more_sums, second, |_| signal, &mut totals);
+        }
+        for (block, sums) in last.iter().zip(sums_of_last) {
+            follow(sums, block, |_| signal, &mut totals);
+        }
+        for (block, sums) in rolled(fast.iter().zip(fast_sums)) {
             absorb_number(sums, block, leaving, &mut totals);
         }
         add_difference(&mut self.signal, leaving);
