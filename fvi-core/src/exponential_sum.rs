@@ -250,7 +250,8 @@ pub struct TabulatedSum<T, K, B> {
     settling: usize,
     /// Samples so far; see [`advance`](TabulatedSum::advance).
     len: u64,
-    /// The sum of the samples that have reached the exponentials, in two parts.
+    /// The sum of the samples that have reached the exponentials, in two parts; kept for slow sums of a signal
+    /// that jumps.
     signal: [T; 2],
 }
 
@@ -488,7 +489,8 @@ where
     /// leaves `oldest` and `settling` unchanged.
     #[inline(always)]
     fn advance(&mut self) {
-        self.oldest = if self.oldest + 3 < self.kernel.layout().head { self.oldest + 1 } else { 0 };
+        self.oldest =
+            if self.oldest < self.kernel.layout().head.saturating_sub(3) { self.oldest + 1 } else { 0 };
         self.settling =
             if self.settling + 1 < self.kernel.table().slow_blocks { self.settling + 1 } else { 0 };
         self.len = self.len.wrapping_add(1);
@@ -793,9 +795,10 @@ impl<'a, T: Real> NumberStep<'a, T> {
         if let Some(sums) = self.settling.and_then(|settling| sums.get_mut(settling)) {
             settle(sums);
         }
-        // The totals go through memory: otherwise their pairwise sum determines how the compiler vectorises
-        // the loop above.
-        total(core::hint::black_box(totals)) * self.scale
+        // Those of the loops go through memory: otherwise their pairwise sum determines how the compiler
+        // vectorises these.
+        let totals = if self.exponentials.is_empty() { totals } else { core::hint::black_box(totals) };
+        total(totals) * self.scale
     }
 
     /// As [`take`](Self::take), for tables whose first blocks have third parts.
@@ -1092,7 +1095,9 @@ where
         check_channels(self.kernel.layout().channels(), sample.len())?;
         self.check_capacity()?;
         let stored = match (self.kernel.layout().stages, sample) {
-            (_, &[x]) if self.kernel.jumps() => self.push_difference(x),
+            (_, &[x]) if self.kernel.jumps() && self.kernel.table().slow_blocks > 0 => {
+                self.push_difference(x)
+            }
             _ if self.kernel.table().far_blocks > 0 => self.push_numbers_with_third_parts(sample),
             (1, &[x]) => self.push_number(x),
             (1, _) => self.push_numbers(sample),
