@@ -114,8 +114,8 @@ struct PidState<T> {
     manual: T,
     /// The derivative after the filter of order 1, as a compensated sum.
     filtered: CompensatedSum<T>,
-    /// The gains of the last tick.
-    gains: PidGains<T>,
+    /// The gains of the last tick, if those of the law are others.
+    replaced: Option<PidGains<T>>,
     /// The integral term of the last tick.
     integral: T,
     /// Sum or offset beside the integral operator.
@@ -123,11 +123,19 @@ struct PidState<T> {
 }
 
 impl<T: Real> PidState<T> {
-    fn new(gains: PidGains<T>) -> Self {
+    fn new() -> Self {
         let zero = T::zero();
         let beside = CompensatedSum { sum: zero, rest: zero };
         let filtered = beside;
-        Self { mode: Mode::Automatic, output: zero, manual: zero, filtered, gains, integral: zero, beside }
+        Self {
+            mode: Mode::Automatic,
+            output: zero,
+            manual: zero,
+            filtered,
+            replaced: None,
+            integral: zero,
+            beside,
+        }
     }
 }
 
@@ -352,7 +360,7 @@ where
             }
             _ => None,
         };
-        Ok(Self { law, integral, derivative, filter, state: PidState::new(settings.gains) })
+        Ok(Self { law, integral, derivative, filter, state: PidState::new() })
     }
 
     /// A controller on memories that were generated with the law `checked`: nothing is left to compute, and
@@ -390,8 +398,7 @@ where
         }
         let shared: &PidLaw<T> = law.borrow();
         shared.follows(checked)?;
-        let gains = shared.settings().gains;
-        if derivative.is_none() && gains.differentiates() {
+        if derivative.is_none() && shared.settings().gains.differentiates() {
             return Err(refused);
         }
         let operator = |memory| FractionalOperator::new(memory, Start::RiemannLiouville);
@@ -407,7 +414,7 @@ where
             }
             None => None,
         };
-        Ok(Self { law, integral, derivative, filter, state: PidState::new(gains) })
+        Ok(Self { law, integral, derivative, filter, state: PidState::new() })
     }
 
     /// Takes setpoint r and measured value y and returns the output u.
@@ -480,7 +487,7 @@ where
             let output = within(state.manual, lowest, highest);
             take(pending_derivative)?;
             take(pending_filter)?;
-            (state.output, state.filtered, state.gains) = (output, filtered, settings.gains);
+            (state.output, state.filtered, state.replaced) = (output, filtered, None);
             return Ok(output);
         }
         let mut pending = prepare(integral, interval, now.sample)?;
@@ -493,13 +500,13 @@ where
         let (mut kept, mut value) = state.beside.with(step, pending.value());
         let plain = beside + value;
         let integrates = now.integral_gain != T::zero();
-        let shift = match state.mode {
-            Mode::Transfer if integrates => state.output - plain,
-            _ if state.gains != settings.gains
-                && (integrates || state.gains.integral() != T::zero())
-                && settings.bumpless != Bumpless::Nothing =>
+        let shift = match (state.mode, &state.replaced) {
+            (Mode::Transfer, _) if integrates => state.output - plain,
+            (_, Some(gains))
+                if (integrates || gains.integral() != T::zero())
+                    && settings.bumpless != Bumpless::Nothing =>
             {
-                let old = Terms::of(&state.gains, in_proportion, derived, error);
+                let old = Terms::of(gains, in_proportion, derived, error);
                 old.without_bump(&now, settings, leading)
             }
             _ => T::zero(),
@@ -531,7 +538,7 @@ where
             mode: Mode::Automatic,
             output,
             filtered,
-            gains: settings.gains,
+            replaced: None,
             integral: value,
             beside: kept,
             ..*state
@@ -548,7 +555,7 @@ where
         finite("the manual output", output)?;
         if self.state.mode != Mode::Manual {
             self.integral.clear();
-            let PidState { integral, beside, .. } = PidState::new(self.state.gains);
+            let PidState { integral, beside, .. } = PidState::new();
             (self.state.integral, self.state.beside) = (integral, beside);
         }
         (self.state.mode, self.state.manual) = (Mode::Manual, output);
@@ -580,7 +587,9 @@ where
     {
         let law = (*Borrow::<PidLaw<T>>::borrow(&self.law)).with_gains(gains)?;
         self.check_derivative(&law)?;
+        let last = self.last_gains();
         *self.law.borrow_mut() = law;
+        self.state.replaced = self.replaced(last);
         Ok(())
     }
 
@@ -593,8 +602,20 @@ where
         let new: &PidLaw<T> = law.borrow();
         new.follows(self.law.borrow())?;
         self.check_derivative(new)?;
+        let last = self.last_gains();
         self.law = law;
+        self.state.replaced = self.replaced(last);
         Ok(())
+    }
+
+    /// The gains of the last tick.
+    fn last_gains(&self) -> PidGains<T> {
+        self.state.replaced.unwrap_or(self.law.borrow().settings().gains)
+    }
+
+    /// These gains of the last tick, if those of the law are others.
+    fn replaced(&self, gains: PidGains<T>) -> Option<PidGains<T>> {
+        Some(gains).filter(|gains| *gains != self.law.borrow().settings().gains)
     }
 
     fn check_derivative(&self, law: &PidLaw<T>) -> Result<(), ParameterError> {
@@ -611,7 +632,7 @@ where
         if let Some(filter) = &mut self.filter {
             filter.clear();
         }
-        self.state = PidState::new(self.law.borrow().settings().gains);
+        self.state = PidState::new();
     }
 
     /// The law.
@@ -661,8 +682,8 @@ where
         let integral = from.number()?;
         let beside = CompensatedSum { sum: from.number()?, rest: from.number()? };
         let numbers = [from.number()?, from.number()?, from.number()?, from.number()?];
-        let gains = with_numbers(&self.law.borrow().settings().gains, numbers);
-        Ok(PidState { mode, output, manual, filtered, gains, integral, beside })
+        let replaced = self.replaced(with_numbers(&self.law.borrow().settings().gains, numbers));
+        Ok(PidState { mode, output, manual, filtered, replaced, integral, beside })
     }
 }
 
@@ -691,7 +712,7 @@ where
         })?;
         to.numbers([&state.output, &state.manual, &state.filtered.sum, &state.filtered.rest])?;
         to.numbers([&state.integral, &state.beside.sum, &state.beside.rest])?;
-        to.numbers(&numbers_of(&state.gains))?;
+        to.numbers(&numbers_of(&self.last_gains()))?;
         self.integral.save(to)?;
         self.derivative.save(to)?;
         self.filter.save(to)
