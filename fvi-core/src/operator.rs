@@ -51,6 +51,34 @@ pub enum Start<T> {
     },
 }
 
+/// The start of an operator whose type says that it subtracts nothing.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FromZero;
+
+impl<T> From<FromZero> for Start<T> {
+    #[inline(always)]
+    fn from(_: FromZero) -> Self {
+        Self::RiemannLiouville
+    }
+}
+
+/// The start of an operator that subtracts nothing or the first sample.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum FromZeroOrRest {
+    Zero,
+    Rest,
+}
+
+impl<T> From<FromZeroOrRest> for Start<T> {
+    #[inline(always)]
+    fn from(start: FromZeroOrRest) -> Self {
+        match start {
+            FromZeroOrRest::Zero => Self::RiemannLiouville,
+            FromZeroOrRest::Rest => Self::Caputo,
+        }
+    }
+}
+
 /// Fractional operator on a stream: takes a sample x_k, returns (D^β x)_k = Σ_{n=0}^{k} w_n x_{k−n}.
 ///
 /// For controllers and filters: fractional derivatives (0 < β < 2) and integrals (−1 < β < 0), on any
@@ -75,11 +103,14 @@ pub enum Start<T> {
 /// ```
 ///
 /// Source: \[HJO\] eq. 21; \[JO\] eq. 4 for the relation of the two types.
+///
+/// Parameters: the scalar T, the memory M, and the kind of start, a [`Start`] that is known at run time.
 #[derive(Clone, Debug)]
-pub struct FractionalOperator<T, M> {
+pub struct FractionalOperator<T, M, S = Start<T>> {
     memory: M,
-    start: Start<T>,
-    /// The first sample; for a memory on increments the last one.
+    start: S,
+    /// The sample that the next one is compared with: the first of the Caputo types, for a memory on
+    /// increments the last one.
     reference: T,
     /// Time of the last sample, if samples come at any times; for a memory on increments the rounding error
     /// of their sum.
@@ -90,8 +121,8 @@ pub struct FractionalOperator<T, M> {
 /// unchanged.
 #[derive(Debug)]
 #[must_use = "the operator has not taken the sample"]
-pub struct Pending<'a, T, M> {
-    operator: &'a mut FractionalOperator<T, M>,
+pub struct Pending<'a, T, M, S = Start<T>> {
+    operator: &'a mut FractionalOperator<T, M, S>,
     acted_on: T,
     reference: T,
     rest: T,
@@ -100,7 +131,7 @@ pub struct Pending<'a, T, M> {
     value: T,
 }
 
-impl<T: Real, M: Memory<T>> Pending<'_, T, M> {
+impl<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>> Pending<'_, T, M, S> {
     /// (D^β x)_k.
     #[inline]
     pub fn value(&self) -> T {
@@ -108,18 +139,24 @@ impl<T: Real, M: Memory<T>> Pending<'_, T, M> {
     }
 
     /// The same with another sample, at the cost of a product: for laws in which the sample depends on the
-    /// value. For the Riemann–Liouville type only.
+    /// value. For the Riemann–Liouville type only. The value may be infinite or not a number.
     ///
     /// # Errors
-    /// [`OperatorError::NotFinite`] if the sample or the result is not finite.
-    #[inline]
+    /// None, for this type.
+    #[inline(always)]
     pub(crate) fn instead(self, sample: T) -> Result<Self, OperatorError> {
         let (acted_on, reference, rest) = self.operator.compared(sample)?;
         let value = self.operator.leading() * acted_on + self.term;
-        if !acted_on.is_finite() || !value.is_finite() {
-            return Err(OperatorError::NotFinite);
-        }
         Ok(Self { acted_on, reference, rest, value, ..self })
+    }
+
+    /// Refuses a sample or a value that is not finite. If the sample is not, neither is the value.
+    ///
+    /// # Errors
+    /// [`OperatorError::NotFinite`].
+    #[inline(always)]
+    pub(crate) fn finite(self) -> Result<Self, OperatorError> {
+        if self.value.is_finite() { Ok(self) } else { Err(OperatorError::NotFinite) }
     }
 
     /// w₀ of the sample.
@@ -132,7 +169,7 @@ impl<T: Real, M: Memory<T>> Pending<'_, T, M> {
     ///
     /// # Errors
     /// None, of a memory that keeps the contract of [`Memory`].
-    #[inline]
+    #[inline(always)]
     pub fn take(self) -> Result<T, OperatorError> {
         let Self { operator, acted_on, reference, rest, value, .. } = self;
         operator.memory.push(&[acted_on])?;
@@ -185,9 +222,16 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// # Errors
     /// [`MemoryError::ChannelMismatch`] if the memory has more than one channel, [`OperatorError::NotFinite`]
     /// if the rise is not finite.
-    pub fn new(mut memory: M, start: Start<T>) -> Result<Self, OperatorError> {
+    pub fn new(memory: M, start: Start<T>) -> Result<Self, OperatorError> {
+        Self::starting(memory, start)
+    }
+}
+
+impl<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>> FractionalOperator<T, M, S> {
+    /// The same with a start of any type.
+    pub(crate) fn starting(mut memory: M, start: S) -> Result<Self, OperatorError> {
         crate::memory::check_channels(1, memory.channels())?;
-        if let Start::CaputoWithRise { rise: slope } | Start::CaputoWithSlope { slope } = start
+        if let Start::CaputoWithRise { rise: slope } | Start::CaputoWithSlope { slope } = start.into()
             && !slope.is_finite()
         {
             return Err(OperatorError::NotFinite);
@@ -203,11 +247,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// memory is full; the operator then is as before.
     #[inline]
     pub fn push(&mut self, sample: T) -> Result<T, OperatorError> {
-        let (acted_on, reference, rest) = self.compared(sample)?;
-        let (value, _) = self.value(acted_on)?;
-        self.memory.push(&[acted_on])?;
-        (self.reference, self.rest) = (reference, rest);
-        Ok(value)
+        self.prepare(sample)?.take()
     }
 
     /// What [`push`](FractionalOperator::push) would return; the operator stays as it is.
@@ -243,7 +283,14 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// # Errors
     /// As those of [`push`](FractionalOperator::push).
     #[inline]
-    pub fn prepare(&mut self, sample: T) -> Result<Pending<'_, T, M>, OperatorError> {
+    pub fn prepare(&mut self, sample: T) -> Result<Pending<'_, T, M, S>, OperatorError> {
+        self.prepare_any(sample)?.finite()
+    }
+
+    /// The same for any sample: the value may be infinite or not a number, and the caller must see to it that
+    /// it is not taken then.
+    #[inline(always)]
+    pub(crate) fn prepare_any(&mut self, sample: T) -> Result<Pending<'_, T, M, S>, OperatorError> {
         let (acted_on, reference, rest) = self.compared(sample)?;
         let (value, term) = self.value(acted_on)?;
         Ok(Pending { operator: self, acted_on, reference, rest, term, value })
@@ -254,11 +301,15 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     /// them.
     #[inline(always)]
     fn compared(&self, sample: T) -> Result<(T, T, T), OperatorError> {
-        let first = self.memory.is_empty();
         let on_values = self.memory.acts_on() == ActsOn::Values;
+        let start: Start<T> = self.start.into();
+        if start == Start::RiemannLiouville && on_values {
+            return Ok((sample, self.reference, self.rest));
+        }
+        let first = self.memory.is_empty();
         let reference = if first { sample } else { self.reference };
-        let (acted_on, rest) = match self.start {
-            Start::RiemannLiouville if on_values || first => (sample, self.rest),
+        let (acted_on, rest) = match start {
+            Start::RiemannLiouville if first => (sample, self.rest),
             Start::Caputo if on_values => (sample - reference, self.rest),
             Start::RiemannLiouville | Start::Caputo => {
                 let (difference, lost) = sum_and_rest(sample, -reference);
@@ -309,14 +360,23 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     ///
     /// # Errors
     /// As those of [`push_after`](FractionalOperator::push_after).
-    pub fn prepare_after(&mut self, interval: T, sample: T) -> Result<Pending<'_, T, M>, OperatorError> {
+    pub fn prepare_after(&mut self, interval: T, sample: T) -> Result<Pending<'_, T, M, S>, OperatorError> {
+        self.prepare_any_after(interval, sample)?.finite()
+    }
+
+    /// The same for any sample, as [`prepare_any`](FractionalOperator::prepare_any).
+    pub(crate) fn prepare_any_after(
+        &mut self,
+        interval: T,
+        sample: T,
+    ) -> Result<Pending<'_, T, M, S>, OperatorError> {
         let empty = self.memory.is_empty();
         if self.memory.acts_on() != ActsOn::Values {
             return Err(MemoryError::StepLength.into());
         }
         let first = if empty { sample } else { self.reference };
         let time = if empty { T::zero() } else { self.rest + interval };
-        let acted_on = match self.start {
+        let acted_on = match self.start.into() {
             Start::RiemannLiouville => sample,
             Start::Caputo => sample - first,
             Start::CaputoWithSlope { slope } => sample - first - slope * time,
@@ -332,11 +392,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     fn value(&mut self, acted_on: T) -> Result<(T, T), OperatorError> {
         let mut term = [T::zero()];
         self.memory.next_term(&mut term)?;
-        let value = self.leading() * acted_on + term[0];
-        if !acted_on.is_finite() || !value.is_finite() {
-            return Err(OperatorError::NotFinite);
-        }
-        Ok((value, term[0]))
+        Ok((self.leading() * acted_on + term[0], term[0]))
     }
 
     /// w₀
@@ -353,7 +409,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
 
     /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<3> {
-        let (kind, rise) = match self.start {
+        let (kind, rise) = match self.start.into() {
             Start::RiemannLiouville => (0, T::zero()),
             Start::Caputo => (1, T::zero()),
             Start::CaputoWithRise { rise } => (2, rise),
@@ -369,7 +425,7 @@ impl<T: Real, M: Memory<T>> FractionalOperator<T, M> {
     }
 }
 
-impl<T: Real, M: Memory<T>> Stateful for FractionalOperator<T, M> {
+impl<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>> Stateful for FractionalOperator<T, M, S> {
     fn state_bytes(&self) -> usize {
         header_bytes(3) + 2 * T::BYTES + self.memory.state_bytes()
     }

@@ -9,7 +9,7 @@ use crate::exponential_sum::ExponentialSum;
 use crate::generated::GeneratedMemory;
 use crate::memory::Memory;
 use crate::memoryless::Memoryless;
-use crate::operator::{FractionalOperator, OperatorError, Pending, Start};
+use crate::operator::{FractionalOperator, FromZero, FromZeroOrRest, OperatorError, Pending, Start};
 use crate::pid_law::{AntiWindup, Bumpless, DerivativeFilter, DerivativeOf, PidGains, PidLaw, PidSettings};
 use crate::real::{Real, sum_and_rest};
 use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, header_bytes};
@@ -80,10 +80,10 @@ use crate::saving::{Shape, StateError, StateReader, StateWriter, Stateful, heade
 pub struct FractionalPid<T, I, D, L = PidLaw<T>, F = Memoryless<T>> {
     law: L,
     /// The operator I^λ, or I^{λ−1} whose values are summed in `state`.
-    integral: FractionalOperator<T, I>,
-    derivative: Option<FractionalOperator<T, D>>,
+    integral: FractionalOperator<T, I, FromZero>,
+    derivative: Option<FractionalOperator<T, D, FromZeroOrRest>>,
     /// Operator of a fractional filter of the derivative.
-    filter: Option<FractionalOperator<T, F>>,
+    filter: Option<FractionalOperator<T, F, FromZero>>,
     state: PidState<T>,
 }
 
@@ -345,18 +345,18 @@ where
         let kernel = shared.integral_kernel()?;
         let mut memory = integral;
         kernel.check(&mut memory, 0)?;
-        let integral = FractionalOperator::new(memory, Start::RiemannLiouville).map_err(|_| refused)?;
+        let integral = FractionalOperator::starting(memory, FromZero).map_err(|_| refused)?;
         let derivative = match derivative {
             Some(mut memory) => {
                 shared.derivative_kernel()?.check(&mut memory, 0)?;
-                Some(FractionalOperator::new(memory, shared.start()).map_err(|_| refused)?)
+                Some(FractionalOperator::starting(memory, shared.start()).map_err(|_| refused)?)
             }
             None => None,
         };
         let filter = match (filter, filter_kernel) {
             (Some(mut memory), Some(kernel)) => {
                 kernel.check(&mut memory, 0)?;
-                Some(FractionalOperator::new(memory, Start::RiemannLiouville).map_err(|_| refused)?)
+                Some(FractionalOperator::starting(memory, FromZero).map_err(|_| refused)?)
             }
             _ => None,
         };
@@ -401,17 +401,14 @@ where
         if derivative.is_none() && shared.settings().gains.differentiates() {
             return Err(refused);
         }
-        let operator = |memory| FractionalOperator::new(memory, Start::RiemannLiouville);
-        let integral = operator(integral).map_err(|_| refused)?;
+        let integral = FractionalOperator::starting(integral, FromZero).map_err(|_| refused)?;
         let start = shared.start();
         let derivative = match derivative {
-            Some(memory) => Some(FractionalOperator::new(memory, start).map_err(|_| refused)?),
+            Some(memory) => Some(FractionalOperator::starting(memory, start).map_err(|_| refused)?),
             None => None,
         };
         let filter = match filter {
-            Some(memory) => {
-                Some(FractionalOperator::new(memory, Start::RiemannLiouville).map_err(|_| refused)?)
-            }
+            Some(memory) => Some(FractionalOperator::starting(memory, FromZero).map_err(|_| refused)?),
             None => None,
         };
         Ok(Self { law, integral, derivative, filter, state: PidState::new() })
@@ -523,7 +520,7 @@ where
             let (limited, sample) = term.limited(law, actuator, state.output, [lowest, highest], raw);
             raw = limited;
             if let Some(sample) = sample {
-                pending = pending.instead(sample)?;
+                pending = pending.instead(sample)?.finite()?;
                 (kept, value) = base.with(step, pending.value());
             }
         }
@@ -784,8 +781,8 @@ struct Signals<'a, T: Real, D: Memory<T>, F: Memory<T>> {
     in_proportion: T,
     derived: T,
     filtered: CompensatedSum<T>,
-    pending_derivative: Option<Pending<'a, T, D>>,
-    pending_filter: Option<Pending<'a, T, F>>,
+    pending_derivative: Option<Pending<'a, T, D, FromZeroOrRest>>,
+    pending_filter: Option<Pending<'a, T, F, FromZero>>,
 }
 
 impl<'a, T: Real, D: Memory<T>, F: Memory<T>> Signals<'a, T, D, F> {
@@ -794,7 +791,7 @@ impl<'a, T: Real, D: Memory<T>, F: Memory<T>> Signals<'a, T, D, F> {
     #[inline(always)]
     fn of(
         law: &PidLaw<T>,
-        (derivative, filter): (Operator<'a, T, D>, Operator<'a, T, F>),
+        (derivative, filter): (Operator<'a, T, D, FromZeroOrRest>, Operator<'a, T, F, FromZero>),
         before: CompensatedSum<T>,
         (interval, share): (Option<T>, T),
         &PidInputs { setpoint, measured, rate, .. }: &PidInputs<T>,
@@ -924,14 +921,14 @@ impl<T: Real> IntegralTerm<T> {
 }
 
 /// The operator of a part of the law that has one.
-type Operator<'a, T, M> = Option<&'a mut FractionalOperator<T, M>>;
+type Operator<'a, T, M, S> = Option<&'a mut FractionalOperator<T, M, S>>;
 
 #[inline(always)]
-fn prepare<T: Real, M: Memory<T>>(
-    operator: &mut FractionalOperator<T, M>,
+fn prepare<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>>(
+    operator: &mut FractionalOperator<T, M, S>,
     interval: Option<T>,
     sample: T,
-) -> Result<Pending<'_, T, M>, OperatorError> {
+) -> Result<Pending<'_, T, M, S>, OperatorError> {
     match interval {
         None => operator.prepare(sample),
         Some(interval) => operator.prepare_after(interval, sample),
@@ -940,19 +937,21 @@ fn prepare<T: Real, M: Memory<T>>(
 
 /// Solves x + T D^ν x = `signal`; returns x and the pending operator.
 #[inline(always)]
-fn relaxed<T: Real, M: Memory<T>>(
-    operator: &mut FractionalOperator<T, M>,
+fn relaxed<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>>(
+    operator: &mut FractionalOperator<T, M, S>,
     interval: Option<T>,
     time: T,
     signal: T,
-) -> Result<(T, Pending<'_, T, M>), OperatorError> {
+) -> Result<(T, Pending<'_, T, M, S>), OperatorError> {
     let pending = prepare(operator, interval, T::zero())?;
     let behind = (signal - time * pending.value()) / (T::one() + time * pending.leading());
-    Ok((behind, pending.instead(behind)?))
+    Ok((behind, pending.instead(behind)?.finite()?))
 }
 
 #[inline(always)]
-fn take<T: Real, M: Memory<T>>(pending: Option<Pending<'_, T, M>>) -> Result<(), OperatorError> {
+fn take<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>>(
+    pending: Option<Pending<'_, T, M, S>>,
+) -> Result<(), OperatorError> {
     if let Some(pending) = pending {
         pending.take()?;
     }

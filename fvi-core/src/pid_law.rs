@@ -4,7 +4,7 @@ use nalgebra::Complex;
 
 use crate::error::{ParameterError, check_step_size};
 use crate::kernel::Kernel;
-use crate::operator::Start;
+use crate::operator::FromZeroOrRest;
 use crate::real::Real;
 use crate::runge_kutta::RungeKutta;
 use crate::weights::BdfOrder;
@@ -401,10 +401,10 @@ impl<T: Real> PidLaw<T> {
     }
 
     /// Part of the signal that the derivative's operator subtracts.
-    pub(crate) fn start(&self) -> Start<T> {
+    pub(crate) fn start(&self) -> FromZeroOrRest {
         match (self.settings.derivative_of, self.settings.gains) {
-            (DerivativeOf::ValuesFromRest, PidGains::Parallel { .. }) => Start::Caputo,
-            _ => Start::RiemannLiouville,
+            (DerivativeOf::ValuesFromRest, PidGains::Parallel { .. }) => FromZeroOrRest::Rest,
+            _ => FromZeroOrRest::Zero,
         }
     }
 
