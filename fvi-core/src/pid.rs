@@ -198,16 +198,20 @@ impl<T: Real> PidInputs<T> {
         Self { setpoint, measured, rate, feed_forward: T::zero(), actuator: Actuator::Followed }
     }
 
-    /// Refuses numbers that are not finite, the rate apart.
+    /// r − y, and refuses numbers that are not finite, the rate and the difference apart.
     #[inline(always)]
-    fn check(&self) -> Result<(), PidError> {
-        finite("the setpoint", self.setpoint)?;
-        finite("the measured value", self.measured)?;
-        finite("the feed-forward", self.feed_forward)?;
-        match self.actuator {
-            Actuator::Applied(applied) => finite("what the actuator applied", applied),
-            _ => Ok(()),
+    fn error(&self) -> Result<T, PidError> {
+        let error = self.setpoint - self.measured;
+        // It is finite only if both are.
+        if !error.is_finite() {
+            finite("the setpoint", self.setpoint)?;
+            finite("the measured value", self.measured)?;
         }
+        finite("the feed-forward", self.feed_forward)?;
+        if let Actuator::Applied(applied) = self.actuator {
+            finite("what the actuator applied", applied)?;
+        }
+        Ok(error)
     }
 }
 
@@ -455,8 +459,8 @@ where
         let Self { law, integral, derivative, filter, state } = self;
         let law: &PidLaw<T> = (*law).borrow();
         let settings = law.settings();
-        let &PidInputs { setpoint, measured, feed_forward, actuator, .. } = inputs;
-        inputs.check()?;
+        let &PidInputs { feed_forward, actuator, .. } = inputs;
+        let error = inputs.error()?;
         let (stride, share) = match interval {
             None if settings.sample.is_some() => (law.constants.stride, law.constants.filter_share),
             Some(interval) if settings.sample.is_none() && interval > T::zero() => {
@@ -465,7 +469,6 @@ where
             }
             _ => return Err(PidError::Interval),
         };
-        let error = setpoint - measured;
         finite("the control error", error)?;
         let signals = Signals::of(
             law,
@@ -477,11 +480,10 @@ where
         )?;
         let Signals { in_proportion, derived, filtered, pending_derivative, pending_filter } = signals;
         let now = Terms::of(&settings.gains, in_proportion, derived, error);
-        let [lower, upper] = settings.limits;
-        let lowest = within(state.output - stride, lower, upper);
-        let highest = within(state.output + stride, lower, upper);
+        let allowed =
+            Allowed { limits: settings.limits, reach: [state.output - stride, state.output + stride] };
         if state.mode == Mode::Manual {
-            let output = within(state.manual, lowest, highest);
+            let output = allowed.nearest(state.manual);
             take(pending_derivative)?;
             take(pending_filter)?;
             (state.output, state.filtered, state.replaced) = (output, filtered, None);
@@ -513,21 +515,20 @@ where
             (start, base) = (start + shift, base.plus(shift));
             (kept, value) = base.with(step, pending.value());
         }
-        let mut raw = beside + value;
+        let raw = beside + value;
         finite("the output before its limits", raw)?;
-        if integrates {
+        let output = if integrates {
             let term = IntegralTerm { beside, value, start, leading, sample: now.sample };
-            let (limited, sample) = term.limited(law, actuator, state.output, [lowest, highest], raw);
-            raw = limited;
+            let (output, sample) = term.limited(law, actuator, state.output, &allowed, raw)?;
             if let Some(sample) = sample {
                 pending = pending.instead(sample)?.finite()?;
                 (kept, value) = base.with(step, pending.value());
+                finite("the integral", value)?;
             }
-        }
-        finite("the output before its limits", raw)?;
-        let output = within(raw, lowest, highest);
-        finite("the output", output)?;
-        finite("the integral", value)?;
+            output
+        } else {
+            allowed.nearest(raw)
+        };
         pending.take()?;
         take(pending_derivative)?;
         take(pending_filter)?;
@@ -855,46 +856,49 @@ struct IntegralTerm<T> {
 }
 
 impl<T: Real> IntegralTerm<T> {
-    /// The output that integrates on, from `raw` without regard to windup, and the sample that leads there in
-    /// place of the present one; `output` was the last one, and the next lies within `limits`.
+    /// The output that integrates on, from `raw` before limits and without regard to windup, and the sample
+    /// that leads there in place of the present one; `last` was the output before.
     #[inline(always)]
     fn limited(
         &self,
         law: &PidLaw<T>,
         actuator: Actuator<T>,
-        output: T,
-        limits: [T; 2],
+        last: T,
+        allowed: &Allowed<T>,
         raw: T,
-    ) -> (T, Option<T>) {
+    ) -> Result<(T, Option<T>), PidError> {
         let &Self { beside, value, start, leading, sample } = self;
         match (law.settings().anti_windup, actuator) {
             (_, Actuator::Limited) => {
                 let least = if start < T::zero() { start } else { T::zero() };
                 let most = if start > T::zero() { start } else { T::zero() };
-                self.held_at(within(value, least, most))
+                self.held_at(within(value, [least, most]), allowed)
             }
             (AntiWindup::BackCalculation { .. }, _) => {
-                let missed = match actuator {
-                    Actuator::Applied(applied) => applied - output,
-                    _ => T::zero(),
-                };
+                let tracking = law.constants.tracking;
                 // f = (missed − w f)/τ^λ: what is fed back is part of the output that it corrects.
-                let feedback =
-                    law.constants.tracking * missed / (T::one() + leading * law.constants.tracking);
+                let (feedback, missed) = match actuator {
+                    Actuator::Applied(applied) => {
+                        let missed = applied - last;
+                        (tracking * missed / (T::one() + leading * tracking), missed != T::zero())
+                    }
+                    _ => (T::zero(), false),
+                };
                 let raw = raw + leading * feedback;
-                let limit = within(raw, limits[0], limits[1]);
+                let output = allowed.nearest(raw);
                 // u* = a + w (u − u*)/τ^λ beyond a limit.
-                let beyond = (raw - limit) / (T::one() + leading * law.constants.tracking);
-                let changed = missed != T::zero() || beyond != T::zero();
-                (limit + beyond, changed.then(|| sample + feedback - law.constants.tracking * beyond))
+                let beyond = (raw - output) / (T::one() + leading * tracking);
+                let changed = missed || beyond != T::zero();
+                Ok((output, changed.then(|| sample + feedback - tracking * beyond)))
             }
             (AntiWindup::Conditional, _) => {
+                let [lowest, highest] = allowed.ends();
                 let [least, most] = match actuator {
                     Actuator::Applied(applied) => [
-                        if applied > output { applied } else { limits[0] },
-                        if applied < output { applied } else { limits[1] },
+                        if applied > last { applied } else { lowest },
+                        if applied < last { applied } else { highest },
                     ],
-                    _ => limits,
+                    _ => [lowest, highest],
                 };
                 // Value of the integral without the present sample.
                 let alone = value - leading * sample;
@@ -906,17 +910,40 @@ impl<T: Real> IntegralTerm<T> {
                 } else {
                     value
                 };
-                self.held_at(held)
+                self.held_at(held, allowed)
             }
-            (AntiWindup::None, _) => (raw, None),
+            (AntiWindup::None, _) => Ok((allowed.nearest(raw), None)),
         }
     }
 
     /// The output with another value of the integral, and the sample for it.
     #[inline(always)]
-    fn held_at(&self, held: T) -> (T, Option<T>) {
+    fn held_at(&self, held: T, allowed: &Allowed<T>) -> Result<(T, Option<T>), PidError> {
+        let raw = self.beside + held;
+        finite("the output before its limits", raw)?;
         let sample = || self.sample + (held - self.value) / self.leading;
-        (self.beside + held, (held != self.value).then(sample))
+        Ok((allowed.nearest(raw), (held != self.value).then(sample)))
+    }
+}
+
+/// The outputs that limits and rate allow.
+struct Allowed<T> {
+    limits: [T; 2],
+    /// As far as the rate allows.
+    reach: [T; 2],
+}
+
+impl<T: Real> Allowed<T> {
+    /// The nearest output within reach, and within the limits, wherever they are.
+    #[inline(always)]
+    fn nearest(&self, output: T) -> T {
+        within(within(output, self.reach), self.limits)
+    }
+
+    /// The smallest and the largest of them.
+    #[inline(always)]
+    fn ends(&self) -> [T; 2] {
+        self.reach.map(|end| within(end, self.limits))
     }
 }
 
@@ -975,7 +1002,7 @@ fn smaller<T: Real>(a: T, b: T) -> T {
 
 /// The nearest number that is neither below `lower` nor above `upper`.
 #[inline(always)]
-fn within<T: Real>(number: T, lower: T, upper: T) -> T {
+fn within<T: Real>(number: T, [lower, upper]: [T; 2]) -> T {
     if number > upper {
         upper
     } else if number < lower {
