@@ -795,10 +795,9 @@ impl<'a, T: Real> NumberStep<'a, T> {
         if let Some(sums) = self.settling.and_then(|settling| sums.get_mut(settling)) {
             settle(sums);
         }
-        // Those of the loops go through memory: otherwise their pairwise sum determines how the compiler
-        // vectorises these.
-        let totals = if self.exponentials.is_empty() { totals } else { core::hint::black_box(totals) };
-        total(totals) * self.scale
+        // The totals go through memory: otherwise their pairwise sum determines how the compiler vectorises
+        // the loop above.
+        total(core::hint::black_box(totals)) * self.scale
     }
 
     /// As [`take`](Self::take), for tables whose first blocks have third parts.
@@ -943,6 +942,10 @@ where
         let table = self.kernel.table();
         let parts = layout.split(self.state.as_mut())?;
         let step = NumberStep::new(&table, layout, self.kernel.scale(), self.settling)?;
+        if step.weights.is_empty() {
+            // A single weight: nothing of a sample is left.
+            return Some(());
+        }
         let term = parts.term.first_mut()?;
         *term = step.take(x, parts.sums, parts.pending, parts.delayed.get_mut(self.oldest));
         Some(())

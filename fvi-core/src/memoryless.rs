@@ -1,5 +1,7 @@
 //! The memory of an operator of order zero, which has no state.
 
+use core::marker::PhantomData;
+
 use crate::memory::{ActsOn, Memory, MemoryError, check_channels};
 use crate::real::Real;
 use crate::saving::{StateError, StateReader, StateWriter, Stateful};
@@ -10,14 +12,14 @@ use crate::saving::{StateError, StateReader, StateWriter, Stateful};
 /// accumulator, at equal steps and at steps of any length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Memoryless<T> {
-    leading: [T; 1],
+    scalar: PhantomData<T>,
     len: usize,
 }
 
 impl<T: Real> Memoryless<T> {
     /// A memory without samples.
     pub fn new() -> Self {
-        Self { leading: [T::one()], len: 0 }
+        Self { scalar: PhantomData, len: 0 }
     }
 }
 
@@ -37,7 +39,7 @@ impl<T: Real> Memory<T> for Memoryless<T> {
     }
 
     fn leading(&self) -> &[T] {
-        &self.leading
+        T::IDENTITY
     }
 
     /// The number of samples, at most the largest `usize`.

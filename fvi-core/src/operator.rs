@@ -282,7 +282,7 @@ impl<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>> FractionalOperator<T, M, S
     ///
     /// # Errors
     /// As those of [`push`](FractionalOperator::push).
-    #[inline]
+    #[inline(always)]
     pub fn prepare(&mut self, sample: T) -> Result<Pending<'_, T, M, S>, OperatorError> {
         self.prepare_any(sample)?.finite()
     }

@@ -478,25 +478,27 @@ where
             inputs,
             error,
         )?;
-        let Signals { in_proportion, derived, filtered, pending_derivative, pending_filter } = signals;
+        let Signals { in_proportion, derived, filtered, .. } = signals;
         let now = Terms::of(&settings.gains, in_proportion, derived, error);
         let allowed =
             Allowed { limits: settings.limits, reach: [state.output - stride, state.output + stride] };
         if state.mode == Mode::Manual {
             let output = allowed.nearest(state.manual);
-            take(pending_derivative)?;
-            take(pending_filter)?;
+            if !derived.is_finite() {
+                return Err(not_finite("the derivative", [signals.value(), T::zero()]));
+            }
+            signals.take()?;
             (state.output, state.filtered, state.replaced) = (output, filtered, None);
             return Ok(output);
         }
-        let mut pending = prepare(integral, interval, now.sample)?;
+        let pending = prepare(integral, interval, now.sample)?;
         let step = if law.accumulates { Some(interval.unwrap_or(law.constants.step)) } else { None };
         let leading = match step {
             Some(step) => step * pending.leading(),
             None => pending.leading(),
         };
         let beside = now.proportional + now.derivative + feed_forward;
-        let (mut kept, mut value) = state.beside.with(step, pending.value());
+        let (_, mut value) = state.beside.with(step, pending.value());
         let plain = beside + value;
         let integrates = now.integral_gain != T::zero();
         let shift = match (state.mode, &state.replaced) {
@@ -513,25 +515,29 @@ where
         let (mut start, mut base) = (state.integral, state.beside);
         if shift != T::zero() {
             (start, base) = (start + shift, base.plus(shift));
-            (kept, value) = base.with(step, pending.value());
+            (_, value) = base.with(step, pending.value());
         }
         let raw = beside + value;
-        finite("the output before its limits", raw)?;
-        let output = if integrates {
+        // The output has a part of every number before it: if one of them is not finite, it is not either.
+        if !raw.is_finite() {
+            return Err(not_finite("the output before its limits", [signals.value(), pending.value()]));
+        }
+        let (output, sample) = if integrates {
             let term = IntegralTerm { beside, value, start, leading, sample: now.sample };
-            let (output, sample) = term.limited(law, actuator, state.output, &allowed, raw)?;
-            if let Some(sample) = sample {
-                pending = pending.instead(sample)?.finite()?;
-                (kept, value) = base.with(step, pending.value());
-                finite("the integral", value)?;
-            }
-            output
+            term.limited(law, actuator, state.output, &allowed, raw)?
         } else {
-            allowed.nearest(raw)
+            (allowed.nearest(raw), None)
         };
+        let pending = match sample {
+            Some(sample) => pending.instead(sample)?,
+            None => pending,
+        };
+        let (kept, value) = base.with(step, pending.value());
+        if !value.is_finite() {
+            return Err(not_finite("the integral", [T::zero(), pending.value()]));
+        }
         pending.take()?;
-        take(pending_derivative)?;
-        take(pending_filter)?;
+        signals.take()?;
         *state = PidState {
             mode: Mode::Automatic,
             output,
@@ -842,6 +848,24 @@ impl<'a, T: Real, D: Memory<T>, F: Memory<T>> Signals<'a, T, D, F> {
         };
         Ok(Self { in_proportion, derived, filtered, pending_derivative, pending_filter })
     }
+
+    /// The value of the derivative's operator, 0 without one.
+    #[inline(always)]
+    fn value(&self) -> T {
+        self.pending_derivative.as_ref().map_or(T::zero(), Pending::value)
+    }
+
+    /// Takes the samples of the operators.
+    #[inline(always)]
+    fn take(self) -> Result<(), OperatorError> {
+        if let Some(pending) = self.pending_derivative {
+            pending.take()?;
+        }
+        if let Some(pending) = self.pending_filter {
+            pending.take()?;
+        }
+        Ok(())
+    }
 }
 
 /// The integral and what stands beside it in the output, before the limits.
@@ -950,6 +974,7 @@ impl<T: Real> Allowed<T> {
 /// The operator of a part of the law that has one.
 type Operator<'a, T, M, S> = Option<&'a mut FractionalOperator<T, M, S>>;
 
+/// The value of an operator, which may be infinite or not a number.
 #[inline(always)]
 fn prepare<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>>(
     operator: &mut FractionalOperator<T, M, S>,
@@ -957,8 +982,8 @@ fn prepare<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>>(
     sample: T,
 ) -> Result<Pending<'_, T, M, S>, OperatorError> {
     match interval {
-        None => operator.prepare(sample),
-        Some(interval) => operator.prepare_after(interval, sample),
+        None => operator.prepare_any(sample),
+        Some(interval) => operator.prepare_any_after(interval, sample),
     }
 }
 
@@ -970,19 +995,16 @@ fn relaxed<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>>(
     time: T,
     signal: T,
 ) -> Result<(T, Pending<'_, T, M, S>), OperatorError> {
-    let pending = prepare(operator, interval, T::zero())?;
+    let pending = prepare(operator, interval, T::zero())?.finite()?;
     let behind = (signal - time * pending.value()) / (T::one() + time * pending.leading());
     Ok((behind, pending.instead(behind)?.finite()?))
 }
 
+/// Why the number `what` is not finite: the value of an operator before it is not, or itself.
 #[inline(always)]
-fn take<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>>(
-    pending: Option<Pending<'_, T, M, S>>,
-) -> Result<(), OperatorError> {
-    if let Some(pending) = pending {
-        pending.take()?;
-    }
-    Ok(())
+fn not_finite<T: Real>(what: &'static str, operators: [T; 2]) -> PidError {
+    let all = operators.iter().all(|value| value.is_finite());
+    if all { PidError::NotFinite { what } } else { OperatorError::NotFinite.into() }
 }
 
 #[inline(always)]

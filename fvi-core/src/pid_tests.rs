@@ -603,6 +603,23 @@ fn transfers_have_no_bump() {
 }
 
 #[test]
+fn a_manual_tick_whose_derivative_overflows_is_refused() {
+    let gains = PidGains::Parallel { proportional: 1.0, integral: 1.0, derivative: 1.0 };
+    let derivative_filter = DerivativeFilter::FirstOrder { time: 0.01 };
+    let settings = PidSettings { derivative_filter, ..PidSettings::new(gains, 0.01) };
+    let tables = tables(&settings);
+    let mut pid = on(settings, &tables);
+    pid.manual(0.5).unwrap();
+    for measured in [0.0, 1e306] {
+        assert_eq!(pid.tick(0.0, measured), Ok(0.5));
+    }
+    // Derivatives of −10³⁰⁸ and then 1.7·10³⁰⁸ are finite, their difference in the filter is not.
+    let before = bytes_of(&pid);
+    assert_eq!(pid.tick(0.0, -0.7e306), Err(PidError::NotFinite { what: "the derivative" }));
+    assert_eq!(bytes_of(&pid), before);
+}
+
+#[test]
 fn a_million_calls_in_any_order_leave_a_sound_controller() {
     const H: usize = 32;
     let (integral, derivative): (Vec<f32>, Vec<f32>) = {

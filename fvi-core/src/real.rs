@@ -12,6 +12,9 @@ pub trait Real: RealField + Copy + Default {
     /// Distance from 1 to the next larger number, twice the unit roundoff u.
     const EPSILON: Self;
 
+    /// The weights of the identity: a single 1.
+    const IDENTITY: &'static [Self];
+
     /// Smallest positive number with all its digits.
     const SMALLEST_NORMAL: Self;
 
@@ -71,6 +74,7 @@ macro_rules! real {
     ($scalar:ident, $word:ident, $power:path) => {
         impl Real for $scalar {
             const EPSILON: Self = $scalar::EPSILON;
+            const IDENTITY: &'static [Self] = &[1.0];
             const SMALLEST_NORMAL: Self = $scalar::MIN_POSITIVE;
             const BYTES: usize = size_of::<$scalar>();
 
