@@ -831,13 +831,19 @@ impl<'a, T: Real> NumberStep<'a, T> {
             absorb_number(sums, block, leaving, &mut totals);
         }
         if let Some(settling) = self.settling {
-            match (sums.get_mut(settling), third.get_mut(settling)) {
-                (Some(sums), Some(third)) => settle_far(sums, third),
-                (Some(sums), None) => settle(sums),
-                (None, _) => {}
-            }
+            settle_any(sums, third, settling);
         }
         total(totals) * self.scale
+    }
+}
+
+/// Settles a block of slow sums, of which the first have third parts. Out of line: once for all tables.
+#[inline(never)]
+fn settle_any<T: Real>(sums: &mut [[T; STATE_BLOCK]], third: &mut [Lanes<T>], block: usize) {
+    match (sums.get_mut(block), third.get_mut(block)) {
+        (Some(sums), Some(third)) => settle_far(sums, third),
+        (Some(sums), None) => settle(sums),
+        (None, _) => {}
     }
 }
 
@@ -913,24 +919,14 @@ where
         for ((block, sums), third) in rolled(far.iter().zip(far_sums).zip(third.iter())) {
             follow(sums, block, |lane| signal - at(third, lane), &mut totals);
         }
-        let (pairs, last) = slow.as_chunks::<2>();
-        let (sums_of_pairs, sums_of_last) = other_sums.as_chunks_mut::<2>();
-        for ([first, second], [sums, more_sums]) in pairs.iter().zip(sums_of_pairs) {
-            follow(sums, first, |_| signal, &mut totals);
-            follow(more_sums, second, |_| signal, &mut totals);
-        }
-        for (block, sums) in last.iter().zip(sums_of_last) {
+        for (block, sums) in rolled(slow.iter().zip(other_sums)) {
             follow(sums, block, |_| signal, &mut totals);
         }
         for (block, sums) in rolled(fast.iter().zip(fast_sums)) {
             absorb_number(sums, block, leaving, &mut totals);
         }
         add_difference(&mut self.signal, leaving);
-        match (slow_sums.get_mut(self.settling), third.get_mut(self.settling)) {
-            (Some(sums), Some(third)) => settle_far(sums, third),
-            (Some(sums), None) => settle(sums),
-            (None, _) => {}
-        }
+        settle_any(slow_sums, third, self.settling);
         *parts.term.first_mut()? = total(totals) * self.kernel.scale();
         Some(())
     }
