@@ -274,8 +274,8 @@ impl Bench<'_> {
     }
 
     /// Measures a generated controller with limits, back-calculation and a filter; half of its ticks are at
-    /// a limit.
-    #[inline(always)]
+    /// a limit. Every controller in a function of its own, in which no other one takes registers.
+    #[inline(never)]
     fn generated<I: Memory<f32>, D: Memory<f32>, L: Borrow<PidLaw<f32>>>(
         &mut self,
         name: &str,
