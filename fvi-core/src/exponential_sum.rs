@@ -250,7 +250,7 @@ pub struct TabulatedSum<T, K, B> {
     settling: usize,
     /// Samples so far; see [`advance`](TabulatedSum::advance).
     len: u64,
-    /// The sum of the samples that have reached the exponentials, in two parts; kept for slow sums of a signal
+    /// The sum of the samples that have reached the exponentials, in two parts, for slow sums of a signal
     /// that jumps.
     signal: [T; 2],
 }
@@ -807,7 +807,7 @@ impl<'a, T: Real> NumberStep<'a, T> {
         (sums, third): (&mut [T], &mut [T]),
         pending: &mut [T],
         delayed: Option<&mut T>,
-    ) -> T {
+    ) -> Option<T> {
         let leaving = match delayed {
             Some(place) => core::mem::replace(place, x),
             None => x,
@@ -817,8 +817,8 @@ impl<'a, T: Real> NumberStep<'a, T> {
         let mut totals = [head, T::zero(), T::zero(), T::zero()];
         let sums = sums.as_chunks_mut::<STATE_BLOCK>().0;
         let third = third.as_chunks_mut::<LANES>().0;
-        let (far, others) = in_place(self.exponentials).split_at_checked(third.len()).unwrap_or_default();
-        let (far_sums, other_sums) = sums.split_at_mut_checked(third.len()).unwrap_or_default();
+        let (far, others) = in_place(self.exponentials).split_at_checked(third.len())?;
+        let (far_sums, other_sums) = sums.split_at_mut_checked(third.len())?;
         for ((block, sums), &third) in rolled(far.iter().zip(far_sums).zip(third.iter())) {
             let [decay, coefficient] = halves(*block);
             let [recent, settled] = halves(*sums);
@@ -833,7 +833,7 @@ impl<'a, T: Real> NumberStep<'a, T> {
         if let Some(settling) = self.settling {
             settle_any(sums, third, settling);
         }
-        total(totals) * self.scale
+        Some(total(totals) * self.scale)
     }
 }
 
@@ -977,7 +977,7 @@ where
             let sums = split_off(&mut sums, layout.blocks * STATE_BLOCK)?;
             let third = split_off(&mut third, table.far_blocks * LANES)?;
             let pending = split_off(&mut pending, layout.head)?;
-            *term = step.take_with_third_parts(x, (sums, third), pending, delayed.next());
+            *term = step.take_with_third_parts(x, (sums, third), pending, delayed.next())?;
         }
         Some(())
     }

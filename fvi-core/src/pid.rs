@@ -486,7 +486,7 @@ where
         if state.mode == Mode::Manual {
             let output = allowed.nearest(state.manual);
             if !derived.is_finite() {
-                return Err(not_finite("the derivative", [signals.value(), T::zero()]));
+                return Err(not_finite("the derivative", [signals.value(), None]));
             }
             signals.take()?;
             (state.output, state.filtered, state.replaced) = (output, filtered, None);
@@ -521,7 +521,7 @@ where
         let raw = beside + value;
         // The output has a part of every number before it: if one of them is not finite, it is not either.
         if !raw.is_finite() {
-            return Err(not_finite("the output before its limits", [signals.value(), pending.value()]));
+            return Err(not_finite("the output before its limits", [signals.value(), Some(pending.value())]));
         }
         let (output, sample) = if integrates {
             let term = IntegralTerm { beside, value, start, leading, sample: now.sample };
@@ -535,7 +535,7 @@ where
         };
         let (kept, value) = base.with(step, pending.value());
         if !value.is_finite() {
-            return Err(not_finite("the integral", [T::zero(), pending.value()]));
+            return Err(not_finite("the integral", [None, Some(pending.value())]));
         }
         pending.take()?;
         signals.take()?;
@@ -615,7 +615,10 @@ where
 
     /// The gains of the last tick.
     fn last_gains(&self) -> PidGains<T> {
-        self.state.replaced.unwrap_or(self.law.borrow().settings().gains)
+        match self.state.replaced {
+            Some(gains) => gains,
+            None => self.law.borrow().settings().gains,
+        }
     }
 
     /// These gains of the last tick, if those of the law are others.
@@ -850,10 +853,10 @@ impl<'a, T: Real, D: Memory<T>, F: Memory<T>> Signals<'a, T, D, F> {
         Ok(Self { in_proportion, derived, filtered, pending_derivative, pending_filter })
     }
 
-    /// The value of the derivative's operator, 0 without one.
+    /// The value of the derivative's operator.
     #[inline(always)]
-    fn value(&self) -> T {
-        self.pending_derivative.as_ref().map_or(T::zero(), Pending::value)
+    fn value(&self) -> Option<T> {
+        self.pending_derivative.as_ref().map(Pending::value)
     }
 
     /// Takes the samples of the operators.
@@ -1003,8 +1006,8 @@ fn relaxed<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>>(
 
 /// Why the number `what` is not finite: the value of an operator before it is not, or itself.
 #[inline(always)]
-fn not_finite<T: Real>(what: &'static str, operators: [T; 2]) -> PidError {
-    let all = operators.iter().all(|value| value.is_finite());
+fn not_finite<T: Real>(what: &'static str, operators: [Option<T>; 2]) -> PidError {
+    let all = operators.iter().flatten().all(|value| value.is_finite());
     if all { PidError::NotFinite { what } } else { OperatorError::NotFinite.into() }
 }
 
