@@ -73,7 +73,7 @@ pub struct Adaptive {
     pub shortest: f64,
     /// The longest step; absent: unlimited.
     pub longest: Option<f64>,
-    /// Reference size of positions; that of momenta is this times the mass, per unit of time.
+    /// Reference size of positions; see [`velocity_scale`](Self::velocity_scale).
     pub scale: f64,
     /// Behaviour of the momentum at the start.
     pub start: Start,
@@ -143,8 +143,9 @@ impl Adaptive {
         };
         let (first, longest) = (positive("first")?, positive("longest")?);
         let scale = positive("scale")?.unwrap_or(1.0);
-        let most = (start.size * libm::pow(end, start.power)).max(scale);
-        let small = SMALL_PART * tolerance * (scale / most);
+        let velocity_scale = scale / end;
+        let most = (start.size * libm::pow(end, start.power)).max(velocity_scale);
+        let small = SMALL_PART * tolerance * (velocity_scale / most);
         let asked = if start.power < 1.0 { libm::pow(small, 1.0 / start.power) * end } else { end };
         let part_of_creep = |size: f64| match start.creep {
             creep if creep < 1.0 || start.of_equation => {
@@ -184,6 +185,12 @@ impl Adaptive {
         let unjudged = is_out_of_reach.then_some(UNJUDGED * shortest);
         let creep = if start.creep < 1.0 { part_of_creep(1.0) } else { end };
         Ok(Self { end, tolerance, first, shortest, longest, scale, start, asked, creep, unjudged })
+    }
+
+    /// Reference size of velocities, which times the mass is that of momenta: `scale` in the whole time. An
+    /// error of that size moves a free mass by `scale` until the end, in whatever unit time is measured.
+    pub fn velocity_scale(&self) -> f64 {
+        self.scale / self.end
     }
 
     /// Time from which momenta are held to the tolerance, if that is later than the start.

@@ -219,13 +219,13 @@ impl<'s> AdaptiveSteps<'s> {
             [&start.position, &start.momentum].map(|numbers| numbers.iter().map(|x| x.abs()).collect());
         let counts = Counts { rejected: 0, attempts: 0, smallest: f64::INFINITY, largest: 0.0 };
         // Momenta of coordinates without mass are zero, and so are their errors.
-        let of_mass = |mass: f64| if mass > 0.0 { rule.scale * mass } else { rule.scale };
+        let of_mass = |mass: f64| rule.velocity_scale() * if mass > 0.0 { mass } else { 1.0 };
         let masses = scenario.system.mass.diagonal();
         let momentum_scale: Vec<f64> = masses.iter().map(|&mass| of_mass(mass)).collect();
         let scales = momentum_scale.iter().zip(&start.momentum).zip(&masses);
-        let energy_scale = scales.filter(|(_, mass)| **mass > 0.0).map(|((scale, p), _)| {
+        let energy_scale = scales.filter(|(_, mass)| **mass > 0.0).map(|((scale, p), mass)| {
             let p = p.abs().max(*scale);
-            p * p / scale * rule.scale
+            p * p / mass
         });
         let crossings = Crossings::of(
             simulation,
