@@ -74,36 +74,28 @@ fn errors_follow_the_tolerance_through_a_singular_start() {
     }
 }
 
-/// q̈ + ω² q = −ω² r sign(q̇) from q = 1: a cosine about ±r in each half period, until it rests within r.
-fn with_dry_friction(omega: f64, held: f64, t: f64) -> (f64, f64) {
-    use std::f64::consts::PI;
-    let turns = ((1.0 - held) / (2.0 * held)).ceil();
-    let turn = (omega * t / PI).floor().min(turns);
-    let side = if turn % 2.0 == 0.0 { 1.0 } else { -1.0 };
-    let reach = 1.0 - 2.0 * held * turn;
-    if turn == turns {
-        return (side * reach, 0.0);
-    }
-    let (sin, cos) = (omega * t - PI * turn).sin_cos();
-    (side * (held + (reach - held) * cos), -side * omega * (reach - held) * sin)
-}
-
 #[test]
 fn the_unit_of_time_makes_no_difference() {
-    let (omega, held) = (2.0, 0.08);
+    // v̇ = −√v from v = 1 stops at t = 2.
+    let exact = |t: f64| {
+        let left = if t < 2.0 { 1.0 - 0.5 * t } else { 0.0 };
+        (2.0 / 3.0 * (1.0 - left.powi(3)), left.powi(2))
+    };
     let mut steps = Vec::new();
     for unit in [1.0, 3600.0, 1e-3, 1e-6] {
-        let squared = (omega * unit) * (omega * unit);
-        let force = format!("-{squared:?}*({held}*sign(v0) + q0)");
-        let mut system = scenario(0.5, 1.0, &force, adaptive(12.0 / unit, 1e-6));
-        system["system"] = json!({ "mass": [1.0], "force": [force] });
-        let (summary, rows) = rows(&system);
+        let scenario = json!({
+            "system": { "mass": [1.0], "force": [format!("-{:?}*sign(v0)*sqrt(abs(v0))", f64::powf(unit, 1.5))] },
+            "initial": { "position": [0.0], "velocity": [unit] },
+            "scheme": { "kind": "collocation" },
+            "time": adaptive(4.0 / unit, 1e-6),
+        });
+        let (summary, rows) = rows(&scenario);
         let rows: Vec<_> = rows.iter().map(|&[t, q, p]| [t * unit, q, p / unit]).collect();
-        let error = errors(&rows, |t| with_dry_friction(omega, held, t));
-        assert!(error < 1e-5, "{unit}: {error:e} in {} steps", summary.steps);
+        let error = errors(&rows, exact);
+        assert!(error < 1e-6, "{unit}: {error:e} in {} steps", summary.steps);
         steps.push(summary.steps);
     }
-    assert!(steps.iter().all(|&count| count.abs_diff(steps[0]) * 20 < steps[0]), "{steps:?}");
+    assert!(steps.iter().all(|&count| count == steps[0]), "{steps:?}");
 }
 
 #[test]
