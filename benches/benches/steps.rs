@@ -1,6 +1,7 @@
 //! Time of a step as `fvi run` makes it, against the same scheme written by hand for one system: closed-form
 //! gradient and Hessian, plain arrays, the same memory, and the same sums, whose rounding errors are kept. A
-//! third one is plain: it updates position and momentum without keeping what rounding takes away.
+//! third one is plain: it updates position and momentum without keeping what rounding takes away. The fourth is
+//! `steps.c`, plain too, compiled by `cc -O3 -march=native` for each system and size.
 //!
 //! All start from the same state; what they end at is compared before anything is timed. They are timed in
 //! turn, so that changes of the machine's speed meet all alike, and the fastest turn of each counts.
@@ -13,11 +14,14 @@
 
 use fvi_fft::sums::max_or_nan;
 use std::hint::black_box;
-use std::path::Path;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use fvi_core::Memory;
+use fvi_core::{BdfOrder, Memory};
+use fvi_fft::exponentials::exponential_table::{ExponentialKernel, SMALLEST_TOLERANCE};
 use fvi_fft::memory::{HostMemory, MemoryRequest};
 use fvi_fft::transfer::TransferFunction;
 use fvi_host::run::{RunOptions, run};
@@ -49,7 +53,9 @@ fn main() {
     }
     let wanted: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let chosen = |name: &str| wanted.is_empty() || wanted.iter().any(|word| name.contains(word));
-    println!("ns for a step                 fvi run  in the loop  by hand  ratio  (allowed)    plain  ratio");
+    println!(
+        "ns for a step                 fvi run  in the loop  by hand  ratio  (allowed)    plain  ratio     in C  ratio"
+    );
     let mut linear = Vec::new();
     let oscillator = |n: usize| (LinearChain::new(n), linear_chain(n));
     let cases = [(1, 1_000_000, 1.5), (8, 200_000, 1.5), (64, 20_000, 2.0)];
@@ -60,14 +66,17 @@ fn main() {
         };
         if chosen(&name) {
             let (system, potential) = oscillator(coordinates);
-            linear.push(compare(&name, coordinates, steps, &potential, system, allowed));
+            let code = if coordinates == 1 { Code::Oscillator } else { Code::LinearChain };
+            linear.push(compare(&name, (coordinates, steps), &potential, system, (code, allowed)));
         }
     }
     if chosen("pendulum") {
-        compare("pendulum", 1, 1_000_000, "9.81*(1 - cos(q0))", Pendulum, 1.5);
+        let code = (Code::Pendulum, 1.5);
+        compare("pendulum", (1, 1_000_000), "9.81*(1 - cos(q0))", Pendulum, code);
     }
     if chosen("nonlinear chain of 8") {
-        compare("nonlinear chain of 8", 8, 200_000, &nonlinear_chain(8), NonlinearChain::new(8), 1.5);
+        let (system, code) = (NonlinearChain::new(8), (Code::NonlinearChain, 1.5));
+        compare("nonlinear chain of 8", (8, 200_000), &nonlinear_chain(8), system, code);
     }
     if let [_, eight, chain] = linear[..] {
         println!("linear chain of 64 against 8: {:.1} times (30 allowed)", chain / eight);
@@ -594,11 +603,10 @@ fn in_a_run(scenario: &Scenario, directory: &Path) -> f64 {
 /// Prints the times of a step; returns that of `fvi run`.
 fn compare<S: ByHand>(
     name: &str,
-    coordinates: usize,
-    steps: usize,
+    (coordinates, steps): (usize, usize),
     potential: &str,
     system: S,
-    allowed: f64,
+    (code, allowed): (Code, f64),
 ) -> f64 {
     let scenario = scenario(coordinates, steps, potential);
     let nodes = damped_at_nodes(&scenario);
@@ -606,9 +614,12 @@ fn compare<S: ByHand>(
     check::<_, false, false>(&scenario, system.clone());
     check::<_, true, true>(&nodes, system.clone());
     let directory = std::env::temp_dir().join(format!("fvi-bench-steps-{}", std::process::id()));
-    let mut fastest = [f64::INFINITY; 6];
+    std::fs::create_dir_all(&directory).expect("room for temporary files");
+    let in_c = InC::compile(code, &scenario, &directory);
+    let mut fastest = [f64::INFINITY; 7];
     for _ in 0..TURNS {
         let times = [
+            in_c.nanoseconds(&scenario),
             in_a_run(&scenario, &directory),
             in_the_loop(&scenario),
             by_hand::<_, false, true>(&scenario, system.clone()),
@@ -622,11 +633,12 @@ fn compare<S: ByHand>(
     }
     // What is left there is of no use to anyone.
     let _ = std::fs::remove_dir_all(directory);
-    let [run, steps, hand, plain, nodes, hand_nodes] = fastest;
+    let [in_c, run, steps, hand, plain, nodes, hand_nodes] = fastest;
     println!(
-        "{name:<28} {run:>8.1} {steps:>12.1} {hand:>8.1} {:>6.2}  ({allowed}) {plain:>11.1} {:>6.2}",
+        "{name:<28} {run:>8.1} {steps:>12.1} {hand:>8.1} {:>6.2}  ({allowed}) {plain:>11.1} {:>6.2} {in_c:>8.1} {:>6.2}",
         run / hand,
-        run / plain
+        run / plain,
+        run / in_c
     );
     println!(
         "{:<28} {nodes:>8.1} {hand_nodes:>21.1} {:>6.2}  {:.2} of the main nodes' (1.1)",
@@ -635,6 +647,79 @@ fn compare<S: ByHand>(
         nodes / run
     );
     run
+}
+
+/// The systems of `steps.c`.
+#[derive(Clone, Copy)]
+enum Code {
+    Oscillator,
+    Pendulum,
+    LinearChain,
+    NonlinearChain,
+}
+
+/// `steps.c`, compiled for one system and size.
+struct InC {
+    program: PathBuf,
+    table: String,
+}
+
+impl InC {
+    fn compile(code: Code, scenario: &Scenario, directory: &Path) -> Self {
+        let program = directory.join("steps");
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/steps.c");
+        let defined = [format!("-DSYSTEM={}", code as u8), format!("-DN={}", scenario.coordinates())];
+        let compiled = Command::new("cc")
+            .args(["-std=gnu11", "-O3", "-march=native", "-o"])
+            .arg(&program)
+            .args(defined)
+            .arg(source)
+            .arg("-lm")
+            .status();
+        assert!(compiled.is_ok_and(|status| status.success()), "`cc` compiles steps.c");
+        // The weights of the memory that the scenario asks for.
+        let kernel = ExponentialKernel::bdf_on_increments(
+            BdfOrder::GRUNWALD_LETNIKOV,
+            ORDER,
+            STEP,
+            scenario.history.horizon.expect("in the scenario"),
+            SMALLEST_TOLERANCE,
+        );
+        let kernel = kernel.expect("a table");
+        let table = kernel.table::<f64>();
+        let of_blocks =
+            |from: usize| table.exponentials.chunks_exact(8).flat_map(move |block| &block[from..from + 4]);
+        let numbers = table.head.iter().chain(of_blocks(0)).chain(of_blocks(4));
+        let mut text = format!("{} {} {:?}", table.head.len(), table.exponentials.len() / 2, 1.0);
+        numbers.for_each(|number| text += &format!(" {number:e}"));
+        Self { program, table: text }
+    }
+
+    /// Nanoseconds of a step, after it has made the same motion as the library.
+    fn nanoseconds(&self, scenario: &Scenario) -> f64 {
+        let mut child = Command::new(&self.program)
+            .arg(scenario.time.steps.to_string())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the program runs");
+        child.stdin.take().expect("piped").write_all(self.table.as_bytes()).expect("it reads");
+        let output = child.wait_with_output().expect("it ends");
+        assert!(output.status.success(), "steps.c: {}", output.status);
+        let text = String::from_utf8_lossy(&output.stdout);
+        let mut numbers = text.split_whitespace().map(|number| number.parse::<f64>().expect("a number"));
+        let nanoseconds = numbers.next().expect("the time");
+        let (mut simulation, mut state) = simulation(scenario);
+        for _ in 0..1000 {
+            simulation.step(&[]).expect("a step");
+        }
+        simulation.read(&mut state);
+        for expected in state.position.iter().zip(&state.momentum).flat_map(|(&q, &p)| [q, p]) {
+            let found = numbers.next().expect("the state");
+            assert!((found - expected).abs() < 1e-9, "{expected} by the library, {found} in C");
+        }
+        nanoseconds
+    }
 }
 
 /// Both must have made the same motion after a thousand steps, to rounding.
