@@ -1,7 +1,7 @@
 /* The scheme of steps.rs for one system, as one would write it in C: plain updates, no checks, no rows. Compiled for SYSTEM and N by
  * the bench. It reads the memory's table from its input,
  *
- *     n0 J scale   W_0 … W_{n0-1}   mu_1 … mu_J   u_1 … u_J ,   J a multiple of 4,
+ *     n0 J   W_0 … W_{n0-1}   mu_1 … mu_J   u_1 … u_J ,   J a multiple of 4,
  *
  * with W_n = sum u_j (1 - mu_j)^(n - n0) from n0 on, makes as many steps as its argument says, and prints the nanoseconds of a step in
  * the fastest fiftieth of them, then positions and momenta after the first thousand.
@@ -35,11 +35,10 @@ static int number(double *to)
 
 static int read_table(void)
 {
-    double scale;
-    int good = scanf("%d %d", &head, &terms) == 2 && number(&scale) && head < MOST && terms < MOST;
-    for (int n = 0; good && n < head; n++) good = number(&weights[n]), weights[n] *= scale;
+    int good = scanf("%d %d", &head, &terms) == 2 && head < MOST && terms < MOST;
+    for (int n = 0; good && n < head; n++) good = number(&weights[n]);
     for (int j = 0; good && j < terms; j++) good = number(&decay[j]);
-    for (int j = 0; good && j < terms; j++) good = number(&output[j]), output[j] *= scale;
+    for (int j = 0; good && j < terms; j++) good = number(&output[j]);
     return good;
 }
 

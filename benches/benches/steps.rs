@@ -687,10 +687,11 @@ impl InC {
         );
         let kernel = kernel.expect("a table");
         let table = kernel.table::<f64>();
+        let (head, exponentials) = (table.head.as_ref(), table.exponentials.as_ref());
         let of_blocks =
-            |from: usize| table.exponentials.chunks_exact(8).flat_map(move |block| &block[from..from + 4]);
-        let numbers = table.head.iter().chain(of_blocks(0)).chain(of_blocks(4));
-        let mut text = format!("{} {} {:?}", table.head.len(), table.exponentials.len() / 2, 1.0);
+            |from: usize| exponentials.chunks_exact(8).flat_map(move |block| &block[from..from + 4]);
+        let numbers = head.iter().chain(of_blocks(0)).chain(of_blocks(4));
+        let mut text = format!("{} {}", head.len(), exponentials.len() / 2);
         numbers.for_each(|number| text += &format!(" {number:e}"));
         Self { program, table: text }
     }
