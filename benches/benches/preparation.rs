@@ -87,7 +87,7 @@ fn exponentials(steps: usize, tolerance: f64) -> f64 {
 }
 
 fn rates() -> f64 {
-    let method = RungeKutta::<3>::radau_iia();
+    let method = RungeKutta::<3>::radau_iia().expect("a method");
     fastest(|| rate_table::<f64, 3>(&method, ORDER, 1e-12, 1.0, RATE_TOLERANCE).expect("a table"))
 }
 
