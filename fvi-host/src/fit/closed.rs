@@ -67,6 +67,7 @@ impl<'s> Closed<'s> {
                 Observed::Real => value.re,
                 Observed::Imaginary => value.im,
                 Observed::Magnitude => value.re.hypot(value.im),
+                Observed::Decibels => 20.0 * libm::log10(value.re.hypot(value.im)),
                 Observed::LossFactor => value.im / value.re,
                 Observed::Relaxation => self.relaxation(place)?,
                 Observed::Creep => self.creep(place)?,

@@ -69,6 +69,8 @@ pub(super) enum Observed {
     Real,
     Imaginary,
     Magnitude,
+    /// 20 log₁₀ of the magnitude.
+    Decibels,
     /// tan δ, the imaginary part over the real part.
     LossFactor,
     /// G(t) = L⁻¹\[K/s\].
@@ -121,6 +123,11 @@ impl Observed {
             (Self::Acceleration(_), _) => "accelerations",
             _ => "energies",
         }
+    }
+
+    /// [`Self::kind`], with decibels as a kind of their own: residuals of two kinds have no common size.
+    pub(super) fn kind_of_residuals(self, domain: &Domain) -> &'static str {
+        if self == Self::Decibels { "decibels" } else { self.kind(domain) }
     }
 
     fn of_name(name: &str, domain: &Domain) -> Option<Self> {
@@ -266,7 +273,7 @@ impl Record {
         let own_time = record.set.iter().any(|(path, _)| path == "time" || path.starts_with("time."));
         let times = if own_time { (0.0, f64::INFINITY) } else { (extent.begin, extent.end) };
         record.check_places(&cells, over, times)?;
-        record.read_columns(&cells, extent, before)?;
+        record.read_columns(&cells, &table, extent, before)?;
         record.read_deviations(&cells, &table)?;
         Ok(record)
     }
@@ -305,6 +312,7 @@ impl Record {
     fn read_columns(
         &mut self,
         cells: &Cells<'_, '_>,
+        table: &Table<'_>,
         extent: Extent,
         before: &[Self],
     ) -> Result<(), InputError> {
@@ -346,7 +354,15 @@ impl Record {
                     return Err(cells.fault(cells.header, reason));
                 }
                 let deviations = vec![1.0; cells.rows.len()];
-                let (values, unit, factor) = (cells.values(index), place.unit.clone(), cells.factor(name));
+                // Data in decibels have errors in decibels, unless these are shares of the magnitude.
+                let (what, values) = match cells.is_in_decibels(name) && !has_relative_deviation(table, name)
+                {
+                    true => (Observed::Decibels, cells.levels(index)),
+                    false => (what, cells.values(index)),
+                };
+                let is_said = what == Observed::Decibels && has_entry(table, "units", name);
+                let unit = place.unit.clone().filter(|_| !is_said);
+                let factor = cells.factor(name);
                 self.columns.push(Column { name: name.clone(), what, values, deviations, unit, factor });
             }
         }
@@ -361,6 +377,12 @@ impl Record {
                 );
             };
             let own = &cells.columns[own];
+            if place.is_decibels() && !cells.is_in_decibels(base) {
+                let reason = format!(
+                    "the deviations of {base} are in dB, and {base} is not; `units = {{ {base} = \"dB\" }}` says that it is"
+                );
+                return Err(cells.fault(cells.header, reason));
+            }
             if let (Some(unit), Some(other)) = (&place.unit, &own.unit)
                 && unit != other
             {
@@ -422,8 +444,8 @@ impl Record {
                     let mut deviations = positive(index)?;
                     if name == "deviation" {
                         // It is in the unit of each column of data.
-                        let pairs = deviations.iter_mut().zip(&column.values);
-                        pairs.for_each(|(one, &value)| *one = cells.deviation(&column.name, value, *one));
+                        let factor = cells.factor(&column.name);
+                        deviations.iter_mut().for_each(|one| *one *= factor);
                     }
                     column.deviations = deviations;
                 }
@@ -433,6 +455,7 @@ impl Record {
                 None => {}
             }
         }
+        self.check_magnitudes(cells)?;
         self.read_deviation_keys(cells, table, [deviation.as_ref(), relative.as_ref()])?;
         self.check_sizes(cells, &ways)
     }
@@ -490,9 +513,7 @@ impl Record {
             let whole = parts.map(|column| column.values[row].powi(2)).sum::<f64>().sqrt();
             for (column, (one, share)) in self.columns.iter_mut().zip(&shares) {
                 if let Some(one) = *one {
-                    let in_decibels = cells.is_in_decibels(&column.name);
-                    let spread = || cells.deviation(&column.name, column.values[row], one);
-                    column.deviations[row] = if in_decibels { spread() } else { one };
+                    column.deviations[row] = one;
                 }
                 let Some(share) = share else { continue };
                 let of_whole = to_magnitude.unwrap_or(matches!(column.name.as_str(), "re" | "im"));
@@ -503,6 +524,18 @@ impl Record {
                 }
                 column.deviations[row] = share * size;
             }
+        }
+        Ok(())
+    }
+
+    /// Refuses magnitudes below 0, which are decibels that nothing says to be such.
+    fn check_magnitudes(&self, cells: &Cells<'_, '_>) -> Result<(), InputError> {
+        for column in self.columns.iter().filter(|column| column.what == Observed::Magnitude) {
+            let Some(row) = column.values.iter().position(|&value| value < 0.0) else { continue };
+            let Column { name, values, .. } = column;
+            let advice = "those in decibels are `units = { magnitude = \"dB\" }`";
+            let reason = format!("{name} = {} is below 0, which no magnitude is; {advice}", values[row]);
+            return Err(cells.fault(cells.rows[row].0, reason));
         }
         Ok(())
     }
@@ -669,17 +702,31 @@ fn contradiction(record: &Record, before: &[Record]) -> Option<String> {
         });
         if let Some((other, of, own)) = found {
             let place = if std::ptr::eq(of, record) { String::new() } else { format!(" of {}", of.name) };
-            return Some(format!(
-                "{} is in `{}`, and {}{place} in `{}`: `units = {{ {} = … }}` is the number to multiply it by",
-                column.name,
-                excerpt(unit),
-                other.name,
-                excerpt(own),
-                column.name
-            ));
+            let name = &column.name;
+            let advice = match [column.what, other.what].contains(&Observed::Decibels) {
+                true => {
+                    "`units = { magnitude = \"dB\" }` says that these are of 1 in the unit of the scenario"
+                        .to_owned()
+                }
+                false => format!("`units = {{ {name} = … }}` is the number to multiply it by"),
+            };
+            let (unit, own) = (excerpt(unit), excerpt(own));
+            return Some(format!("{name} is in `{unit}`, and {}{place} in `{own}`: {advice}", other.name));
         }
     }
     None
+}
+
+/// True if `relative_deviation` is about this column.
+fn has_relative_deviation(table: &Table<'_>, column: &str) -> bool {
+    let number = table.optional("relative_deviation").is_some_and(|value| !value.is_table());
+    number || has_entry(table, "relative_deviation", column)
+}
+
+/// True if the table at `key` has an entry for a column.
+fn has_entry(table: &Table<'_>, key: &str, column: &str) -> bool {
+    let entries = table.optional(key).and_then(|value| value.table().ok());
+    entries.is_some_and(|entries| entries.optional(column).is_some())
 }
 
 type Written<'a> = (&'a Column, &'a Domain, &'a str);

@@ -1,6 +1,6 @@
 //! The pictures of a fit: data with model, and residuals; the comparison of models; the master curve.
 
-use super::data::{Column, Deviations, Domain, Over, Record};
+use super::data::{Column, Deviations, Domain, Observed, Over, Record};
 use super::plan::Fit;
 use super::{Fitted, FittedModel};
 use crate::results::picture::{Axis, Chart, Series, Style};
@@ -23,7 +23,7 @@ pub(super) fn charts(plan: &Fit, fitted: &FittedModel) -> Vec<(String, Chart)> {
         };
         // Moduli span decades; parts of a receptance have either sign.
         let is_positive = record.domain != Domain::Time && values().all(|&value| value > 0.0);
-        let names: Vec<&str> = record.columns.iter().map(|column| column.name.as_str()).collect();
+        let names: Vec<&str> = record.columns.iter().map(label).collect();
         let names = names.join(", ");
         let y = if is_positive { Axis::logarithmic(&names) } else { Axis::linear(&names) };
         let chart = |y: Axis| {
@@ -78,7 +78,7 @@ pub(super) fn master_curve(plan: &Fit, fitted: &FittedModel) -> Option<(String, 
     plan.shift.as_ref().filter(|_| alike)?;
     let of_columns = plan.records.iter().flat_map(|record| &record.columns);
     let is_positive = of_columns.flat_map(|column| &column.values).all(|&value| value > 0.0);
-    let names: Vec<&str> = plan.records[0].columns.iter().map(|column| column.name.as_str()).collect();
+    let names: Vec<&str> = plan.records[0].columns.iter().map(label).collect();
     let names = names.join(", ");
     let x = Axis::logarithmic(if over_time { "reduced time t/a" } else { "reduced angular frequency a ω" });
     let y = if is_positive { Axis::logarithmic(&names) } else { Axis::linear(&names) };
@@ -97,6 +97,11 @@ pub(super) fn master_curve(plan: &Fit, fitted: &FittedModel) -> Option<(String, 
         }
     }
     Some(("master_curve.svg".to_owned(), chart))
+}
+
+/// What an axis says of a column.
+fn label(column: &Column) -> &str {
+    if column.what == Observed::Decibels { "magnitude in dB" } else { &column.name }
 }
 
 fn points(record: &Record, values: &[f64]) -> Vec<(f64, f64)> {

@@ -310,7 +310,7 @@ fn deviations(root: &Table<'_>, tables: &[Value<'_>], records: &[Record]) -> Res
             let allowed = "deviations of all tables, weights in all tables, or neither in any".to_owned();
             return Err(value.out_of_range(allowed));
         }
-        kinds.extend(record.columns.iter().map(|column| column.what.kind(&record.domain)));
+        kinds.extend(record.columns.iter().map(|column| column.what.kind_of_residuals(&record.domain)));
         if first == Deviations::None && kinds.iter().any(|kind| *kind != kinds[0]) {
             let problem = format!("`deviation` in every table: there are data of {} and of others", kinds[0]);
             return Err(value.out_of_range(problem));

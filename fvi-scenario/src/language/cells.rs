@@ -8,7 +8,7 @@ use crate::language::expression::nearest;
 use fvi_core::{max_or_nan, min_or_nan};
 use layout::{Layout, Row, is_missing, number_of};
 use std::f64::consts::{PI, TAU};
-use units::{FREQUENCIES, factor_of, is_unit, unit_in, without_unit};
+use units::{FREQUENCIES, factor_of, is_decibels, is_unit, unit_in, without_unit};
 
 mod layout;
 mod units;
@@ -38,6 +38,13 @@ pub struct Place {
     pub factor: f64,
     /// True if its numbers are magnitudes in decibels.
     in_decibels: bool,
+}
+
+impl Place {
+    /// True if the file says that its numbers are decibels.
+    pub fn is_decibels(&self) -> bool {
+        self.unit.as_deref().is_some_and(is_decibels)
+    }
 }
 
 /// The rows below the header, how many cells each has, and what separates them.
@@ -78,20 +85,15 @@ impl Cells<'_, '_> {
         self.rows.iter().map(|(_, row)| value(row[column]) * factor).collect()
     }
 
+    /// The numbers of a column in the unit of the scenario, decibels as such.
+    pub fn levels(&self, column: usize) -> Vec<f64> {
+        let factor = self.columns[column].factor;
+        self.rows.iter().map(|(_, row)| row[column] * factor).collect()
+    }
+
     /// What the numbers of a column are multiplied by.
     pub fn factor(&self, name: &str) -> f64 {
         self.column(name).map_or(1.0, |column| self.columns[column].factor)
-    }
-
-    /// The deviation of the number `value` of a column where file or key say `deviation`, in
-    /// the unit of that column: decibels are a share of the number, other units a factor.
-    pub fn deviation(&self, name: &str, value: f64, deviation: f64) -> f64 {
-        match self.column(name) {
-            Some(column) if self.columns[column].in_decibels => {
-                value.abs() * deviation * std::f64::consts::LN_10 / 20.0
-            }
-            _ => deviation * self.factor(name),
-        }
     }
 
     /// True if a column holds decibels.
@@ -549,7 +551,7 @@ impl Cells<'_, '_> {
                 Some((_, factor)) => Ok(*factor),
                 None => factor_of(name, unit.as_deref()),
             };
-            let in_decibels = own.is_none() && name == MAGNITUDE && unit.as_deref() == Some("dB");
+            let in_decibels = own.is_none() && name == MAGNITUDE && unit.as_deref().is_some_and(is_decibels);
             self.columns[index].factor = factor.map_err(|(reason, number)| {
                 let advice = match number {
                     Some(number) => format!("`units = {{ {base} = {number} }}` is what to multiply it by"),

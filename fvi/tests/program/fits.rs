@@ -871,6 +871,41 @@ fn mobilities_and_accelerances_are_fitted() {
     }
 }
 
+/// The logarithm of a constant |G| is best at the mean of data in dB, with the error of a mean in dB.
+#[test]
+fn data_in_decibels_are_fitted_in_decibels() {
+    let spring = "[system]\nmass = [1.0]\npotential = \"0.5*e*q0^2\"\nparameters = { e = 1.0 }\n[time]\nstep = 0.1\nsteps = 10\n";
+    let free = "scenario = \"scenario.toml\"\n[[free]]\npath = \"system.parameters.e\"\n[[data]]\nfile = \"data.csv\"\n";
+    // Their mean is 5, and Σ (d − 5)² = 138.
+    let levels = [-3.0, 2.0, 9.0, 12.0];
+    let e = 10f64.powf(5.0 / 20.0);
+    let per_decibel = e * std::f64::consts::LN_10 / 20.0;
+    let cases = [
+        ("magnitude [dB]", "", "deviation = 3.0\n", 3.0),
+        ("magnitude [DB]", "", "deviation = 3.0\n", 3.0),
+        ("magnitude", "", "units = { magnitude = \"dB\" }\ndeviation = { magnitude = 3.0 }\n", 3.0),
+        ("magnitude [dB],deviation", ",3", "", 3.0),
+        ("magnitude [dB],magnitude_deviation [dB]", ",3", "", 3.0),
+        ("magnitude [dB],magnitude_deviation", ",3", "", 3.0),
+        // Nothing says how large they are: √(138/3).
+        ("magnitude [dB]", "", "", 46f64.sqrt()),
+        ("magnitude [dB],weight", ",7", "", 46f64.sqrt()),
+    ];
+    for (head, tail, keys, deviation) in cases {
+        let rows = (1..).zip(levels).map(|(omega, level)| format!("{omega},{level}{tail}\n"));
+        let data = rows.fold(format!("omega,{head}\n"), |text, row| text + &row);
+        let found = fitted_here(spring, &format!("{free}quantity = \"modulus\"\n{keys}"), &data);
+        let parameter = &found.parameters[0].1;
+        assert!((parameter.estimate / e - 1.0).abs() < 1e-7, "{data}\n{keys}\n{parameter:?}");
+        let error = parameter.standard_error.unwrap();
+        assert!(
+            (error / (0.5 * deviation * per_decibel) - 1.0).abs() < 1e-6,
+            "{data}\n{keys}\n{parameter:?}"
+        );
+        assert!((found.tables[0].rms[0] / 34.5f64.sqrt() - 1.0).abs() < 1e-7, "{:?}", found.tables);
+    }
+}
+
 /// Of storage and loss each has its own relative deviation; of the parts of a complex number, that of both.
 #[test]
 fn relative_deviations_are_those_of_each_datum() {
@@ -889,16 +924,21 @@ fn relative_deviations_are_those_of_each_datum() {
         ),
         ("omega,re,im\n1,3,4\n", "relative_deviation = 0.1\n", [0.5, 0.5]),
         ("omega,re,im\n1,3,4\n", "relative_deviation = 0.1\nrelative_to = \"datum\"\n", [0.3, 0.4]),
-        // A decibel more is a factor of 10^{1/20}.
+        // Data in decibels have deviations in decibels; a fraction is one of the magnitude.
         (
             "omega,magnitude,tan_delta\n1,20,0.5\n",
             "units = { magnitude = \"dB\" }\ndeviation = { magnitude = 0.1, tan_delta = 0.03 }\n",
-            [std::f64::consts::LN_10 / 20.0, 0.03],
+            [0.1, 0.03],
         ),
         (
             "omega,magnitude,deviation\n1,20,0.1\n",
-            "units = { magnitude = \"dB\" }\n",
-            [std::f64::consts::LN_10 / 20.0, f64::NAN],
+            "quantity = \"modulus\"\nunits = { magnitude = \"dB\" }\n",
+            [0.1, f64::NAN],
+        ),
+        (
+            "omega,magnitude [dB]\n1,20\n",
+            "quantity = \"modulus\"\nrelative_deviation = 0.1\n",
+            [1.0, f64::NAN],
         ),
     ];
     for (data, keys, deviations) in cases {
@@ -1332,6 +1372,26 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
             "omega,storage,loss\n1,2,3\n",
             with("deviation = { storage = 1.0, loss = 1.0 }\nrelative_deviation = { loss = 1.0 }\n"),
             &["data[0].deviation", "one deviation of loss"],
+        ),
+        (
+            "omega,magnitude [dB re 1 N/m]\n1,2\n",
+            with("quantity = \"modulus\"\n"),
+            &["decibels in `dB re 1 N/m`", "units = { magnitude = \"dB\" }"],
+        ),
+        (
+            "omega,magnitude,magnitude_deviation [dB]\n1,2,3\n",
+            with("quantity = \"modulus\"\n"),
+            &["the deviations of magnitude are in dB, and magnitude is not"],
+        ),
+        (
+            "omega,magnitude\n1,2\n2,-3\n",
+            with("quantity = \"modulus\"\n"),
+            &["line 3", "magnitude = -3 is below 0", "units = { magnitude = \"dB\" }"],
+        ),
+        (
+            "omega,magnitude [dB],storage [kPa]\n1,2,3\n",
+            with("deviation = 1.0\n"),
+            &["storage is in `kPa`, and magnitude in `dB`", "in the unit of the scenario"],
         ),
         (good, with("units = { q1 = 2.0 }\n"), &["data[0].units.q1", "unknown key"]),
         (good, with("units = { t = \"min\" }\n"), &["data[0].units.t", "a number"]),

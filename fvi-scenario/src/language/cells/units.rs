@@ -28,7 +28,7 @@ pub(super) fn without_unit(name: &str) -> (&str, Option<&str>) {
 
 /// The unit in a header cell, if what stands there is one: "(delta)" of "Tan(delta)" is none.
 pub(super) fn unit_in(name: &str) -> Option<&str> {
-    without_unit(name).1.filter(|unit| is_unit(unit))
+    without_unit(name).1.filter(|unit| is_unit(unit) || begins_with_decibels(unit))
 }
 
 /// Words of units that take no prefix, and those that do.
@@ -56,6 +56,15 @@ pub(super) fn is_unit(text: &str) -> bool {
     };
     let mut words = text.split(|letter: char| !is_letter(letter)).filter(|word| !word.is_empty()).peekable();
     words.peek().is_some() && words.all(is_word)
+}
+
+pub(super) fn is_decibels(unit: &str) -> bool {
+    unit.eq_ignore_ascii_case("dB")
+}
+
+/// "dB re 1 m/N", too.
+fn begins_with_decibels(unit: &str) -> bool {
+    unit.get(..2).is_some_and(is_decibels)
 }
 
 /// The unit with one sign for each of its operations.
@@ -119,8 +128,13 @@ pub(super) fn factor_of(name: &str, unit: Option<&str>) -> Factor {
                 Err((format!("a phase in `{said}`, {reason}"), None))
             }
         },
-        _ if unit == "dB" && name != "magnitude" => Err((
-            "decibels, which only a column `magnitude` is taken in; a deviation of it is in its own unit"
+        "magnitude" | "magnitude_deviation" if is_decibels(&unit) => Ok(1.0),
+        "magnitude" if begins_with_decibels(&unit) => {
+            let reason = "which may be of another unit than the scenario's; `units = { magnitude = \"dB\" }` takes them as its own";
+            Err((format!("decibels in `{said}`, {reason}"), None))
+        }
+        _ if is_decibels(&unit) => Err((
+            "decibels, which only a column `magnitude` is taken in, and `magnitude_deviation`; a deviation of it is in its own unit"
                 .to_owned(),
             None,
         )),
