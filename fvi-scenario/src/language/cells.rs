@@ -6,9 +6,9 @@ use super::error::{InputError, Problem};
 use crate::language::excerpt::excerpt;
 use crate::language::expression::nearest;
 use fvi_core::{max_or_nan, min_or_nan};
-use layout::{Layout, Row, is_missing, number_of};
+use layout::{Layout, Row, is_missing, number_of, squeezed};
 use std::f64::consts::{PI, TAU};
-use units::{FREQUENCIES, factor_of, is_decibels, is_unit, unit_in, without_unit};
+use units::{FREQUENCIES, factor_of, in_unit, is_decibels, is_unit, unit_in, unit_of_axis, without_unit};
 
 mod layout;
 mod units;
@@ -276,7 +276,12 @@ impl Cells<'_, '_> {
         };
         let width = used_width(&header);
         for (index, cell) in header.iter().take(width).enumerate() {
-            let (name, unit) = without_unit(cell);
+            // Names of the program are words, so that `in` is none of them: "f in Hertz".
+            let named = match without_unit(cell) {
+                (_, None) => in_unit(cell).filter(|(name, _)| !name.contains(' ')),
+                (name, Some(unit)) => Some((name, unit)),
+            };
+            let (name, unit) = named.map_or((cell.as_str(), None), |(name, unit)| (name, Some(unit)));
             if self.column(name).is_some() {
                 let reason = format!("column {}: `{}` stands there twice", index + 1, excerpt(name));
                 return Err(self.fault(self.header, reason));
@@ -305,10 +310,11 @@ impl Cells<'_, '_> {
                 .collect::<Result<_, InputError>>()?;
             return self.numbered_columns(layout, &wanted, comma);
         }
-        let wanted: Vec<(&str, &str)> = entries
+        let wanted: Vec<(&str, String)> = entries
             .iter()
-            .map(|(own, value)| Ok((*own, value.text()?.trim())))
+            .map(|(own, value)| Ok((*own, squeezed(value.text()?))))
             .collect::<Result<_, InputError>>()?;
+        let wanted: Vec<(&str, &str)> = wanted.iter().map(|(own, name)| (*own, name.as_str())).collect();
         self.named_columns(layout, &wanted, comma)
     }
 
@@ -400,7 +406,12 @@ impl Cells<'_, '_> {
                 return Err(self.fault(self.header, format!("`{}` stands there twice", excerpt(name))));
             };
             let cell = &row[column];
-            self.add(own, column, if cell == name { unit_in(cell) } else { without_unit(cell).1 });
+            let unit = match () {
+                () if OVER.contains(own) => unit_of_axis(own, cell),
+                () if cell == name => unit_in(cell),
+                () => without_unit(cell).1.or_else(|| in_unit(cell).map(|(_, unit)| unit)),
+            };
+            self.add(own, column, unit);
         }
         Ok(Body { rows, width: used_width(row), separator })
     }
@@ -572,8 +583,11 @@ fn places_of(row: &[String], name: &str) -> Vec<usize> {
     let matching = |same: &dyn Fn(&str) -> bool| -> Vec<usize> {
         (0..row.len()).filter(|&index| same(&row[index])).collect()
     };
-    let exact = matching(&|cell| cell == name);
-    if exact.is_empty() { matching(&|cell| without_unit(cell).0 == name) } else { exact }
+    let ways: [&dyn Fn(&str) -> bool; 3] =
+        [&|cell| cell == name, &|cell| without_unit(cell).0 == name, &|cell| {
+            in_unit(cell).is_some_and(|(front, _)| front == name)
+        }];
+    ways.into_iter().map(matching).find(|places| !places.is_empty()).unwrap_or_default()
 }
 
 /// True if below a header, or below a row of units, the columns at these places have numbers.

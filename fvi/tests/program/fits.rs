@@ -1393,6 +1393,26 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
             with("deviation = 1.0\n"),
             &["storage is in `kPa`, and magnitude in `dB`", "in the unit of the scenario"],
         ),
+        (
+            "w [U/min];S;L\n1;2;3\n",
+            with("columns = { omega = \"w [U/min]\", storage = \"S\", loss = \"L\" }\n"),
+            &["line 1", "a frequency in `U/min`", "units = { omega = 0.104719"],
+        ),
+        (
+            "w [x 10^3 rad/s];S;L\n1;2;3\n",
+            with("columns = { f = \"w [x 10^3 rad/s]\", storage = \"S\", loss = \"L\" }\n"),
+            &["a frequency in `x 10^3 rad/s`", "neither rad/s nor Hz"],
+        ),
+        (
+            "w in 1/s;S;L\n1;2;3\n",
+            with("columns = { omega = \"w\", storage = \"S\", loss = \"L\" }\n"),
+            &["may be rad/s or Hz", "units = { omega = \"rad/s\" }"],
+        ),
+        (
+            "t,relaxation in N/mm²,creep in 1/Pa\n1,2,3\n",
+            with(""),
+            &["creep is in `1/Pa`, and relaxation in `N/mm²`"],
+        ),
         (good, with("units = { q1 = 2.0 }\n"), &["data[0].units.q1", "unknown key"]),
         (good, with("units = { t = \"min\" }\n"), &["data[0].units.t", "a number"]),
     ]);

@@ -149,6 +149,11 @@ impl Layout {
     }
 }
 
+/// A text with one space between its words, of whatever kind and however many stand there.
+pub(super) fn squeezed(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
 /// A word of a line, with the places of its letters.
 struct Word<'a> {
     text: &'a str,
@@ -201,7 +206,7 @@ fn separated(text: &str, separator: char) -> Result<Vec<Row>, csv::Error> {
         let empty = text.as_bytes()[begin..].iter().take_while(|byte| **byte == b'\n').count();
         line += text.as_bytes()[place..begin + empty].iter().filter(|byte| **byte == b'\n').count() as u64;
         place = begin + empty;
-        let row: Vec<String> = record.iter().map(str::to_owned).collect();
+        let row: Vec<String> = record.iter().map(squeezed).collect();
         if row.iter().any(|cell| !cell.is_empty()) {
             rows.push((line, row));
         }
