@@ -159,7 +159,7 @@ pub fn cells<'v, 'd>(value: &'v Value<'d>, table: &Table<'_>) -> Result<Cells<'v
     let layout = Layout::of(&text).map_err(|reason| read.fault(1, reason))?;
     let body = match table.optional("columns") {
         None => read.plain_header(&layout, comma)?,
-        Some(columns) => read.given_columns(&layout, &columns, comma)?,
+        Some(columns) => read.given_columns(&layout, &columns, table, comma)?,
     };
     let over = read.over()?;
     let mut below = body.rows.as_slice();
@@ -297,6 +297,7 @@ impl Cells<'_, '_> {
         &mut self,
         layout: &Layout,
         columns: &Value<'_>,
+        table: &Table<'_>,
         comma: bool,
     ) -> Result<Body, InputError> {
         let entries = columns.table()?.entries();
@@ -308,7 +309,7 @@ impl Cells<'_, '_> {
                 .iter()
                 .map(|(own, value)| Ok((*own, value.whole(1..=MOST_COLUMNS)?)))
                 .collect::<Result<_, InputError>>()?;
-            return self.numbered_columns(layout, &wanted, comma);
+            return self.numbered_columns(layout, &wanted, table, comma);
         }
         let wanted: Vec<(&str, String)> = entries
             .iter()
@@ -322,6 +323,7 @@ impl Cells<'_, '_> {
         &mut self,
         layout: &Layout,
         wanted: &[(&str, usize)],
+        table: &Table<'_>,
         comma: bool,
     ) -> Result<Body, InputError> {
         let has_numbers = |row: &Row| {
@@ -332,20 +334,84 @@ impl Cells<'_, '_> {
         for separator in layout.separators(comma) {
             let Ok(mut rows) = self.read(layout, separator) else { continue };
             let Some(begin) = rows.iter().position(has_numbers) else { continue };
-            let rows = rows.split_off(begin);
+            let below = rows.split_off(begin);
+            let (above, rows) = (rows, below);
             self.header = rows[0].0;
+            let width = used_width(&rows[0].1);
+            let (heading, units) = self.units_above(&above, layout, (separator, width), wanted, table)?;
+            self.header = heading;
             for &(own, number) in wanted {
                 let is_there = |(_, other): &&(&str, usize)| *other == number;
                 if wanted.iter().filter(is_there).count() > 1 {
                     return Err(self.fault(self.header, format!("column {number} stands in `columns` twice")));
                 }
-                self.add(own, number - 1, None);
+                let unit = units.iter().find(|(of, _)| *of == number).map(|(_, unit)| unit.as_str());
+                self.add(own, number - 1, unit);
             }
-            let width = used_width(&rows[0].1);
             return Ok(Body { rows, width, separator });
         }
         let names: Vec<String> = wanted.iter().map(|(own, number)| format!("{number} ({own})")).collect();
         Err(self.fault(1, format!("no row has numbers in the columns {}", names.join(", "))))
+    }
+
+    /// The units of columns by their numbers, in the heading or the row of units above the first row of
+    /// numbers, and its line.
+    fn units_above(
+        &self,
+        rows: &[Row],
+        layout: &Layout,
+        (separator, width): (char, usize),
+        wanted: &[(&str, usize)],
+        table: &Table<'_>,
+    ) -> Result<(u64, Vec<(usize, String)>), InputError> {
+        let comments = layout.comments(separator);
+        let above = rows.iter().chain(&comments).filter(|(line, _)| *line < self.header);
+        let nothing = || Ok((self.header, Vec::new()));
+        let Some((line, row)) = above.max_by_key(|(line, _)| *line) else { return nothing() };
+        let mut cells: Vec<String> = Vec::new();
+        for cell in row {
+            match cells.last_mut() {
+                // Between spaces a unit in brackets is a word of its own, behind a name.
+                Some(name)
+                    if separator == ' ' && cell.starts_with(['[', '(']) && !name.starts_with(['[', '(']) =>
+                {
+                    *name += &format!(" {cell}");
+                }
+                _ => cells.push(cell.clone()),
+            }
+        }
+        let is_one = |cell: &String| is_unit(bare(cell)) && (bare(cell) != cell || cell.chars().count() > 1);
+        let widest = wanted.iter().map(|(_, number)| *number).max().unwrap_or(0);
+        let fits = if separator == ' ' { cells.len() == width } else { cells.len() >= widest };
+        if !fits {
+            let has_units =
+                cells.len() > 1 && cells.iter().any(|cell| is_one(cell) || unit_in(cell).is_some());
+            let over = wanted.iter().find(|(own, _)| OVER.contains(own)).map_or("omega", |(own, _)| *own);
+            let said = table.optional("units").and_then(|units| units.table().ok());
+            if has_units && said.is_none_or(|said| said.optional(over).is_none()) {
+                let reason = format!(
+                    "{} cells, some with units, above rows of {width}: whose they are is not known; `units = {{ {over} = … }}` \
+                     says that of {over}",
+                    cells.len()
+                );
+                return Err(self.fault(*line, reason));
+            }
+            return nothing();
+        }
+        // Below names stands a row of units where all data have one, or a sign for none.
+        let data =
+            || wanted.iter().filter(|(own, _)| !OVER.contains(own)).map(|(_, number)| &cells[number - 1]);
+        let are_units = data().any(is_one) && data().all(|cell| is_one(cell) || is_blank(bare(cell)));
+        let unit = |&(own, number): &(&str, usize)| {
+            let cell = cells[number - 1].as_str();
+            let unit = match are_units {
+                true => Some(bare(cell)),
+                false if OVER.contains(&own) => unit_of_axis(own, cell),
+                false => unit_in(cell),
+            };
+            unit.map(|unit| (number, unit.to_owned()))
+        };
+        Ok((*line, wanted.iter().filter_map(unit).collect()))
     }
 
     fn named_columns(
@@ -438,8 +504,9 @@ impl Cells<'_, '_> {
         }
         let units = layout.below(self.header, *line).ok_or_else(|| {
             let reason = format!(
-                "{}, which are not in line with the {} names of line {}: whose they are is not known; `columns = {{ f = 2, … }}` takes \
-                 the rows of numbers below, with columns by their numbers, from 1",
+                "{}, which are not in line with the {} names of line {}: whose they are is not known; `columns = {{ f = 2, … }}` \
+                 takes the rows of numbers below, with columns by their numbers, from 1, and `units = {{ f = \"Hz\", … }}` says \
+                 their units",
                 list_of(row.iter().map(String::as_str)),
                 body.width,
                 self.header

@@ -708,6 +708,41 @@ fn tables_are_read_as_instruments_write_them() {
                 &|omega, storage, loss| format!("{loss:e};{storage:e};{:e};", omega / (2.0 * PI)),
             ),
         ),
+        // By numbers what the headings say holds as by names: beside them, in a row below, in a comment.
+        (
+            "columns = { omega = 1, storage = 2, loss = 3 }\n",
+            with("Frequency [Hz];Storage [MPa];Loss [MPa]\n", &|omega, storage, loss| {
+                format!("{:e};{storage:e};{loss:e}", omega / (2.0 * PI))
+            }),
+        ),
+        (
+            "columns = { omega = 1, storage = 2, loss = 3 }\n",
+            with("Frequency\tStorage\tLoss\nHertz\tMPa\tMPa\n", &|omega, storage, loss| {
+                format!("{:e}\t{storage:e}\t{loss:e}", omega / (2.0 * PI))
+            }),
+        ),
+        (
+            "columns = { f = 1, storage = 2, loss = 3 }\n",
+            with("# w [RAD/S], E', E''\n", &|omega, storage, loss| format!("{omega:e},{storage:e},{loss:e}")),
+        ),
+        (
+            "columns = { f = 1, storage = 3, loss = 4 }\n",
+            with("w (rad/s)  T  E' [Pa]  E'' [Pa]\n", &|omega, storage, loss| {
+                format!("{omega:e} 20 {storage:e} {loss:e}")
+            }),
+        ),
+        (
+            "columns = { f = \"w\", storage = \"S\", loss = \"L\" }\n",
+            with("w in rad/s\tS in N/mm²\tL in N/mm²\n", &|omega, storage, loss| {
+                format!("{omega:e}\t{storage:e}\t{loss:e}")
+            }),
+        ),
+        (
+            "columns = { omega = \"w [cps]\", storage = \"Storage modulus\", loss = \"L\" }\n",
+            with("w [cps];Storage\u{a0} modulus in MPA;L in MPA\n", &|omega, storage, loss| {
+                format!("{:e};{storage:e};{loss:e}", omega / (2.0 * PI))
+            }),
+        ),
         (
             "units = { storage = 1e3, loss = 1e3, omega = \"Hz\" }\n",
             with("omega   storage  loss\n", &|omega, storage, loss| {
@@ -1394,6 +1429,11 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
             &["storage is in `kPa`, and magnitude in `dB`", "in the unit of the scenario"],
         ),
         (
+            "Frequency [Hz];Storage [MPa];Loss [kPa]\n1;2;3\n",
+            with("columns = { omega = 1, storage = 2, loss = 3 }\n"),
+            &["line 1", "loss is in `kPa`, and storage in `MPa`"],
+        ),
+        (
             "w [U/min];S;L\n1;2;3\n",
             with("columns = { omega = \"w [U/min]\", storage = \"S\", loss = \"L\" }\n"),
             &["line 1", "a frequency in `U/min`", "units = { omega = 0.104719"],
@@ -1402,6 +1442,11 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
             "w [x 10^3 rad/s];S;L\n1;2;3\n",
             with("columns = { f = \"w [x 10^3 rad/s]\", storage = \"S\", loss = \"L\" }\n"),
             &["a frequency in `x 10^3 rad/s`", "neither rad/s nor Hz"],
+        ),
+        (
+            "w [kHz];S;L\n1;2;3\n",
+            with("columns = { omega = 1, storage = 2, loss = 3 }\n"),
+            &["a frequency in `kHz`", "units = { omega = 6283.18"],
         ),
         (
             "w in 1/s;S;L\n1;2;3\n",
