@@ -342,7 +342,10 @@ impl Record {
                 what.is_some_and(|what| what.coordinate().is_none_or(|at| at < extent.coordinates));
             if !is_of_row && !is_there {
                 let near = nearest(base, known.iter().map(String::as_str));
-                let near = near.map_or_else(String::new, |near| format!("; did you mean `{near}`?"));
+                let near = match (near, base) {
+                    (None, "phase") => "; re and im, or storage and loss, have the phase in them".to_owned(),
+                    (near, _) => near.map_or_else(String::new, |near| format!("; did you mean `{near}`?")),
+                };
                 let (number, name) = (place.number, excerpt(name));
                 let reason =
                     format!("column {number}: unknown column `{name}`{near}; columns: {allowed}; {more}");

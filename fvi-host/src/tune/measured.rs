@@ -138,6 +138,7 @@ impl Data {
             [[None, None], [Some(magnitude), Some(phase)]] => ([magnitude, phase], false),
             _ => return Err(header("re and im, or magnitude and phase: two columns of one kind".to_owned())),
         };
+        columns.into_iter().try_for_each(|column| cells.check_unit(column))?;
         let [first, second] = columns.map(|column| cells.values(column));
         let omega = cells.values(over);
         for (k, (line, _)) in cells.rows.iter().enumerate() {

@@ -38,6 +38,8 @@ pub struct Place {
     pub factor: f64,
     /// True if its numbers are magnitudes in decibels.
     in_decibels: bool,
+    /// Why its numbers are not known, of a phase without a unit: who has no phases refuses it as such.
+    open: Option<String>,
 }
 
 impl Place {
@@ -94,6 +96,18 @@ impl Cells<'_, '_> {
     /// What the numbers of a column are multiplied by.
     pub fn factor(&self, name: &str) -> f64 {
         self.column(name).map_or(1.0, |column| self.columns[column].factor)
+    }
+
+    /// Refuses a column whose unit is not known.
+    ///
+    /// # Errors
+    /// Says why it is not.
+    pub fn check_unit(&self, column: usize) -> Result<(), InputError> {
+        let open = self.columns[column].open.as_ref();
+        open.map_or(
+            Ok(()),
+            |reason| Err(self.fault(self.header, format!("{}: {reason}", self.place(column)))),
+        )
     }
 
     /// True if a column holds decibels.
@@ -485,7 +499,14 @@ impl Cells<'_, '_> {
     fn add(&mut self, name: &str, index: usize, unit: Option<&str>) {
         let unit = unit.filter(|unit| !is_blank(unit)).map(str::to_owned);
         let name = name.to_owned();
-        self.columns.push(Place { name, number: index + 1, unit, factor: 1.0, in_decibels: false });
+        self.columns.push(Place {
+            name,
+            number: index + 1,
+            unit,
+            factor: 1.0,
+            in_decibels: false,
+            open: None,
+        });
     }
 
     /// The units of all columns, if the first row below the header has them. Between spaces they are as many
@@ -630,6 +651,10 @@ impl Cells<'_, '_> {
                 None => factor_of(name, unit.as_deref()),
             };
             let in_decibels = own.is_none() && name == MAGNITUDE && unit.as_deref().is_some_and(is_decibels);
+            if let (Err((reason, _)), "phase") = (&factor, name.as_str()) {
+                self.columns[index].open = Some(reason.clone());
+                continue;
+            }
             self.columns[index].factor = factor.map_err(|(reason, number)| {
                 let advice = match number {
                     Some(number) => format!("`units = {{ {base} = {number} }}` is what to multiply it by"),

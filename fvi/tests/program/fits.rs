@@ -1454,6 +1454,16 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
             &["may be rad/s or Hz", "units = { omega = \"rad/s\" }"],
         ),
         (
+            "w;M;P\n1;2;3\n",
+            with("columns = { omega = \"w\", magnitude = \"M\", phase = \"P\" }\nquantity = \"modulus\"\n"),
+            &["line 1", "unknown column `phase`", "storage and loss"],
+        ),
+        (
+            "omega,tan_delta [deg]\n1,2\n",
+            with(""),
+            &["an angle in `deg`, where its tangent is wanted", "no number"],
+        ),
+        (
             "t,relaxation in N/mm²,creep in 1/Pa\n1,2,3\n",
             with(""),
             &["creep is in `1/Pa`, and relaxation in `N/mm²`"],

@@ -199,6 +199,10 @@ pub(super) fn factor_of(name: &str, unit: Option<&str>) -> Factor {
         )),
         "tan_delta" => match unit.as_str() {
             "1" | "–" => Ok(1.0),
+            "deg" | "°" | "degree" | "degrees" | "rad" => Err((
+                format!("an angle in `{said}`, where its tangent is wanted, which no number in `units = {{ … }}` makes of it"),
+                None,
+            )),
             other => Err((format!("a loss factor in `{said}`"), (other == "%").then_some(0.01))),
         },
         _ => Ok(1.0),
