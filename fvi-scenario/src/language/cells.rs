@@ -68,6 +68,9 @@ const MOST_COLUMNS: usize = 100_000;
 /// Keys that say how a table is written.
 pub const AS_WRITTEN: [&str; 3] = ["columns", "units", "decimal"];
 
+/// What is said of a line that is no row.
+const AS_COMMENT: &str = "a line of words begins with # as a comment";
+
 /// Suffix of the column with the standard deviations of another one.
 pub const DEVIATION: &str = "_deviation";
 
@@ -277,8 +280,8 @@ impl Cells<'_, '_> {
             let named = above.filter(|(_, cells)| cells.len() == first.len() && !are_numbers(cells, comma));
             let Some((line, names)) = named else {
                 let reason = format!(
-                    "numbers where the names of the columns are wanted: {}; `columns = {{ omega = 1, … }}` gives them by their \
-                     numbers, from 1",
+                    "numbers where the names of the columns are wanted: {}; `columns = {{ omega = 1, … }}`, or t or f in place of omega, \
+                     gives them by their numbers, from 1",
                     list_of(first.iter().map(String::as_str))
                 );
                 return Err(self.fault(self.header, reason));
@@ -554,12 +557,23 @@ impl Cells<'_, '_> {
         if is_ragged {
             let again = row.iter().any(|cell| self.columns.iter().any(|place| place.name == *cell));
             let advice = match (row.len() < 2, again) {
-                (true, _) => ": a line of other content, or another separator",
-                (_, true) => ": a second table, which wants a file of its own",
-                _ => "",
+                (true, _) => format!(": a line of other content, or another separator; {AS_COMMENT}"),
+                (_, true) => ": a second table, which wants a file of its own".to_owned(),
+                _ => format!("; below the table {AS_COMMENT}, and another table wants a file of its own"),
             };
             let cells = if row.len() == 1 { "cell" } else { "cells" };
             let reason = format!("{} {cells} where the header has {width}{advice}", row.len());
+            return Err(self.fault(line, reason));
+        }
+        let is_word = |place: &Place| {
+            let cell = row[place.number - 1].as_str();
+            number_of(cell, true).or(number_of(cell, false)).is_none() && !is_missing(cell)
+        };
+        if self.columns.len() > 1 && self.columns.iter().all(is_word) {
+            let said = list_of(self.columns.iter().map(|place| row[place.number - 1].as_str()));
+            let reason = format!(
+                "{said} where numbers are wanted; {AS_COMMENT}, and another table wants a file of its own"
+            );
             return Err(self.fault(line, reason));
         }
         let mut numbers = Vec::with_capacity(self.columns.len());
@@ -575,7 +589,10 @@ impl Cells<'_, '_> {
                     (false, Some(_)) if number.is_none() => {
                         "; a comma before the decimals is `decimal = \",\"`"
                     }
-                    _ if number.is_some() && OVER.contains(&self.columns[column].name.as_str()) => {
+                    _ if number.is_some()
+                        && self.is_of_waves()
+                        && OVER.contains(&self.columns[column].name.as_str()) =>
+                    {
                         "; A(∞) of bodies in waves is the key `infinite`, not a row"
                     }
                     _ if number.is_some() => "",
@@ -589,6 +606,15 @@ impl Cells<'_, '_> {
         }
         self.rows.push((line, numbers));
         Ok(())
+    }
+
+    /// True if there are columns A or B, A00, B00, …: added mass and damping.
+    fn is_of_waves(&self) -> bool {
+        let is_entry = |name: &str| {
+            let rest = name.strip_prefix(['A', 'B']);
+            rest.is_some_and(|rest| rest.chars().all(|sign| sign.is_ascii_digit() || sign == '_'))
+        };
+        self.columns.iter().any(|place| is_entry(&place.name))
     }
 
     /// Refuses a second table below an empty line or a comment, whose places lie among those above.

@@ -1468,6 +1468,18 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
             with(""),
             &["creep is in `1/Pa`, and relaxation in `N/mm²`"],
         ),
+        ("omega,re,im\n1,2,3\nInfinity,2,3\n", with(""), &["line 3", "`Infinity` is not a finite number\n"]),
+        ("0.1,2,3\n1,2,3\n", with(""), &["line 1", "columns = { omega = 1, … }", "or t or f"]),
+        (
+            "omega,re,im\n1,2,3\n2,3,4\nmeasured by,N.,2020-01-01\n",
+            with(""),
+            &["line 4", "`measured by`, `N.`, `2020-01-01` where numbers are wanted", "begins with #"],
+        ),
+        (
+            "omega,re,im\n1,2,3\n2,3,4\n[step],2\n",
+            with(""),
+            &["line 4", "2 cells where the header has 3", "another table wants a file"],
+        ),
         (good, with("units = { q1 = 2.0 }\n"), &["data[0].units.q1", "unknown key"]),
         (good, with("units = { t = \"min\" }\n"), &["data[0].units.t", "a number"]),
     ]);
