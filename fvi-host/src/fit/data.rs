@@ -327,6 +327,13 @@ impl Record {
             Domain::Time => {
                 format!("q0, p0, v0, a0 and so on to {}, energy", extent.coordinates.saturating_sub(1))
             }
+            // Without `quantity` the columns decide what they are of.
+            Domain::Closed { over: Over::Frequency, answer: Answer::Receptance { .. }, .. }
+                if table.optional("quantity").is_none() =>
+            {
+                "re and im of a receptance, storage, loss, tan_delta of a modulus, magnitude with `quantity`"
+                    .to_owned()
+            }
             Domain::Closed { .. } => self.domain.names().join(", "),
         };
         let more = format!("a column with {DEVIATION} behind its name, deviation, weight");
@@ -651,7 +658,16 @@ fn closed(
         }
         None if term.is_some() => KERNEL,
         None if of_material.is_some() => MODULUS,
-        None => 0,
+        None => {
+            let is_there = |name: &str| cells.column(name).is_some();
+            if is_there("magnitude") && !is_there("re") && !is_there("im") {
+                let what = "of a receptance, a mobility, an accelerance, a modulus or a kernel";
+                let reason =
+                    format!("a magnitude {what}: `quantity = \"modulus\"` or the like says of which");
+                return Err(cells.fault(cells.header, reason));
+            }
+            0
+        }
     };
     let index = |value: &Option<Value<'_>>, count: usize| match value {
         Some(value) => value.whole(0..=count.saturating_sub(1)),

@@ -1454,6 +1454,12 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
             &["may be rad/s or Hz", "units = { omega = \"rad/s\" }"],
         ),
         (
+            "omega,magnitude [MPa]\n1,2\n",
+            with(""),
+            &["line 1", "a magnitude of a receptance", "quantity = \"modulus\""],
+        ),
+        ("omega\n1\n", with(""), &["there is no column of data", "storage, loss, tan_delta of a modulus"]),
+        (
             "w;M;P\n1;2;3\n",
             with("columns = { omega = \"w\", magnitude = \"M\", phase = \"P\" }\nquantity = \"modulus\"\n"),
             &["line 1", "unknown column `phase`", "storage and loss"],

@@ -382,7 +382,8 @@ def fit(
         compares all these numbers of terms as `models`.
     data : dict or DataFrame, or list of them
         Tables of data: `t` and any of `q0`, `p0`, `v0`, `a0`, …, `energy`; or `omega` with `re` and `im`, a complex
-        `value`, or `magnitude`: a receptance (`input`, `output`), or with `quantity` a "mobility" or "accelerance"; or `omega`
+        `value`: a receptance (`input`, `output`), or with `quantity` a "mobility" or "accelerance"; or `omega` with `magnitude`, of
+        the `quantity` "receptance", "mobility", "accelerance", "modulus" or "kernel"; or `omega`
         with `storage`, `loss`, `magnitude`, `tan_delta`, or `t` with `relaxation` or `creep`: those of the modulus
         K + Σ ρ K(s), or of K(s) of the damping `term`. `deviation`, a number, an array or a dictionary by columns;
         `relative_deviation`, a fraction of each datum, a number or a dictionary by columns, for `re` and `im` of their
