@@ -307,7 +307,7 @@ impl Uncertainty {
         let jacobian = jacobian.unwrap_or_else(|| nalgebra::DMatrix::zeros(data, free.len()));
         let accuracy = if search.predictions.are_all_exact() { EXACT } else { DIFFERENCES };
         let covariance = Covariance::of(&jacobian, accuracy, &typical);
-        let determined = free.len().saturating_sub(covariance.undetermined.len());
+        let determined = free.len().saturating_sub(covariance.undetermined.len()).min(data);
         let degrees_of_freedom = data.saturating_sub(determined);
         let reduced_chi2 = (degrees_of_freedom > 0).then(|| chi2 / degrees_of_freedom as f64);
         Self {
@@ -344,10 +344,19 @@ impl Uncertainty {
 
     /// Sentences about what the data do not determine.
     fn undetermined(&self, model: &Model) -> Vec<String> {
-        let directions = self.covariance.undetermined.iter();
+        let Covariance { undetermined, open, .. } = &self.covariance;
+        // The last one stands for all directions that so few data leave open.
+        let directions = undetermined.iter().take(undetermined.len() - usize::from(*open > 0));
         let mut said: Vec<String> =
             directions.map(|direction| in_words(direction, &self.free, &model.free)).collect();
-        if self.variance.is_none() {
+        if *open > 0 {
+            let names: Vec<String> = self.free.iter().map(|&index| model.free[index].key()).collect();
+            let (data, free, names) = (self.data, self.free.len(), names.join(", "));
+            let one = if *open == 1 { "combination" } else { "combinations" };
+            said.push(format!(
+                "there are fewer data than free numbers, {data} for {free}: they leave {open} {one} of {names} open"
+            ));
+        } else if self.variance.is_none() {
             said.push(format!(
                 "there are {} data for {} parameters: nothing is left from which the size of their deviations, and so any \
                  standard error, could be told",

@@ -79,6 +79,9 @@ pub(super) struct Covariance {
     /// Directions in parameter space along which the predictions do not change: components by parameter, the
     /// largest one scaled to 1.
     pub(super) undetermined: Vec<Vec<f64>>,
+    /// How many of them are not known one by one, since there are fewer data than parameters: the last entry
+    /// stands for all of these.
+    pub(super) open: usize,
 }
 
 impl Covariance {
@@ -97,7 +100,7 @@ impl Covariance {
         let (triangle, _) = triangle(scaled, &DVector::zeros(jacobian.nrows()));
         let Some(SingularValues { values, v_t, .. }) = SingularValues::of(triangle) else {
             let matrix = DMatrix::from_element(count, count, f64::NAN);
-            return Self { matrix, singular_values: Vec::new(), undetermined: Vec::new() };
+            return Self { matrix, singular_values: Vec::new(), undetermined: Vec::new(), open: 0 };
         };
         let first = values.iter().copied().fold(0.0, max_or_nan);
         let mut matrix = DMatrix::zeros(count, count);
@@ -135,11 +138,12 @@ impl Covariance {
             }
         }
         let dead = (0..count).filter(|&index| is_dead(index)).count();
-        if count > values.len() + dead {
+        let open = count.saturating_sub(values.len() + dead);
+        if open > 0 {
             // Fewer data than parameters: none of them is determined by itself.
             undetermined.push((0..count).map(|index| if is_dead(index) { 0.0 } else { 1.0 }).collect());
         }
-        Self { matrix, singular_values: values.iter().copied().collect(), undetermined }
+        Self { matrix, singular_values: values.iter().copied().collect(), undetermined, open }
     }
 
     /// True if a parameter has a component in a direction that is not determined.
@@ -192,6 +196,6 @@ mod tests {
     #[test]
     fn fewer_data_than_parameters_determine_none() {
         let found = Covariance::of(&DMatrix::from_row_slice(1, 2, &[1.0, 1.0]), 1e-9, &[1.0; 2]);
-        assert!(found.is_undetermined(0) && found.is_undetermined(1));
+        assert!(found.is_undetermined(0) && found.is_undetermined(1) && found.open == 1);
     }
 }

@@ -346,6 +346,13 @@ fn fewer_data_than_parameters_give_no_errors() {
     );
     assert!(found.parameters.iter().all(|(_, estimate)| estimate.interval.is_none()), "{found:#?}");
     assert!(!found.undetermined.is_empty());
+    // G = 2 + 3i by three numbers > 0, of which none is at a bound: a line of them says the same.
+    let (free, data) = (format!("{STANDARD_FREE}relative_deviation = 0.01\n"), "omega,storage,loss\n1,2,3\n");
+    let found = fitted_here(STANDARD_SOLID, &free, data);
+    let all = "system.parameters.e, system.damping[0].coefficient[0], system.damping[0].kernel.times[0]";
+    let said =
+        format!("there are fewer data than free numbers, 2 for 3: they leave 1 combination of {all} open");
+    assert_eq!(found.undetermined, [said]);
 }
 
 #[test]
