@@ -84,7 +84,8 @@ pub struct Estimate {
     /// "lower" or "upper" if the estimate lies at that bound.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub at_bound: Option<&'static str>,
-    /// "exact": the derivative of the discrete motion, as with `[sensitivity]`; or "differences" of runs.
+    /// "exact": the derivative of the discrete motion, as with `[sensitivity]`; or "differences" of runs, or
+    /// of closed forms of any of the tables.
     pub derivative: &'static str,
     /// Why it was taken from differences.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -197,8 +198,9 @@ pub(super) fn estimate(
     let parameters: Vec<(String, Estimate)> = (model.free.iter().enumerate())
         .map(|(index, sought)| {
             let reason = search.predictions.reason(index).map(str::to_owned);
+            let derivative = search.predictions.derivative(index);
             let estimate = uncertainty.estimate(index, sought, reason, (&mut undetermined, &mut notes));
-            (sought.key(), estimate)
+            (sought.key(), Estimate { derivative, ..estimate })
         })
         .collect();
     let count = model.free.len();

@@ -115,6 +115,15 @@ impl<'f> Predictions<'f> {
         self.reasons[parameter].as_deref()
     }
 
+    /// What the derivatives by a parameter are, "exact" or "differences": those of closed forms are these.
+    pub(super) fn derivative(&self, parameter: usize) -> &'static str {
+        let is_of_form = |(index, record): (usize, &Record)| {
+            record.domain != Domain::Time && self.concerns(parameter, index)
+        };
+        let any = self.records.iter().enumerate().any(is_of_form);
+        if any || !self.exact[parameter] { "differences" } else { "exact" }
+    }
+
     /// True if all derivatives are exact ones of the discrete motion.
     pub(super) fn are_all_exact(&self) -> bool {
         self.exact.iter().all(|&exact| exact)

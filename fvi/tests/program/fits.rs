@@ -642,6 +642,9 @@ fn a_receptance_is_fitted() {
     let mass = "[[free]]\npath = \"system.mass[0]\"\nstart = 1.1\n";
     let found =
         fitted(&place, &format!("{FREE}{mass}[[data]]\nfile = \"data.csv\"\ninput = 0\noutput = 0\n"));
+    for (path, parameter) in found["parameters"].as_object().unwrap() {
+        assert_eq!(parameter["derivative"], "differences", "{path}");
+    }
     for (path, truth) in [
         ("system.damping[0].order", 0.6),
         ("system.damping[0].coefficient[0]", 0.3),

@@ -41,7 +41,7 @@ class Estimate:
     at_bound : {"lower", "upper"} or None
         The bound at which the estimate lies.
     derivative : {"exact", "differences"}
-        Whether exact derivatives of the discrete motion or differences of runs were used.
+        Whether exact derivatives of the discrete motion or differences, of runs or of closed forms of any table, were used.
     profile_interval : (float or None, float or None) or None
         The 95 % interval of the profile likelihood, where requested; None for an end that was not reached.
     profile : ndarray, shape (L, 2), or None
