@@ -203,19 +203,28 @@ fn remedy(kernel: &Table<'_>) -> Result<String, InputError> {
     let largest = measured.largest();
     let measured = measured.complete(&value, decay, tolerances, largest)?;
     let made = measured.made_passive(&value, decay, tolerances, 1.0)?;
-    Ok(made.map_or_else(String::new, |made| {
-        let share = at_least(made.share);
-        match made.is_raised {
-            true => remedy_of(made.share),
-            false => format!("; a falling convex function up to {share} of the largest |G| from it is passive, which `activity` = {share} takes"),
-        }
-    }))
+    Ok(made.map_or_else(
+        || remedy_of(f64::INFINITY),
+        |made| match (made.is_raised, tolerance_of(made.share)) {
+            (false, Some(share)) => format!(
+                "; a falling convex function up to {share} of the largest |G| from it is passive, which `activity` = {share} takes"
+            ),
+            _ => remedy_of(made.share),
+        },
+    ))
 }
 
 /// The end of a sentence that refuses a kernel which is passive with G(0) raised by this share.
 pub(super) fn remedy_of(share: f64) -> String {
-    let share = at_least(share);
-    format!("; with G(0) raised by {share} of the largest |G| it is passive, which `activity` = {share} does")
+    match tolerance_of(share) {
+        Some(share) => {
+            format!(
+                "; with G(0) raised by {share} of the largest |G| it is passive, which `activity` = {share} does"
+            )
+        }
+        None => "; no change by less than the largest |G| makes it passive: `activity` takes no such table"
+            .to_owned(),
+    }
 }
 
 /// A share in words, rounded up, so that a tolerance as large is enough.
@@ -223,6 +232,20 @@ pub(super) fn at_least(share: f64) -> String {
     let text = format!("{share:.1e}");
     let digit = 0.1 * libm::exp10(share.log10().floor());
     if text.parse().is_ok_and(|told: f64| told < share) { format!("{:.1e}", share + digit) } else { text }
+}
+
+/// [`at_least`], where a tolerance may be that large: it is a share below 1.
+fn tolerance_of(share: f64) -> Option<String> {
+    let text = at_least(share);
+    text.parse().is_ok_and(|told: f64| told < 1.0).then_some(text)
+}
+
+/// "`begin` ≥ 3.0e-1 takes a line", or where no tolerance takes that share, that there is none, and why.
+pub(super) fn taken_by(key: &str, share: f64, does: &str, otherwise: &str) -> String {
+    match tolerance_of(share) {
+        Some(told) => format!("`{key}` ≥ {told} {does}"),
+        None => format!("no `{key}` < 1 takes that: {otherwise}"),
+    }
 }
 
 /// The smallest share of the largest |G|, to 5 %, by which G(0) has to rise for a kernel to be passive, if it
@@ -456,7 +479,9 @@ impl Measured {
         let is_enough = share <= most && kernel.active().is_none();
         let build = |share: f64| self.transfer(value, decay, tolerances, share * largest);
         let most = if is_enough { share } else { most };
-        if let Some(share) = smallest_raise(most, |share| Ok(build(share)?.active().is_none()))? {
+        // Raised to 0 everywhere, a table is no kernel at all.
+        let is_passive = |share| Ok(build(share).is_ok_and(|kernel| kernel.active().is_none()));
+        if let Some(share) = smallest_raise(most, is_passive)? {
             return Ok(Some(MadePassive { kernel: build(share)?, share, is_raised: true }));
         }
         Ok(is_enough.then_some(MadePassive { kernel, share, is_raised: false }))
@@ -829,6 +854,23 @@ mod tests {
         // The scenario as it is written down again is the same.
         let again = toml::to_string(&taken).unwrap();
         assert!(again.contains("activity = 0.2"), "{again}");
+    }
+
+    /// Raised by as much as it is, a negative table is nothing, and no `activity` takes that.
+    #[test]
+    fn a_table_of_the_other_sign_is_refused_without_a_tolerance_that_would_be_refused() {
+        let of = |more: &str| {
+            format!(
+                "[system]\nmass = [1.0]\nstiffness = [9.0]\n[[system.damping]]\ncoefficient = [1.0]\nkernel = {{ relaxation = [[0, -1], [1, -0.5], [2, 0]] }}\n{more}[initial]\nposition = [1.0]\n[time]\nstep = 0.01\nsteps = 10\n"
+            )
+        };
+        let read = |more: &str| Scenario::from_document(Document::new("s.toml", Path::new("."), &of(more)));
+        let said = format!("{:?}", read("").unwrap_err().problem());
+        assert!(
+            said.contains("drive the motion") && said.contains("`activity` takes no such table"),
+            "{said}"
+        );
+        read("allow_active = true\n").unwrap();
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! `kernel = { relaxation = [["G00.csv", "G01.csv"], …] }`: a relaxation function for each pair of
 //! coordinates.
 
-use super::kernel::{Measured, Tolerances, at_least, read_decay, share, smallest_raise};
+use super::kernel::{Measured, Tolerances, read_decay, share, smallest_raise, taken_by};
 use crate::language::cells::AS_WRITTEN;
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
@@ -84,7 +84,8 @@ impl RelaxationMatrix {
         let mut active = look_for_activity(&pairs, count);
         let mut raise = None;
         if active.is_some() {
-            raise = smallest_raise(1.0, |share| Ok(look_for_activity(&build(share)?, count).is_none()))?;
+            let is_passive = |pairs: Vec<Pair>| look_for_activity(&pairs, count).is_none();
+            raise = smallest_raise(1.0, |share| Ok(build(share).is_ok_and(is_passive)))?;
             if let Some(share) = raise.filter(|share| tolerances.activity.is_some_and(|most| *share <= most))
             {
                 pairs = build(share)?;
@@ -196,9 +197,13 @@ fn symmetrise(
         let share = most / largest;
         if tolerance.is_none_or(|tolerance| share > tolerance) {
             return refused(format!(
-                "; they differ by up to {most:.3e}, {share:.1e} of the largest |G|, at t = {time}: `asymmetry` ≥ {} takes \
-                 their mean",
-                at_least(share)
+                "; they differ by up to {most:.3e}, {share:.1e} of the largest |G|, at t = {time}: {}",
+                taken_by(
+                    "asymmetry",
+                    share,
+                    "takes their mean",
+                    "they are no two measurements of one function"
+                )
             ));
         }
         notes.push(format!(
@@ -261,6 +266,20 @@ mod tests {
             .with_attached("n", "t,G\n0,1e-3\n1,-1e-3\n2,2e-3\n");
         let scenario = Scenario::from_document(document).unwrap();
         assert!(scenario.warnings()[0].contains("1.0e-3 of the largest |G|"), "{:?}", scenario.warnings());
+    }
+
+    #[test]
+    fn no_tolerance_is_advised_where_none_below_1_is_enough() {
+        let text = "[system]\nmass = [1.0, 1.0]\n[[system.damping]]\nkernel = { relaxation = [[\"b\", \"a\"], [\"a\", \"b\"]] }\n[initial]\nposition = [1.0, 0.0]\n[time]\nstep = 0.01\nsteps = 10\n";
+        for (b, advice) in
+            [("t,G\n0,0.001\n1,0\n2,0\n", "takes no such table"), ("t,G\n0,2\n1,0.8\n2,0\n", "`activity` =")]
+        {
+            let document = Document::new("s.toml", Path::new("."), text)
+                .with_attached("a", "t,G\n0,1\n1,1\n2,0\n")
+                .with_attached("b", b);
+            let said = format!("{:?}", Scenario::from_document(document).unwrap_err().problem());
+            assert!(said.contains("smallest eigenvalue") && said.contains(advice), "{said}");
+        }
     }
 
     #[test]

@@ -459,7 +459,7 @@ impl Damping {
             return Err(value.out_of_range(format!(
                 "a passive kernel: the smallest eigenvalue of this matrix drives the motion at {active}; \
                  `allow_active = true` admits it{}",
-                whole.raise.map_or_else(String::new, remedy_of)
+                remedy_of(whole.raise.unwrap_or(f64::INFINITY))
             )));
         }
         Ok(Some(Self::of_matrix(Whole::Relaxation(whole), pairs, count, derivative)))

@@ -1,6 +1,6 @@
 //! `kernel = { radiation = … }` and `kernel = { states = … }`: the waves about floating bodies.
 
-use super::kernel::{at_least, kernel_of_symbol, share};
+use super::kernel::{kernel_of_symbol, share, taken_by};
 use super::relaxation_matrix::Pair;
 use crate::language::cells::AS_WRITTEN;
 use crate::language::document::{Table, Value};
@@ -176,9 +176,13 @@ impl Waves {
             format!("the smallest eigenvalue of B is {lowest:.2e} of the largest damping, at ω = {omega}");
         if drives && !is_taken && !allow_active {
             return Err(refused(format!(
-                "a passive kernel: {line}; `activity` ≥ {} puts the nearest passive B in its place, `allow_active = true` \
-                 admits it",
-                at_least(-lowest)
+                "a passive kernel: {line}; {}; `allow_active = true` admits it",
+                taken_by(
+                    "activity",
+                    -lowest,
+                    "puts the nearest passive B in its place",
+                    "it drives as much as it damps"
+                )
             )));
         }
         let keep = drives && !is_taken;
@@ -203,7 +207,15 @@ impl Waves {
             found.rows.len()
         ));
         let limit = tolerance("inconsistency")?.unwrap_or(INCONSISTENCY);
-        let infinite = data.infinite(&found, &sizes, limit, &mut notes).map_err(refused)?;
+        let cause = match table.optional("memory") {
+            Some(_) if off > INCONSISTENCY => format!(
+                "`memory` = {length} is too short, K(t) up to there has a Re K̂(iω) that differs from B by {off:.1e} of the largest \
+                 damping; without the key it goes to t = {:.4}",
+                damping.length()
+            ),
+            _ => "frequencies in rad/s and both in the same units are wanted".to_owned(),
+        };
+        let infinite = data.infinite(&found, &sizes, (limit, &cause), &mut notes).map_err(refused)?;
         let mut pairs = Vec::new();
         for row in 0..data.size() {
             for column in row..data.size() {
@@ -247,8 +259,8 @@ impl Waves {
         let line = format!("the smallest eigenvalue of Re K̂(iω) is {lowest:.2e} of |K̂|, at ω = {omega:.4e}");
         if drives && !is_taken && !allow_active {
             return Err(refused(format!(
-                "a passive kernel: {line}; `activity` ≥ {}, or `allow_active = true`, takes it as it is",
-                at_least(-lowest)
+                "a passive kernel: {line}; {}; `allow_active = true` admits it, too",
+                taken_by("activity", -lowest, "takes it as it is", "it drives with all of its size there")
             )));
         }
         if drives {
@@ -305,8 +317,8 @@ fn symmetric(
     if most > tolerance.unwrap_or(1e-9) || most.is_nan() {
         return Err(format!(
             "a symmetric matrix of responses, as that of waves is without forward speed: residues differ from their transposes by \
-             {most:.1e} of the largest entry; `asymmetry` ≥ {} takes their mean",
-            at_least(most)
+             {most:.1e} of the largest entry; {}",
+            taken_by("asymmetry", most, "takes their mean", "it is no such matrix")
         ));
     }
     if most > 1e-9 {

@@ -1,6 +1,6 @@
 //! Tables of added mass and radiation damping, and matrices of equations of states, as they are given.
 
-use super::at_least;
+use super::taken_by;
 use crate::language::cells::{Cells, cells, refuse_as_written};
 use crate::language::document::{Table, Value};
 use crate::language::error::{InputError, Problem};
@@ -253,8 +253,8 @@ impl Data {
             );
             if share > tolerance.unwrap_or(super::ROUNDING) {
                 return Err(format!(
-                    "a symmetric matrix, as that of waves is without forward speed: {line}; `asymmetry` ≥ {} takes the mean",
-                    at_least(share)
+                    "a symmetric matrix, as that of waves is without forward speed: {line}; {}",
+                    taken_by("asymmetry", share, "takes the mean", "it is no such matrix")
                 ));
             }
             if share > super::ROUNDING {
@@ -281,19 +281,29 @@ impl Data {
         let (first, rest) = (left(&self.damping[0]), left(&self.damping[last]));
         if self.omega[0] > 0.0 && first > begin {
             return Err(format!(
-                "a table from low frequencies on: at the first row, ω = {}, B is {first:.1e} of the largest; `begin` ≥ {} \
-                 takes a line from B(0) = 0 to it",
+                "a table from low frequencies on: at the first row, ω = {}, B is {first:.1e} of the largest; {}",
                 self.omega[0],
-                at_least(first)
+                taken_by(
+                    "begin",
+                    first,
+                    "takes a line from B(0) = 0 to it",
+                    "rows at lower frequencies are needed"
+                )
             ));
         }
         if rest > end {
             return Err(format!(
-                "a table to high frequencies: at the last row, ω = {}, B is {rest:.1e} of the largest; `end` ≥ {} takes a \
-                 line from it to 0 at ω = {}",
+                "a table to high frequencies: at the last row, ω = {}, B is {rest:.1e} of the largest; {}",
                 self.omega[last],
-                at_least(rest),
-                fvi_fft::transfer::radiation::TAIL * self.omega[last]
+                taken_by(
+                    "end",
+                    rest,
+                    &format!(
+                        "takes a line from it to 0 at ω = {}",
+                        fvi_fft::transfer::radiation::TAIL * self.omega[last]
+                    ),
+                    "rows at higher frequencies are needed"
+                )
             ));
         }
         Ok(())
@@ -306,7 +316,7 @@ impl Data {
         &self,
         found: &Retardation,
         sizes: &[f64],
-        limit: f64,
+        (limit, cause): (f64, &str),
         notes: &mut Vec<String>,
     ) -> Result<Option<DMatrix<f64>>, String> {
         let Some(added) = &self.added else { return Ok(self.infinite.clone()) };
@@ -354,8 +364,8 @@ impl Data {
                 None => String::new(),
             };
             return Err(format!(
-                "{line}{other}: frequencies in rad/s and both in the same units are wanted; `inconsistency` ≥ {} takes them",
-                at_least(share)
+                "{line}{other}: {cause}; {}",
+                taken_by("inconsistency", share, "takes them", "one does not follow from the other at all")
             ));
         }
         notes.push(line);

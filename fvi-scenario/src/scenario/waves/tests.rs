@@ -153,15 +153,24 @@ fn what_cannot_be_taken_is_told_in_numbers() {
         let lines: Vec<&str> = text.lines().collect();
         format!("{}\n{}\n", lines[0], lines[from..to].join("\n"))
     };
+    let other_sign_of_a = csv(|_, b| b).lines().enumerate().fold(String::new(), |text, (index, line)| {
+        let line = if index == 0 { line.to_owned() } else { line.replacen(',', ",-", 1) };
+        text + &line + "\n"
+    });
     for (kernel, file, reason) in [
         (
             "radiation = \"a.csv\"",
             ("a.csv", csv(|omega, b| if omega < 0.12 { -1e-3 } else { b })),
             "`activity` ≥",
         ),
-        ("radiation = \"a.csv\"", ("a.csv", cut(20, 400)), "`begin` ≥"),
+        ("radiation = \"a.csv\"", ("a.csv", cut(10, 400)), "`begin` ≥"),
+        ("radiation = \"a.csv\"", ("a.csv", cut(30, 400)), "no `begin` < 1 takes that"),
         ("radiation = \"a.csv\"", ("a.csv", cut(1, 40)), "`end` ≥"),
         ("radiation = \"a.csv\"", ("a.csv", csv(|_, b| 2.0 * b)), "Ogilvie"),
+        // No tolerance is 1 or more, and none is advised.
+        ("radiation = \"a.csv\"", ("a.csv", csv(|_, b| -b)), "no `activity` < 1 takes that"),
+        ("radiation = \"a.csv\"", ("a.csv", other_sign_of_a), "no `inconsistency` < 1 takes that"),
+        ("radiation = \"a.csv\", memory = 1.0", good(), "`memory` = 1 is too short"),
         // A fifth too much, with the number and its place.
         ("radiation = \"a.csv\"", ("a.csv", csv(|_, b| 1.2 * b)), "`inconsistency` ≥ "),
         ("radiation = \"a.csv\", infinite = 4.0", good(), "would follow from both"),
@@ -189,6 +198,7 @@ fn what_cannot_be_taken_is_told_in_numbers() {
         ),
         (&states("[[0.1, 0.0], [0.0, -1.0]]"), good(), "stable equations"),
         (&states("[[-1.0, 0.0], [0.0, -2.0]]"), good(), "Re K̂(iω) is"),
+        (&states("[[-1.0, 0.0], [0.0, -2.0]]"), good(), "no `activity` < 1 takes that"),
         (&states("[[-1.0, 0.0]]"), good(), "A of 1 × 1, not 1 × 2"),
     ] {
         let message = scenario(kernel, "3.0", &[file]).unwrap_err();
