@@ -125,7 +125,7 @@ pub const ROWS: &[Row] = &[
         Adaptive,
         Gauss,
         "",
-        "steps that are known beforehand: `time.step`, or `time.grid` = \"uniform\", \"graded\" or \"points\"",
+        "steps that are known beforehand: `time.step`, or `time.grid` = \"uniform\", \"graded\", \"geometric\" or \"points\"",
     ),
     row(Past, Gauss, "", "a motion that begins at the start, with its memories at rest"),
     row(Cases, Gauss, "", ONE_MOTION),
