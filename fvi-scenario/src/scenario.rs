@@ -53,7 +53,7 @@ pub use case::Case;
 pub use combinations::{Feature, MARK as COMBINATIONS_MARK, ROWS, Row, page as combinations_page};
 pub use controller::{Controller, Noise, Quantise, Setpoint};
 pub use element::Element;
-pub use equation::{Equation, NamedDerivative, Term};
+pub use equation::{Equation, EquationCoordinate, NamedDerivative, Term};
 pub use event::{Action, Direction, Event, SharedFunction};
 pub use grid::{Grid, GridRule};
 pub use gyroscopic::SkewMatrix;

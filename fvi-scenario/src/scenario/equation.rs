@@ -61,10 +61,21 @@ pub struct Equation {
     pub parameters: BTreeMap<String, f64>,
     /// Derivatives that the right sides name.
     pub derivatives: Vec<NamedDerivative>,
-    /// The unknown that each coordinate belongs to, and the order β of what moves it.
-    coordinates: Vec<(usize, f64)>,
+    /// What each coordinate is.
+    coordinates: Vec<EquationCoordinate>,
     /// The coordinate whose force is the right side of each equation, with 1/a.
     driven: Vec<Vec<(usize, f64)>>,
+}
+
+/// A coordinate of the system that an equation stands for: a derivative of an unknown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EquationCoordinate {
+    /// Index of the unknown.
+    pub unknown: usize,
+    /// The order of this derivative of it; 0 for itself.
+    pub derivative: f64,
+    /// The order β ≤ 1 of the derivative that it is moved by.
+    pub moved: f64,
 }
 
 /// One term a D^α x of an equation.
@@ -90,8 +101,8 @@ pub struct NamedDerivative {
 /// What the coordinates of an equation are made of.
 #[derive(Default)]
 struct Chains {
-    /// Unknown, order and initial value of each coordinate.
-    coordinates: Vec<(usize, f64, f64)>,
+    /// Each coordinate, and its initial value.
+    coordinates: Vec<(EquationCoordinate, f64)>,
     forces: Vec<Option<Node>>,
     /// Order, coordinate and share of each damper.
     dampers: Vec<(f64, usize, f64)>,
@@ -162,7 +173,7 @@ impl Equation {
             derivative,
             parameters,
             derivatives,
-            coordinates: chains.coordinates.iter().map(|&(unknown, order, _)| (unknown, order)).collect(),
+            coordinates: chains.coordinates.iter().map(|&(coordinate, _)| coordinate).collect(),
             driven: chains.driven,
         };
         Ok((equation, system, state))
@@ -209,9 +220,21 @@ impl Equation {
         self.unknowns() + self.derivatives.len()
     }
 
-    /// The order β ≤ 1 of the derivative that each coordinate of the system is moved by.
-    pub fn orders_of_coordinates(&self) -> impl Iterator<Item = f64> {
-        self.coordinates.iter().map(|&(_, order)| order)
+    /// What each coordinate of the system is.
+    pub fn coordinates(&self) -> &[EquationCoordinate] {
+        &self.coordinates
+    }
+
+    /// Adds a constant to the right side of each equation, in the system that the equation stands for.
+    pub fn push(&self, system: &mut System, constants: &[f64]) {
+        let Some(forces) = &mut system.force else { return };
+        for (driven, constant) in self.driven.iter().zip(constants) {
+            for &(place, share) in driven {
+                let force = &mut forces[place];
+                let push = Node::number(constant * share);
+                *force = force.with_root(Node::join(Operator::Add, force.root().clone(), push));
+            }
+        }
     }
 
     /// The key of an equation that a key of the system it stands for comes from.
@@ -220,7 +243,7 @@ impl Equation {
         let index = |rest: &str| rest.trim_matches(['[', ']']).parse::<usize>().ok();
         if let Some(rest) = path.strip_prefix("system.force") {
             return match index(rest).and_then(|row| self.coordinates.get(row)) {
-                Some((unknown, _)) => format!("equation.right[{unknown}]"),
+                Some(EquationCoordinate { unknown, .. }) => format!("equation.right[{unknown}]"),
                 None => "equation.right".to_owned(),
             };
         }
@@ -523,14 +546,17 @@ fn with_initial_forces(mut force: Node, terms: &[Term], initial: &[f64]) -> Resu
 impl Chains {
     /// One coordinate for each unknown, and for each derivative that has a name.
     fn of_unknowns(initial: &[Vec<f64>], derivatives: &[NamedDerivative]) -> Self {
+        let whole = |unknown, derivative| EquationCoordinate { unknown, derivative, moved: 1.0 };
         let first = |(unknown, values): (usize, &Vec<f64>)| {
-            (unknown, 1.0, values.first().copied().unwrap_or_default())
+            (whole(unknown, 0.0), values.first().copied().unwrap_or_default())
         };
         let named = derivatives.iter().zip(initial.len()..);
         let count = initial.len() + derivatives.len();
         let unknowns = initial.iter().enumerate().map(first);
         Self {
-            coordinates: unknowns.chain(derivatives.iter().map(|one| (one.of, 1.0, 0.0))).collect(),
+            coordinates: unknowns
+                .chain(derivatives.iter().map(|one| (whole(one.of, one.order), 0.0)))
+                .collect(),
             forces: vec![None; count],
             named: named.map(|(one, place)| (one.of, one.order, place, false)).collect(),
             ..Self::default()
@@ -543,18 +569,19 @@ impl Chains {
         let is_this = |named: &&mut (usize, f64, usize, bool)| {
             named.0 == unknown && (named.1 - derivative).abs() < SAME
         };
+        let made = (EquationCoordinate { unknown, derivative, moved }, start);
         let place = match self.named.iter_mut().find(is_this) {
             Some((.., place, is_made)) => {
                 *is_made = true;
                 *place
             }
             None => {
-                self.coordinates.push((unknown, moved, start));
+                self.coordinates.push(made);
                 self.forces.push(None);
                 self.coordinates.len() - 1
             }
         };
-        self.coordinates[place] = (unknown, moved, start);
+        self.coordinates[place] = made;
         self.dampers.push((moved, place, 1.0));
         place
     }
@@ -575,7 +602,7 @@ impl Chains {
             self.dampers.retain(|&(_, coordinate, _)| coordinate != last);
         }
         self.dampers.push((highest.order - below, last, 1.0));
-        self.coordinates[last].1 = highest.order - below;
+        self.coordinates[last].0.moved = highest.order - below;
         let beside = |order: f64| order > below;
         // A derivative beside the highest is a coordinate, moved by the right side without dampers.
         let is_named = self.named.iter().any(|&(of, order, ..)| of == unknown && beside(order));
@@ -649,9 +676,9 @@ impl Chains {
             alike.for_each(|&(_, coordinate, share)| coefficient[coordinate] += share);
             Damping::of_order(order, coefficient)
         });
-        let force = self.coordinates.iter().zip(&self.forces).map(|(&(unknown, ..), force)| {
+        let force = self.coordinates.iter().zip(&self.forces).map(|(&(coordinate, _), force)| {
             let force = force.clone().unwrap_or_else(|| Node::number(0.0));
-            right[unknown].with_root(force)
+            right[coordinate.unknown].with_root(force)
         });
         Ok(System {
             kinetic: None,

@@ -101,7 +101,8 @@ pub(crate) struct AdaptiveSteps<'s> {
     /// an equation 1 − β for the further coordinates, which D^β moves and which forget the faster the smaller
     /// β is. Those that begin like t^β need not be followed from a start that no step resolves.
     forgetting: Vec<f64>,
-    /// Reference size of each momentum.
+    /// Reference size of each position and momentum.
+    position_scale: Vec<f64>,
     momentum_scale: Vec<f64>,
     /// State before the pair, and between its halves.
     saved: Vec<u8>,
@@ -248,14 +249,24 @@ impl<'s> AdaptiveSteps<'s> {
             travelled,
         };
         let forgetting = scenario.equation.as_ref().map_or_else(Vec::new, |equation| {
-            let exponents = equation.orders_of_coordinates().map(|order| 1.0 - order).enumerate();
+            let exponents =
+                equation.coordinates().iter().map(|coordinate| 1.0 - coordinate.moved).enumerate();
             exponents.map(|(row, power)| if row < equation.unknowns() { 0.0 } else { power }).collect()
         });
+        // D^s x is `scale` in the whole time to the power s.
+        let of_derivative = |derivative: f64| rule.scale * libm::pow(rule.end, -derivative);
+        let position_scale = match &scenario.equation {
+            Some(equation) => {
+                equation.coordinates().iter().map(|coordinate| of_derivative(coordinate.derivative)).collect()
+            }
+            None => vec![rule.scale; start.position.len()],
+        };
         Ok(Some(Self {
             breaks: Breaks::of(scenario, rule.shortest),
             forgetting,
             crossings,
             velocity_kinks: VelocityKinks::of(scenario),
+            position_scale,
             momentum_scale,
             scenario,
             rule,
@@ -718,7 +729,7 @@ impl<'s> AdaptiveSteps<'s> {
     /// The largest difference of two states in units of the tolerance, with the given weights of positions
     /// and momenta, after a step of this length.
     fn largest_difference(&self, [one, other]: [&GridState; 2], shares: [f64; 2], length: f64) -> f64 {
-        let Self { rule, progress, momentum_scale, .. } = self;
+        let Self { rule, progress, position_scale, momentum_scale, .. } = self;
         let of_row = |row: usize| match self.forgetting.get(row) {
             Some(&power) if power > 0.0 => shares[0] * libm::pow(length / rule.end, power),
             _ => shares[0],
@@ -727,10 +738,11 @@ impl<'s> AdaptiveSteps<'s> {
         let relative = |one: f64, other: f64, most: f64, scale: f64| {
             (one - other).abs() / most.max(other.abs()).max(scale)
         };
-        let positions = one.position.iter().zip(&other.position).zip(positions).enumerate();
+        let positions =
+            one.position.iter().zip(&other.position).zip(positions.iter().zip(position_scale)).enumerate();
         let momenta = one.momentum.iter().zip(&other.momentum).zip(momenta).zip(momentum_scale);
         let positions = positions
-            .map(|(row, ((&one, &other), &most))| of_row(row) * relative(one, other, most, rule.scale));
+            .map(|(row, ((&one, &other), (&most, &scale)))| of_row(row) * relative(one, other, most, scale));
         let momenta =
             momenta.map(|(((&one, &other), &most), &scale)| shares[1] * relative(one, other, most, scale));
         // A value that is not a number counts as larger than every number.

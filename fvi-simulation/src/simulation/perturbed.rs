@@ -1,5 +1,5 @@
-//! A second run of an equation from a start that is a little beside the first, on the same steps: how much
-//! perturbations grow.
+//! A second run of an equation whose start and right sides are a little beside the first's, on the same steps:
+//! how much perturbations grow.
 
 use super::choice::SolverChoice;
 use super::{GridState, Precision, Simulation};
@@ -42,10 +42,19 @@ impl Perturbed {
         let is_followed = precision == Precision::F64 && scenario.system.own_terms.is_none();
         let unknowns = scenario.system.unknowns.filter(|_| is_followed)?;
         let size = rule.tolerance.clamp(SIZES[0], SIZES[1]);
+        // Different parts, so that they are no direction of the system by themselves.
+        let part = |index: usize| 1.0 - 0.1 * (index % 7) as f64;
         let mut beside = scenario.clone();
         for (index, x) in beside.initial.position.iter_mut().take(unknowns).enumerate() {
-            // Different parts, so that they are no direction of the system by themselves.
-            *x += size * x.abs().max(rule.scale) * (1.0 - 0.1 * (index % 7) as f64);
+            *x += size * x.abs().max(rule.scale) * part(index);
+        }
+        // Constants may solve the equation whatever grows in it, as those of Caputo's derivatives alone: the right
+        // sides are other ones, too, by what moves an unknown as far in the whole time.
+        if let Some(equation) = &scenario.equation {
+            let pushes = equation.terms.iter().enumerate().map(|(index, terms)| {
+                size * rule.scale * part(index) * terms[0].coefficient * libm::pow(rule.end, -terms[0].order)
+            });
+            equation.push(&mut beside.system, &pushes.collect::<Vec<_>>());
         }
         let simulation = Simulation::sharing(&beside, precision, SolverChoice::default(), tables).ok()?;
         Some(Self { simulation: Some(simulation), state: start.clone(), size, pairs: 0, growth: 0.0 })
@@ -93,7 +102,7 @@ impl Perturbed {
         let least = if growth * size > LARGE { "at least " } else { "" };
         (*growth > STRONG).then(|| {
             format!(
-                "time.tolerance: a perturbation of the start has grown {least}{growth:.0e} times, relative to the largest values; errors \
+                "time.tolerance: a perturbation of start and right side has grown {least}{growth:.0e} times, relative to the largest values; errors \
                  of steps grow alike, and may have become {:.0e} where {tolerance:e} was asked for",
                 growth * tolerance
             )

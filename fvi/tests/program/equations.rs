@@ -127,6 +127,26 @@ fn growing_perturbations_are_told_with_their_number() {
     assert_eq!(warnings("gamma(2.5)*t - 5*(x0 - 1 - t^1.5)", 10.0), "null");
     // Where slopes are infinite a perturbation of the start is soon forgotten.
     assert_eq!(warnings("1 + (x0 - 1)^(1/3)", 0.6), "null");
+    // D x − 2 D^½ x = f, x = 1 + t³: constants solve it without f, whatever else grows like e^{4t}.
+    let terms = json!([{ "order": 1.0, "coefficient": 1.0 }, { "order": 0.5, "coefficient": -2.0 }]);
+    let keys = json!({ "terms": terms, "right": "3*t^2 - 12*t^2.5/gamma(3.5)", "initial": 1.0 });
+    let run = place.run(&equation(keys, json!({ "end": 10.0, "tolerance": 1e-6 })), &[]);
+    assert!(run.summary["warnings"].to_string().contains("grown"), "{}", run.summary["warnings"]);
+}
+
+#[test]
+fn the_unit_of_time_makes_no_difference_to_an_equation() {
+    // D^1.8 x = 10⁴ (1000 cos t − x) to t = 1, in a unit and in its millionth.
+    let place = Workplace::new();
+    let steps = |unit: f64| {
+        let rate = 1e4 * unit.powf(1.8);
+        let right = format!("{rate:?}*(1000*cos({unit:?}*t) - x0)");
+        let keys = json!({ "order": 1.8, "right": right, "initial": [1000.0, 0.0] });
+        let run = place.run(&equation(keys, json!({ "end": 1.0 / unit, "tolerance": 1e-10 })), &[]);
+        run.summary["steps"].as_u64().unwrap()
+    };
+    let (seconds, others) = (steps(1.0), [1e6, 1e-6].map(steps));
+    assert!(others.iter().all(|&count| count.abs_diff(seconds) * 10 < seconds), "{seconds} {others:?}");
 }
 
 #[test]
