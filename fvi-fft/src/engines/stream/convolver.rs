@@ -137,14 +137,16 @@ impl<T: Scalar> Convolver<T> {
         let geometry = Arc::new(Geometry::new(partition, inputs, outputs));
         let prepared = Preparer::new(geometry.clone()).prepare(responses)?;
         let partition = &geometry.partition;
-        let stages = partition.stages.iter().zip(&geometry.transforms);
-        let stages = stages.map(|(plan, transform)| Stage::new(plan, transform, inputs, outputs));
+        let stages = partition.stages.iter().zip(&geometry.transforms).zip(&prepared.spectra);
+        let stages = stages
+            .map(|((plan, transform), spectra)| Stage::new(plan, transform, (inputs, outputs), spectra.len()))
+            .collect();
         let mut convolver = Self {
             banks: [Some(prepared), None],
             active: 0,
             exchange: None,
             retired: None,
-            stages: stages.collect(),
+            stages,
             history: History::new(inputs, partition.history()),
             recent: Recent::new(inputs, partition.first, geometry.back(), geometry.unit),
             mixed: vec![T::zero(); partition.first],
@@ -666,5 +668,33 @@ impl<T: Scalar> Stateful for Convolver<T> {
         }
         self.recompute();
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// They wait for memory, several times as long as they compute.
+    #[test]
+    fn a_single_sample_adds_one_group_of_products_of_spectra_that_are_not_in_the_cache() {
+        let response: Vec<f32> = (0..200_000).map(|n| (-1e-5 * n as f32).exp()).collect();
+        let stream = Stream { block: Some(1), ..Stream::default() };
+        let mut convolver = Convolver::new(&Responses::one(&response).unwrap(), &stream).unwrap();
+        convolver.process_one(&vec![0.5; 250_000], &mut vec![0.0; 250_000]).unwrap();
+        let (mut before, mut added) = (None, 0);
+        for _ in 0..40_000 {
+            convolver.process_one(&[0.5], &mut [0.0]).unwrap();
+            let next = convolver.stages.last().and_then(Stage::next_products);
+            if let (Some((old_tile, old_group)), Some((tile, group))) = (before, next) {
+                // The groups of a tile are followed by the first of the next one.
+                let one = (tile, group) == (old_tile, old_group + 1) || (tile, group) == (old_tile + 1, 0);
+                assert!((tile, group) == (old_tile, old_group) || one, "{before:?}, {next:?}");
+                added += usize::from(one);
+            }
+            before = next;
+        }
+        assert!(added > 1000, "{added}");
+        assert_eq!(convolver.overruns(), 0);
     }
 }

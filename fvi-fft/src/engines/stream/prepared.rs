@@ -129,11 +129,6 @@ impl<T: Scalar> PreparedResponses<T> {
         &self.paths[first..self.ends[output]]
     }
 
-    /// Number of pairs of an input and an output with a response.
-    pub(crate) fn pairs(&self) -> usize {
-        self.paths.len()
-    }
-
     /// Bytes of the spectra and of the near weights.
     pub fn bytes(&self) -> usize {
         let spectra = self.spectra.iter().map(|spectra| size_of_val(spectra.as_slice()));

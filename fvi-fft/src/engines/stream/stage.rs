@@ -18,6 +18,12 @@ const GROUP: usize = 4;
 /// Cost of a task, about one complex multiply–add.
 pub(crate) type Work = i64;
 
+/// Bytes of spectra that stay in the cache of a core beside everything else, from one block to the next.
+const CACHED: usize = 1 << 20;
+
+/// Cost of waiting for spectra that do not: for each place at which a task begins to read or write.
+const WAIT: usize = 128;
+
 /// What the tasks of a stage read besides its own numbers.
 pub(crate) struct Context<'a, T: Scalar> {
     pub(crate) index: usize,
@@ -45,6 +51,8 @@ pub(crate) struct Stage<T: Scalar> {
     /// For each bank the last two output blocks, one output after the other in each.
     output: Vec<T>,
     job: Option<Job>,
+    /// Cost of waiting for spectra.
+    wait: usize,
     /// Cost of a transform of an input block.
     forward_cost: usize,
     /// Cost of a transform of an output block.
@@ -70,19 +78,34 @@ enum Place {
     Inverse { second: bool, output: usize, piece: usize },
 }
 
+/// Cost of a piece of a transform of an input block, with waiting where it writes to the spectra.
+fn forward_cost<T: Scalar>(transform: &Transform<T>, wait: usize, piece: usize) -> usize {
+    transform.forward_cost(piece) + if transform.packets_of(piece).is_empty() { 0 } else { wait }
+}
+
 impl<T: Scalar> Stage<T> {
-    pub(crate) fn new(plan: &StagePlan, transform: &Transform<T>, inputs: usize, outputs: usize) -> Self {
+    /// A stage whose responses have so many packets.
+    pub(crate) fn new(
+        plan: &StagePlan,
+        transform: &Transform<T>,
+        (inputs, outputs): (usize, usize),
+        responses: usize,
+    ) -> Self {
         let packets = transform.packets();
         // An exchange computes the present output block again after the input for the next one has come.
         let slots = plan.reach + 1;
+        let signal = vec![Packet::zero(); slots * inputs * packets];
+        let bytes = (signal.len() + responses) * size_of::<Packet<T>>();
+        let wait = if bytes > CACHED { WAIT } else { 0 };
         Self {
-            signal: vec![Packet::zero(); slots * inputs * packets],
+            signal,
             slots,
             sum: vec![Packet::zero(); packets],
             polynomial: vec![Complex::new(T::zero(), T::zero()); plan.block],
             output: vec![T::zero(); 2 * 2 * outputs * plan.block],
             job: None,
-            forward_cost: (0..transform.pieces()).map(|piece| transform.forward_cost(piece)).sum(),
+            wait,
+            forward_cost: (0..transform.pieces()).map(|piece| forward_cost(transform, wait, piece)).sum(),
             inverse_cost: (0..transform.pieces()).map(|piece| transform.inverse_cost(piece)).sum(),
         }
     }
@@ -168,16 +191,28 @@ impl<T: Scalar> Stage<T> {
 
     /// Cost of the most expensive job for the banks in use.
     pub(crate) fn largest_cost(&self, with: &Context<'_, T>) -> Work {
-        let of_pair = with.plan.most_inputs() * PACKET * with.transform.packets();
+        let of_output = |bank: &PreparedResponses<T>, output| {
+            let products = bank.paths(output).len() * with.plan.most_inputs();
+            let (groups, rest) = (products / GROUP, products % GROUP);
+            let last = if rest > 0 || groups == 0 { self.group_cost(with, rest) } else { 0 };
+            let of_tile = groups * self.group_cost(with, GROUP) + last;
+            self.inverse_cost + with.transform.packets() / with.tile * of_tile
+        };
         let banks = with.banks.iter().flatten();
-        let products = banks.map(|bank| with.outputs * self.inverse_cost + bank.pairs() * of_pair);
+        let products = banks.flat_map(|bank| (0..with.outputs).map(move |output| of_output(bank, output)));
         (with.inputs * self.forward_cost + products.sum::<usize>()) as Work
+    }
+
+    /// Cost of a group of products, which reads spectra of the signal and of a response. One without products
+    /// clears the sum.
+    fn group_cost(&self, with: &Context<'_, T>, products: usize) -> usize {
+        products.max(1) * PACKET * with.tile + 2 * self.wait
     }
 
     /// Cost of the most expensive task.
     pub(crate) fn largest_task(&self, with: &Context<'_, T>) -> Work {
-        let (transform, products) = (with.transform, GROUP * PACKET * with.tile);
-        let pieces = (0..transform.pieces()).map(|piece| transform.forward_cost(piece));
+        let products = self.group_cost(with, GROUP);
+        let pieces = (0..with.transform.pieces()).map(|piece| forward_cost(with.transform, self.wait, piece));
         pieces.max().unwrap_or(0).max(products) as Work
     }
 
@@ -194,7 +229,7 @@ impl<T: Scalar> Stage<T> {
                     (_, true) => Place::Forward { input: input + 1, piece: 0 },
                     _ => Place::Products { second: false, output: 0, tile: 0, group: 0 },
                 };
-                (with.transform.forward_cost(piece), Some(next))
+                (forward_cost(with.transform, self.wait, piece), Some(next))
             }
             Place::Products { second, output, tile, group } => {
                 let paths = with.banks[bank(second)].as_ref().map_or(0, |bank| bank.paths(output).len());
@@ -270,7 +305,7 @@ impl<T: Scalar> Stage<T> {
             self.sum[tile * with.tile..(tile + 1) * with.tile].fill(Packet::zero());
         }
         let first = group * GROUP;
-        let cost = GROUP.min(products - first.min(products)) * PACKET * with.tile;
+        let cost = self.group_cost(with, GROUP.min(products - first.min(products)));
         let Some(responses) = &with.banks[bank] else { return cost };
         let at = (output, tile, first);
         match products - first.min(products) {
@@ -348,5 +383,16 @@ impl<T: Scalar> Stage<T> {
             + size_of_val(self.sum.as_slice())
             + size_of_val(self.polynomial.as_slice())
             + size_of_val(self.output.as_slice())
+    }
+}
+
+#[cfg(test)]
+impl<T: Scalar> Stage<T> {
+    /// Tile and group of the products that are next in the current job, if they are.
+    pub(crate) fn next_products(&self) -> Option<(usize, usize)> {
+        match self.job.as_ref()?.place {
+            Place::Products { tile, group, .. } => Some((tile, group)),
+            _ => None,
+        }
     }
 }
