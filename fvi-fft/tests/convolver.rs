@@ -299,6 +299,19 @@ fn the_longest_fade_is_saved_and_restored() {
 }
 
 #[test]
+fn a_state_of_the_same_numbers_in_other_responses_is_refused() {
+    let make = |responses| Convolver::<f64>::new(&responses, &Stream::default()).unwrap();
+    let divided = |first: &[f64], second: &[f64]| make(Responses::each(&[first, second]).unwrap());
+    let given = divided(&[1.0, 2.0], &[3.0, 4.0, 5.0]);
+    let state = saved(&given);
+    assert!(divided(&[1.0, 2.0], &[3.0, 4.0, 5.0]).restore(&mut StateReader::new(&state)).is_ok());
+    assert!(divided(&[1.0, 2.0, 3.0], &[4.0, 5.0]).restore(&mut StateReader::new(&state)).is_err());
+    // One for both channels, or half of it for each.
+    let state = saved(&make(Responses::shared(&[1.0, 2.0], 2).unwrap()));
+    assert!(divided(&[1.0], &[2.0]).restore(&mut StateReader::new(&state)).is_err());
+}
+
+#[test]
 fn what_cannot_be_used_is_refused_and_changes_nothing() {
     assert_eq!(Responses::<f64>::one(&[]).unwrap_err().parameter, "samples of a response");
     assert_eq!(Responses::one(&[1.0, f64::NAN]).unwrap_err().parameter, "response");

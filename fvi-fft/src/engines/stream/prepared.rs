@@ -109,17 +109,26 @@ impl<T: Scalar> Preparer<T> {
         });
         let paths = responses.paths().to_vec();
         let ends = (0..*outputs).map(|output| paths.partition_point(|path| path.output <= output));
-        let places = paths.iter().map(|path| T::from_count((path.output * inputs + path.input) as u64));
-        let places: Vec<T> = places.collect();
         Ok(PreparedResponses {
             geometry: self.geometry.clone(),
             near,
             spectra: spectra.collect(),
             ends: ends.collect(),
-            fingerprint: fingerprint(responses.filters().iter().flatten().chain(&places)),
+            fingerprint: fingerprint_of(responses),
             paths,
         })
     }
+}
+
+/// A number by which states of other responses are recognised: of the weights, and of where each begins.
+fn fingerprint_of<T: Scalar>(responses: &Responses<T>) -> u64 {
+    // In parts that are exact in either precision.
+    let parts = |count: usize| [count >> 14, count & 0x3fff].map(|part| T::from_count(part as u64));
+    let lengths = responses.filters().iter().flat_map(|weights| parts(weights.len()));
+    let ends = |path: &Path| [path.output, path.input, path.filter];
+    let places = responses.paths().iter().flat_map(ends).flat_map(parts);
+    let arrangement: Vec<T> = lengths.chain(places).collect();
+    fingerprint(responses.filters().iter().flatten().chain(&arrangement))
 }
 
 impl<T: Scalar> PreparedResponses<T> {
