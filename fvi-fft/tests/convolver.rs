@@ -311,6 +311,53 @@ fn a_state_of_the_same_numbers_in_other_responses_is_refused() {
     assert!(divided(&[1.0], &[2.0]).restore(&mut StateReader::new(&state)).is_err());
 }
 
+/// As many samples later: the same state with another number of samples taken.
+fn later<T: Engines>(convolver: &mut Convolver<T>, samples: u64) {
+    let mut state = saved(convolver);
+    // The count follows the header of six entries.
+    let taken = &mut state[4 + 1 + 6 * 8..][..8];
+    assert_eq!(taken, convolver.taken().to_le_bytes());
+    taken.copy_from_slice(&(convolver.taken() + samples).to_le_bytes());
+    convolver.restore(&mut StateReader::new(&state)).unwrap();
+}
+
+/// The samples before and after so many, and an exchange across them, against the plain sum.
+fn conforms_at<T: Engines>(place: u64) {
+    let (old, new) = (room::<T>(1, 3000), room::<T>(2, 2500));
+    for (block, call) in [(None, 0), (Some(1), 1), (Some(64), 64), (Some(512), 512)] {
+        let stream = Stream { block, ..Stream::default() };
+        let mut convolver = Convolver::new(&Responses::one(&old).unwrap(), &stream).unwrap();
+        let (first, fade) = (place - 2048, 4000);
+        // More than a state holds; the samples are those before `first`.
+        let before: Vec<T> = (first - 20_480..first).map(|k| noise(9, k)).collect();
+        convolver.process_one(&before, &mut vec![T::zero(); before.len()]).unwrap();
+        later(&mut convolver, first - 20_480);
+        assert_eq!(convolver.taken(), first);
+        let prepared = convolver.preparer().prepare(&Responses::one(&new).unwrap()).unwrap();
+        convolver.exchange(prepared, fade).unwrap();
+        let output = run(&mut convolver, 9, call, 10_240);
+        let sum = |w: &[T], k| {
+            let lags = w.iter().enumerate();
+            lags.map(|(n, w)| w.to_f64() * noise::<T>(9, k - n as u64).to_f64()).sum::<f64>()
+        };
+        for (past, y) in output.iter().enumerate().step_by(23) {
+            let (k, share) = (first + past as u64, (past as f64 / fade as f64).min(1.0));
+            let expected = (1.0 - share) * sum(&old, k) + share * sum(&new, k);
+            let units = (y.to_f64() - expected).abs() / (size(&old) * T::EPSILON.to_f64() / 2.0);
+            assert!(units < 2.0 * UNITS, "{stream:?}: sample {k}, {units} units");
+        }
+        assert_eq!((convolver.overruns(), convolver.exchange_left()), (0, 0));
+    }
+}
+
+#[test]
+fn sums_go_on_where_counters_of_32_bits_and_numbers_of_53_end() {
+    for place in [1 << 31, 1 << 32, 1 << 53, 1 << 61] {
+        conforms_at::<f32>(place);
+        conforms_at::<f64>(place);
+    }
+}
+
 #[test]
 fn what_cannot_be_used_is_refused_and_changes_nothing() {
     assert_eq!(Responses::<f64>::one(&[]).unwrap_err().parameter, "samples of a response");

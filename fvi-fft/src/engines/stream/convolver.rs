@@ -103,7 +103,7 @@ const TAG: [u8; 4] = *b"strm";
 /// Margin of the per-step budget over the mean cost of the jobs, in percent.
 const RESERVE: Work = 5;
 
-/// Most samples in a saved state: three centuries at a gigahertz.
+/// Most samples in a saved state: more than a century at a gigahertz.
 const MOST_SAMPLES: u64 = 1 << 62;
 
 /// What the tasks of a stage read.
