@@ -22,7 +22,9 @@ use crate::engines::stream::stage::{Context, Stage, Work};
 /// y_o(k) = Σ_i Σ_{n=0}^{L−1} w_{oi}(n) x_i(k − latency − n) ,     x_i(j) = 0 for j < 0.
 ///
 /// The error is a few units of rounding of Σ|w| max|x|, however long the stream is, for nothing is carried
-/// from one block to the next.
+/// from one block to the next. Only at the ends of the range of numbers is it larger: with B the largest
+/// block of [`stages`](Self::stages), transforms overflow where B max|x| max(1, Σ|w|) comes near the largest
+/// number, and weights below B times the smallest normal number lose digits.
 ///
 /// Short lags are summed directly, or, for calls of a known length, by transforms of that length; the rest
 /// is divided into stages of growing blocks. Each stage transforms every input block once, multiplies
