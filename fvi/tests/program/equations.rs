@@ -135,6 +135,22 @@ fn growing_perturbations_are_told_with_their_number() {
 }
 
 #[test]
+fn unknowns_of_low_and_high_orders_begin_together() {
+    // Steps of 1e-40 and less: derivatives of the one leave the range of numbers where the other has begun.
+    let place = Workplace::new();
+    for (orders, right, initial, tolerance) in [
+        (json!([3.1, 0.1]), json!(["1 - x0^3", "1 - x1"]), json!([[0.0, 0.0, 0.0, 0.0], 0.0]), 1e-3),
+        (json!([2.0, 0.2]), json!(["t^2 - x0^3", "1 - x1"]), json!([[0.0, 0.0], 0.0]), 1e-6),
+        (json!([0.1, 3.0]), json!(["1 - x0^2", "1"]), json!([0.0, [0.0, 0.0, 0.0]]), 1e-9),
+    ] {
+        let keys = json!({ "order": orders, "right": right, "initial": initial });
+        let run = place.run(&equation(keys, json!({ "end": 1.0, "tolerance": tolerance })), &[]);
+        let steps = run.summary["steps"].as_u64().unwrap();
+        assert!(steps < 2000 && run.summary["warnings"].is_null(), "{orders}: {steps} steps");
+    }
+}
+
+#[test]
 fn the_unit_of_time_makes_no_difference_to_an_equation() {
     // D^1.8 x = 10⁴ (1000 cos t − x) to t = 1, in a unit and in its millionth.
     let place = Workplace::new();
