@@ -69,6 +69,9 @@ impl Default for ResponseOptions {
     }
 }
 
+/// Damping of a motion, as |Re s|/Im s, up to which it is rounding.
+const UNDAMPED: f64 = 1e-12;
+
 /// Response of a damped system.
 #[derive(Clone, Debug)]
 pub struct Response {
@@ -241,7 +244,9 @@ pub fn respond(
         ));
     }
     let known: Vec<_> = omega.iter().copied().zip(response.iter().copied()).collect();
-    let resonances: Vec<f64> = poles.iter().flatten().map(|pole| pole.place.im).collect();
+    // At the frequency of a motion that nothing damps there is no solution to show.
+    let is_damped = |pole: &&SystemPole| pole.place.re.abs() > UNDAMPED * pole.place.im;
+    let resonances: Vec<f64> = poles.iter().flatten().filter(is_damped).map(|pole| pole.place.im).collect();
     let known = if options.omega.is_some() { &[] } else { &known[..] };
     // Systems whose poles are computed are small, and a frequency costs little.
     let most = if resonances.is_empty() { known.len() } else { 8 * known.len() };

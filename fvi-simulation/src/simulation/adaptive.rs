@@ -13,7 +13,7 @@ use fvi_fft::memory::Tables;
 use fvi_scenario::language::{InputError, Problem};
 use fvi_scenario::scenario::{Adaptive, Scenario, Term};
 use serde::{Deserialize, Serialize};
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// The first attempt without other information, as a fraction of the end, times √tolerance.
 const FIRST: f64 = 1e-3;
@@ -334,7 +334,8 @@ impl<'s> AdaptiveSteps<'s> {
         let turns = sizes.filter(|(_, largest)| **largest > 0.0).map(|(sum, largest)| sum / largest);
         let radians = FRAC_PI_2 * turns.fold(0.0, max_or_nan);
         let error = radians * rule.error_of_rates() / order;
-        (order.is_finite() && error > ALLOWED * rule.tolerance).then(|| {
+        // Less than a turn is no oscillation.
+        (order.is_finite() && radians > TAU && error > ALLOWED * rule.tolerance).then(|| {
             format!(
                 "time.tolerance: in some {radians:.0} radians of an oscillation that nothing damps the memory's errors, of {:.0e}, may \
                  have grown to {error:.0e} in its phase, more than {ALLOWED} times {:e}",
@@ -641,6 +642,13 @@ impl<'s> AdaptiveSteps<'s> {
             return format!(
                 "the solution grows without bound, it ends near t = {time}: |x{row}| is {most:.1e} there, and {worst}, with steps of \
                  {tried:.1e} even"
+            );
+        }
+        if self.progress.at_break && self.rule.start.creep < 1.0 {
+            return format!(
+                "{worst}, with steps of {tried:.1e} even: behind a jump at t = {time} the solution goes on like {}, for which \
+                 `time.tolerance` asks for steps below the rounding of t",
+                self.rule.start.shown_creep()
             );
         }
         format!(

@@ -80,6 +80,8 @@ pub struct EnergyGuard {
     /// True if forces or the initial state can do work; if not, positions and velocities are not stored.
     is_driven: bool,
     work: f64,
+    /// What forces that depend on velocities have taken from the energy, by an upper bound.
+    dragged: f64,
     time: f64,
     position: Vec<f64>,
     velocity: Vec<f64>,
@@ -110,6 +112,8 @@ pub struct EnergyGuard {
 pub struct Gathered {
     lowest_potential: f64,
     work: f64,
+    #[serde(default)]
+    dragged: f64,
     warning: Option<String>,
     lost: Option<String>,
 }
@@ -188,6 +192,7 @@ impl EnergyGuard {
             rounding,
             is_driven,
             work: 0.0,
+            dragged: 0.0,
             time: start.time,
             position: start.position.clone(),
             new_velocity: velocity.clone(),
@@ -211,15 +216,15 @@ impl EnergyGuard {
 
     /// Its state.
     pub(crate) fn gathered(&self) -> Gathered {
-        let Self { lowest_potential, work, warning, lost, .. } = self;
-        let (warning, lost) = (warning.clone(), lost.clone());
-        Gathered { lowest_potential: *lowest_potential, work: *work, warning, lost }
+        let &Self { lowest_potential, work, dragged, .. } = self;
+        let (warning, lost) = (self.warning.clone(), self.lost.clone());
+        Gathered { lowest_potential, work, dragged, warning, lost }
     }
 
     /// Continues from a later state with the state of another guard of the same run.
     pub(crate) fn resume(&mut self, gathered: Gathered, state: &GridState) {
-        let Gathered { lowest_potential, work, warning, lost } = gathered;
-        (self.lowest_potential, self.work) = (lowest_potential, work);
+        let Gathered { lowest_potential, work, dragged, warning, lost } = gathered;
+        (self.lowest_potential, self.work, self.dragged) = (lowest_potential, work, dragged);
         (self.warning, self.lost) = (warning, lost);
         if self.position.is_empty() {
             // The guard is disabled.
@@ -246,6 +251,7 @@ impl EnergyGuard {
             rounding: 0.0,
             is_driven: false,
             work: 0.0,
+            dragged: 0.0,
             time: 0.0,
             position: Vec::new(),
             velocity: Vec::new(),
@@ -410,25 +416,26 @@ impl EnergyGuard {
         let there_was = self.stored + self.first_potential - self.lowest_potential + self.work;
         let all = energy + self.absorbed;
         let change = all - self.first_energy;
+        let explained = if change < 0.0 { self.work + self.dragged } else { self.work };
         let counts = match self.potential {
-            Some(_) => change.abs() - self.work,
+            Some(_) => change.abs() - explained,
             None => -change,
         };
         let least = (f64::EPSILON.sqrt() * self.first_energy.abs()).max(FACTOR * self.rounding);
         if counts > share * there_was && counts > least {
             let how = if change < 0.0 { "fallen" } else { "risen" };
-            let (with, explained) = match (self.is_driven, self.absorbed == 0.0) {
+            let (with, reason) = match (self.is_driven, self.absorbed == 0.0) {
                 (false, true) => ("", "though nothing damps or drives".to_owned()),
                 (false, false) => {
                     (", with what the dampers have taken up,", "though nothing drives".to_owned())
                 }
                 (true, _) => (
                     ", with what dampers have taken up,",
-                    format!("and forces explain no more than {:.3e}", self.work),
+                    format!("and forces explain no more than {explained:.3e}"),
                 ),
             };
             self.lost = Some(format!(
-                "the energy{with} has {how} from {:.3e} to {all:.3e} at t = {time}, {explained}: the steps seem too long there",
+                "the energy{with} has {how} from {:.3e} to {all:.3e} at t = {time}, {reason}: the steps seem too long there",
                 self.first_energy
             ));
         }
@@ -501,7 +508,7 @@ impl EnergyGuard {
         let Some(Forces { force, moves, loads, registers, place, value, largest }) = &mut self.force else {
             return work;
         };
-        let mut gained: f64 = 0.0;
+        let (mut gained, mut taken): (f64, f64) = (0.0, 0.0);
         largest.fill(0.0);
         for &node in &self.nodes {
             let moment = match node {
@@ -531,6 +538,7 @@ impl EnergyGuard {
                     let added = moved.iter().zip(&*value).map(|(moved, still)| moved - still);
                     let power: f64 = added.zip(&*velocity).map(|(force, v)| force * v).sum();
                     gained = gained.max(step * power);
+                    taken = taken.max(-step * power);
                 } else {
                     // The force is not defined at rest.
                     value.copy_from_slice(moved);
@@ -543,6 +551,7 @@ impl EnergyGuard {
                 *largest = largest.max(value.abs());
             }
         }
+        self.dragged += taken;
         work + gained + largest.iter().enumerate().map(|(index, force)| force * way(index)).sum::<f64>()
     }
 }

@@ -125,6 +125,17 @@ fn dampers_between_masses_hold_them_in_every_scheme() {
     }
 }
 
+/// v̇ = −v: what the energy of a mechanism loses is the work of the drag.
+#[test]
+fn what_drag_takes_from_a_mechanism_is_no_loss_of_its_steps() {
+    let place = Workplace::new();
+    let system = "[system]\nkinetic = \"0.5*v0^2\"\nforce = [\"-v0\"]\n[initial]\nposition = [0.0]\nvelocity = [1.0]\n";
+    let run = place.run(&format!("{system}[time]\nstep = 0.01\nend = 1.0\n"), &[]);
+    assert!(run.summary["warnings"].is_null(), "{}", run.summary["warnings"]);
+    let p = run.summary["last"]["momentum"][0].as_f64().unwrap();
+    assert!((p - (-1.0f64).exp()).abs() < 1e-4, "{p}");
+}
+
 /// The dashpot of order 1 holds the hysteretic z (coordinate 1, without mass) as −ż in the force does.
 #[test]
 fn a_dashpot_holds_what_velocities_of_others_push() {

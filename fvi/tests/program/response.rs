@@ -202,6 +202,20 @@ fn a_long_chain_from_files_has_the_answer_of_its_modes() {
     }
 }
 
+/// The outer masses of three swing against each other and leave the one at rest that is damped.
+#[test]
+fn a_motion_that_nothing_damps_is_listed_beside_the_response() {
+    let place = Workplace::new();
+    let scenario = "[system]\nmass = [1.0, 1.0, 1.0]\n\
+                    stiffness = [[4.18, -4.18, 0.0], [-4.18, 8.36, -4.18], [0.0, -4.18, 4.18]]\n\
+                    damping = [{ order = 0.5, coefficient = [0.0, 0.32, 0.0] }]\n\
+                    [initial]\nposition = [0.0, 0.0, 0.0]\n[time]\nstep = 0.01\nend = 20.0\n";
+    respond(&place, scenario, &[]);
+    let own = 4.18f64.sqrt();
+    let poles = table(&place, "poles.csv");
+    assert!(poles.iter().any(|row| row[0].abs() < 1e-9 && (row[1] - own).abs() < 1e-9), "{poles:?}");
+}
+
 #[test]
 fn runs_under_a_harmonic_load_end_with_the_response_of_their_scheme() {
     let place = Workplace::new();
