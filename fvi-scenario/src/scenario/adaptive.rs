@@ -96,6 +96,9 @@ pub struct Start {
     pub power: f64,
     /// c, the largest of all terms; zero if e is 1.
     pub size: f64,
+    /// True if the momentum jumps there: the Riemann–Liouville derivative of order 1 of a position that is not
+    /// zero is a kick.
+    pub kicks: bool,
     /// True for an equation: a tolerance need not be given, and other coordinates than the unknowns begin to
     /// move like any power.
     pub of_equation: bool,
@@ -226,8 +229,14 @@ impl Adaptive {
         let terms = system.damping.iter().filter(|term| term.derivative == Derivative::RiemannLiouville);
         let of_equation = system.stands_for_equation();
         let push = if of_equation { Self::largest_push(system, initial) } else { 0.0 };
-        let mut start =
-            Start { creep: Self::creep(system, initial), power: 1.0, size: 0.0, of_equation, push };
+        let mut start = Start {
+            creep: Self::creep(system, initial),
+            power: 1.0,
+            size: 0.0,
+            kicks: false,
+            of_equation,
+            push,
+        };
         for term in terms {
             let (power, size) = match term.transfer.growth() {
                 order if order < 1.0 => (1.0 - order, by_mass(term.coefficient.times(&initial.position))),
@@ -242,9 +251,11 @@ impl Adaptive {
                             .fold(f64::INFINITY, min_or_nan),
                     )
                 }
-                _ => continue,
+                _ => (0.0, by_mass(term.coefficient.times(&initial.position))),
             };
-            if size > 0.0 && power < 1.0 {
+            if size > 0.0 && power == 0.0 {
+                start.kicks = true;
+            } else if size > 0.0 && power < 1.0 {
                 start = Start { power: start.power.min(power), size: start.size.max(size), ..start };
             }
         }

@@ -724,7 +724,9 @@ impl<'s> AdaptiveSteps<'s> {
         let at_end = self.progress.budget.of(at_end, pair);
         let inside = self.inside.as_ref().map_or(0.0, |[whole, halves]| {
             let [positions, momenta] = self.share_inside;
-            let shares = [positions, of_momenta * momenta];
+            // A kick at the start is spread over the first step.
+            let is_kicked = self.rule.start.kicks && self.progress.time == 0.0;
+            let shares = [positions, if is_kicked { 0.0 } else { of_momenta * momenta }];
             let places = whole.iter().zip(halves);
             let error = places.map(|(whole, half)| self.largest_difference([whole, half], shares, length));
             let error = error.fold(0.0, max_or_nan);

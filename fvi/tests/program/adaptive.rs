@@ -98,6 +98,24 @@ fn the_unit_of_time_makes_no_difference() {
     assert!(steps.iter().all(|&count| count == steps[0]), "{steps:?}");
 }
 
+/// q̈ + ½ D q + q = 0 in the sense of Riemann and Liouville from q = 1: the kick −½ at t = 0, and a damped cosine.
+#[test]
+fn a_kick_at_the_start_is_passed_when_times_are_asked_for_too() {
+    let place = Workplace::new();
+    let scenario = "[system]\nmass = [1.0]\npotential = \"0.5*q0^2\"\n\
+                    damping = [{ order = 1.0, coefficient = [0.5], derivative = \"riemann-liouville\" }]\n\
+                    [initial]\nposition = [1.0]\n[scheme]\nkind = \"collocation\"\n\
+                    [time]\ngrid = \"adaptive\"\nend = 5.0\ntolerance = 1e-6\n[output]\ntimes = [1.0, 5.0]\n";
+    let run = place.run(scenario, &[]);
+    let (rate, omega) = (0.25, (1.0 - 0.0625f64).sqrt());
+    for row in &run.rows {
+        let [t, q] = [row[0], row[1]];
+        // q̇ = −½ behind the kick.
+        let exact = (-rate * t).exp() * ((omega * t).cos() + (rate - 0.5) / omega * (omega * t).sin());
+        assert!((q - exact).abs() < 1e-5, "{t}: {q}, not {exact}");
+    }
+}
+
 #[test]
 fn errors_follow_the_tolerance_without_memory() {
     // cos t, whose errors no damping forgets.
