@@ -40,6 +40,13 @@ const LARGEST_COST: f64 = 1e7;
 /// By how many times steps are made shorter while runs fail.
 const MOST_FAILED: usize = 4096;
 
+/// Number of runs, all short, in which a candidate is tried: the preparation of so many is what that costs at
+/// least.
+const RUNS_OF_A_TRIAL: f64 = 4.0;
+
+/// By how many times more steps may be told from an order that is not the scheme's own.
+const TOLD_AT_MOST: f64 = 4.0;
+
 /// Number of times that steps are made shorter after they have been told.
 const ATTEMPTS: usize = 4;
 
@@ -55,8 +62,7 @@ fn too_small(largest: f64) -> String {
     )
 }
 
-/// The tolerance of adaptive steps as a part of the one that is asked for, and by what it is made smaller.
-const OF_STEPS: f64 = 0.1;
+/// The smallest tolerance of adaptive steps.
 const SMALLEST_OF_STEPS: f64 = 1e-12;
 
 /// What has been chosen for a scenario with `scheme.kind = "auto"`, and why.
@@ -98,11 +104,12 @@ pub struct Chosen {
 ///
 /// Candidates that the table of combinations allows are run on few steps, then on twice as many, until their
 /// errors shrink at an order p. With d the largest difference of the rows of n and n/2 steps the error is
-/// d/(2ᵖ − 1) if p is the order of the scheme, and d otherwise; from it follow the steps for the tolerance
-/// and their cost. The cheapest candidate is run with these steps and half of them, and taken if that
-/// difference confirms the estimate; otherwise steps are made shorter. Adaptive steps are compared with those
-/// of a tenth of their tolerance. Only numbers of steps decide and no clock, so that a scenario leads to the
-/// same choice, and to the same bits, every time.
+/// d/(2ᵖ − 1) if p is the order of the scheme (less one with damping), and d otherwise; from it follow the
+/// steps for the tolerance and their cost. The cheapest candidate is run with these steps and half of them,
+/// and taken if that difference confirms the estimate; otherwise steps are made shorter, and last the
+/// candidates are tried that seemed to cost more. Adaptive steps are compared with those of a tenth of their
+/// tolerance. Only numbers of steps decide and no clock, so that a scenario leads to the same choice, and to
+/// the same bits, every time.
 ///
 /// # Errors
 /// [`RunError::Input`] at `scheme.tolerance`, with what is reachable, if no candidate reaches it; if no
@@ -126,25 +133,35 @@ pub fn choose(
         refused: None,
         least: f64::INFINITY,
     };
-    let mut told: Vec<Told> = Vec::new();
-    for candidate in Candidate::of(scenario) {
-        let cheapest = told.iter().map(Told::cost).fold(f64::INFINITY, min_or_nan);
-        let Some(next) = search.tell(candidate, cheapest)? else { continue };
-        let clean = next.is_clean;
-        told.push(next);
-        if clean {
-            break;
+    let mut left = Candidate::of(scenario);
+    while !left.is_empty() {
+        let mut told: Vec<Told> = Vec::new();
+        let mut untried: Vec<Candidate> = Vec::new();
+        for candidate in std::mem::take(&mut left) {
+            let cheapest = told.iter().map(Told::cost).fold(f64::INFINITY, min_or_nan);
+            // What it could save at most is less than what trying it costs.
+            let is_needless = cheapest <= RUNS_OF_A_TRIAL * candidate.preparation();
+            if is_needless || told.iter().any(|told| told.is_clean) {
+                untried.push(candidate);
+                continue;
+            }
+            match search.tell(candidate, cheapest)? {
+                Trial::Told(next) => told.push(next),
+                Trial::Dearer => untried.push(candidate),
+                Trial::Useless => {}
+            }
         }
-    }
-    told.sort_by(|one, other| one.cost().total_cmp(&other.cost()));
-    for told in told {
-        let found = match told.fineness {
-            Fineness::Steps(_) => search.confirm_steps(told)?,
-            Fineness::Tolerance(_) => search.confirm_tolerance(told)?,
-        };
-        if let Some(chosen) = found {
-            return Ok(chosen);
+        told.sort_by(|one, other| one.cost().total_cmp(&other.cost()));
+        for told in told {
+            let found = match told.fineness {
+                Fineness::Steps(_) => search.confirm_steps(told)?,
+                Fineness::Tolerance(_) => search.confirm_tolerance(told)?,
+            };
+            if let Some(chosen) = found {
+                return Ok(chosen);
+            }
         }
+        left = untried;
     }
     Err(search.unreachable().into())
 }
@@ -181,6 +198,42 @@ enum NoRows {
     Refused(InputError),
     /// Steps are too long, or fail.
     Failed(String),
+    /// Motions grow with steps of more than this length; without it, with any.
+    Unstable(Option<f64>, String),
+}
+
+/// What came of trying a candidate.
+enum Trial {
+    Told(Told),
+    /// It costs more than another one.
+    Dearer,
+    Useless,
+}
+
+/// Jumps and kinks of forces inside steps: two runs may agree by chance, so that errors count as at least
+/// those that the largest difference so far leaves at the order at which they are sure to shrink.
+#[derive(Clone, Copy)]
+struct Breaks {
+    order: Option<f64>,
+    /// The largest of all differences, each times its number of steps to the power of the order.
+    largest: f64,
+}
+
+impl Breaks {
+    fn of(scenario: &Scenario) -> Self {
+        Self { order: scenario.order_at_breaks(), largest: 0.0 }
+    }
+
+    fn take(&mut self, difference: f64, steps: usize) {
+        if let Some(order) = self.order {
+            self.largest = max_or_nan(self.largest, difference * libm::pow(steps as f64, order));
+        }
+    }
+
+    /// The least error that counts for this number of steps.
+    fn floor(self, steps: usize) -> f64 {
+        self.order.map_or(0.0, |order| self.largest / libm::pow(steps as f64, order))
+    }
 }
 
 /// The fineness that a candidate is told to need.
@@ -193,6 +246,7 @@ struct Told {
     order: f64,
     /// True if that is the scheme's own.
     is_clean: bool,
+    breaks: Breaks,
     /// The finest run so far.
     finest: Option<(usize, Pilot)>,
     /// Its error, if the difference that tells it is known.
@@ -201,7 +255,9 @@ struct Told {
 
 impl Told {
     fn cost(&self) -> f64 {
-        self.steps as f64 * self.candidate.cost()
+        // Grid points at rows are added to graded steps.
+        let made = self.finest.as_ref().map_or(0, |(_, pilot)| pilot.steps);
+        self.candidate.cost(self.steps.max(made))
     }
 }
 
@@ -224,7 +280,9 @@ impl Pilots<'_> {
             Ok(run) => run,
             Err(error) => {
                 return Ok(Err(match error.problem() {
-                    Problem::Unstable { .. } => NoRows::Failed(error.problem().to_string()),
+                    &Problem::Unstable { largest_step, .. } => {
+                        NoRows::Unstable(largest_step, error.problem().to_string())
+                    }
                     _ => NoRows::Refused(error),
                 }));
             }
@@ -259,7 +317,7 @@ impl Pilots<'_> {
 impl Search<'_> {
     fn pilot(&mut self, candidate: Candidate, fineness: Fineness) -> Result<Result<Pilot, NoRows>, RunError> {
         match self.scenario.on_candidate(candidate, fineness, (self.pilots.known, true)) {
-            Ok(scenario) => self.pilots.rows(&scenario, candidate.cost()),
+            Ok(scenario) => self.pilots.rows(&scenario, candidate.cost_of_step()),
             Err(error) => Ok(Err(NoRows::Refused(error))),
         }
     }
@@ -267,7 +325,7 @@ impl Search<'_> {
     /// Takes down why a candidate is not used.
     fn put_aside(&mut self, candidate: Candidate, why: NoRows) {
         let reason = match why {
-            NoRows::Failed(reason) => reason,
+            NoRows::Failed(reason) | NoRows::Unstable(_, reason) => reason,
             NoRows::Refused(error) => {
                 let reason = format!("{}: {}", error.key(), error.problem());
                 let general = |error: &InputError| !matches!(error.problem(), Problem::Incompatible { .. });
@@ -280,23 +338,36 @@ impl Search<'_> {
         self.others.push(format!("{}: {reason}", name(candidate)));
     }
 
-    /// The steps that a candidate needs for the tolerance; `None` if it is of no use, or is seen to cost more
+    /// The steps that a candidate needs for the tolerance, unless it is of no use, or is seen to cost more
     /// than another one.
-    fn tell(&mut self, candidate: Candidate, cheapest: f64) -> Result<Option<Told>, RunError> {
+    fn tell(&mut self, candidate: Candidate, cheapest: f64) -> Result<Trial, RunError> {
         if candidate.steps == Spread::Adaptive {
             return self.tell_adaptive(candidate);
         }
         let rows = self.automatic.rows().filter(|_| candidate.steps == Spread::Equal);
         let first = rows.unwrap_or(FEWEST);
-        let most = LARGEST_COST.max(8.0 * first as f64 * candidate.cost()) / candidate.cost();
-        let most = most.min(0.5 * cheapest / candidate.cost());
+        let of_step = candidate.cost_of_step();
+        let most = LARGEST_COST.max(8.0 * first as f64 * of_step) / of_step;
+        let worthwhile = (0.5 * cheapest - candidate.preparation()) / of_step;
+        let (is_cut, most) = (worthwhile < most, most.min(worthwhile));
         let own = own_order(self.scenario, candidate);
         let (mut before, mut differences): (Option<Pilot>, Vec<f64>) = (None, Vec::new());
         let (mut steps, mut last_failure) = (first, None);
+        let mut breaks = Breaks::of(self.scenario);
         while steps as f64 <= most {
             let pilot = match self.pilot(candidate, Fineness::Steps(steps))? {
                 Ok(pilot) => pilot,
-                Err(NoRows::Failed(reason)) => {
+                Err(NoRows::Unstable(Some(longest), reason)) if candidate.steps == Spread::Equal => {
+                    (before, last_failure) = (None, Some(reason));
+                    differences.clear();
+                    let needed = (self.automatic.length() / longest / first as f64).ceil();
+                    if needed * first as f64 > most {
+                        break;
+                    }
+                    steps = (2 * steps).max(first * (needed as usize).next_power_of_two());
+                    continue;
+                }
+                Err(NoRows::Failed(reason) | NoRows::Unstable(Some(_), reason)) => {
                     (before, last_failure) = (None, Some(reason));
                     if steps > first.saturating_mul(MOST_FAILED) {
                         break;
@@ -307,11 +378,12 @@ impl Search<'_> {
                 }
                 Err(refused) => {
                     self.put_aside(candidate, refused);
-                    return Ok(None);
+                    return Ok(Trial::Useless);
                 }
             };
             if let Some(difference) = before.as_ref().and_then(|before| self.difference(before, &pilot)) {
                 differences.push(difference);
+                breaks.take(difference, steps);
             }
             let order = shrinking(&differences, own).or_else(|| {
                 let few = steps / 2 >= MANY_ROWS && differences.len() == 1;
@@ -319,33 +391,32 @@ impl Search<'_> {
             });
             let difference = differences.last().copied();
             if let (Some(order), Some(difference)) = (order, difference) {
-                let is_clean = order >= own - 1.0 && !self.scenario.has_kinks();
-                let error = estimate(difference, order, is_clean);
+                let (order, is_clean) = self.trusted(order, own);
+                let error = max_or_nan(estimate(difference, order, is_clean), breaks.floor(steps));
                 self.least = self.least.min(error);
-                let coarse = error + difference;
+                let coarse = max_or_nan(error + difference, breaks.floor(steps / 2));
                 let finest = Some((steps, pilot.clone()));
-                let told = |steps, error| Told {
-                    candidate,
-                    fineness: Fineness::Steps(steps),
-                    steps,
-                    order,
-                    is_clean,
-                    finest,
-                    error,
+                let told = |steps, error| {
+                    let fineness = Fineness::Steps(steps);
+                    Told { candidate, fineness, steps, order, is_clean, breaks, finest, error }
                 };
                 let accepted = ACCEPTED * self.automatic.tolerance;
                 if coarse <= accepted {
-                    return Ok(Some(told(steps / 2, Some(coarse))));
+                    return Ok(Trial::Told(told(steps / 2, Some(coarse))));
                 }
                 if error <= accepted {
-                    return Ok(Some(told(steps, Some(error))));
+                    return Ok(Trial::Told(told(steps, Some(error))));
                 }
                 if difference < RESOLVED {
                     let needed = steps as f64 * self.factor(error, order);
                     if needed > most {
                         break;
                     }
-                    return Ok(Some(told(in_multiples(needed, first, steps), None)));
+                    // A short run is made twice as long as soon as another one is prepared.
+                    let is_long = steps as f64 * of_step > candidate.preparation();
+                    if is_clean || (is_long && needed <= TOLD_AT_MOST * steps as f64) {
+                        return Ok(Trial::Told(told(in_multiples(needed, first, steps), None)));
+                    }
                 }
             }
             let stalls = differences.len() > 2 && order.is_none() && difference < Some(ROUNDING);
@@ -355,43 +426,59 @@ impl Search<'_> {
             before = Some(pilot);
             steps *= 2;
         }
-        let reason =
-            last_failure.filter(|_| differences.is_empty()).unwrap_or_else(|| match differences.last() {
-                Some(difference) => {
-                    format!("runs of {steps} steps and half of them still differ by {difference:.1e}")
-                }
-                None => "costs more".to_owned(),
-            });
+        if is_cut {
+            return Ok(Trial::Dearer);
+        }
+        let reason = last_failure.filter(|_| differences.is_empty());
+        let reason = reason.unwrap_or_else(|| match differences.last() {
+            Some(difference) => {
+                format!("runs of {steps} steps and half of them still differ by {difference:.1e}")
+            }
+            None => "costs more".to_owned(),
+        });
         self.put_aside(candidate, NoRows::Failed(reason));
-        Ok(None)
+        Ok(Trial::Useless)
     }
 
-    fn tell_adaptive(&mut self, candidate: Candidate) -> Result<Option<Told>, RunError> {
-        let tolerance = (OF_STEPS * self.automatic.tolerance).max(SMALLEST_OF_STEPS);
+    fn tell_adaptive(&mut self, candidate: Candidate) -> Result<Trial, RunError> {
+        let tolerance = self.automatic.tolerance.max(SMALLEST_OF_STEPS);
         let fineness = Fineness::Tolerance(tolerance);
         match self.pilot(candidate, fineness)? {
             Ok(pilot) => {
                 let largest = pilot.largest_position();
                 if largest > 0.0 && largest < LEAST_POSITION {
                     self.put_aside(candidate, NoRows::Failed(too_small(largest)));
-                    return Ok(None);
+                    return Ok(Trial::Useless);
                 }
                 let steps = pilot.steps;
                 let finest = Some((steps, pilot));
-                Ok(Some(Told {
+                Ok(Trial::Told(Told {
                     candidate,
                     fineness,
                     steps,
                     order: 1.0,
                     is_clean: false,
+                    breaks: Breaks::of(self.scenario),
                     finest,
                     error: None,
                 }))
             }
             Err(why) => {
                 self.put_aside(candidate, why);
-                Ok(None)
+                Ok(Trial::Useless)
             }
+        }
+    }
+
+    /// The order by which errors are told from differences that shrink at this one, with a scheme of its own
+    /// order, and whether they are less than the differences.
+    fn trusted(&self, order: f64, own: f64) -> (f64, bool) {
+        let breaks = self.scenario.order_at_breaks();
+        let is_clean = order >= own - 1.0 && breaks.is_none() && !self.scenario.shows_singular_start();
+        match is_clean && !self.scenario.system.damping.is_empty() {
+            // What the singular start leaves shrinks more slowly, and shows later.
+            true => (order - 1.0, true),
+            false => (breaks.map_or(order, |breaks| min_or_nan(order, breaks)), is_clean),
         }
     }
 
@@ -410,7 +497,7 @@ impl Search<'_> {
 
     /// Runs a candidate with the steps that it was told to need, and half of them.
     fn confirm_steps(&mut self, told: Told) -> Result<Option<Chosen>, RunError> {
-        let Told { candidate, mut steps, order, is_clean, finest, error, .. } = told;
+        let Told { candidate, mut steps, order, is_clean, mut breaks, finest, error, .. } = told;
         if let Some(error) = error {
             let because = format!(
                 "runs with half and twice as many steps, whose differences shrink at order {order:.1}, tell the error"
@@ -433,7 +520,8 @@ impl Search<'_> {
                 }
             };
             let Some(difference) = self.difference(&half, &whole) else { return Ok(None) };
-            let error = estimate(difference, order, is_clean);
+            breaks.take(difference, steps);
+            let error = max_or_nan(estimate(difference, order, is_clean), breaks.floor(steps));
             self.least = self.least.min(error);
             if error <= ACCEPTED * self.automatic.tolerance {
                 let because = format!(
@@ -446,7 +534,7 @@ impl Search<'_> {
             }
             before = error;
             let needed = steps as f64 * self.factor(error, order);
-            if needed * candidate.cost() > LARGEST_COST {
+            if needed * candidate.cost_of_step() > LARGEST_COST {
                 break;
             }
             known = Some((steps, whole));
@@ -460,7 +548,7 @@ impl Search<'_> {
     /// Compares adaptive steps with those of a tenth of their tolerance.
     fn confirm_tolerance(&mut self, told: Told) -> Result<Option<Chosen>, RunError> {
         let Told { candidate, finest, .. } = told;
-        let mut tolerance = (OF_STEPS * self.automatic.tolerance).max(SMALLEST_OF_STEPS);
+        let mut tolerance = self.automatic.tolerance.max(SMALLEST_OF_STEPS);
         let Some((_, mut coarse)) = finest else { return Ok(None) };
         let mut least = f64::INFINITY;
         while tolerance > SMALLEST_OF_STEPS {
@@ -534,7 +622,7 @@ fn own_order(scenario: &Scenario, candidate: Candidate) -> f64 {
         Method::Galerkin { degree, .. } if scenario.system.damping.is_empty() => 2 * degree,
         Method::Galerkin { degree, order } => order.min(2 * degree),
         Method::Gauss { degree } => 2 * degree,
-        Method::Radau => 5,
+        Method::Radau { stages } => 2 * stages - 1,
     };
     order as f64
 }
@@ -571,7 +659,7 @@ fn name(candidate: Candidate) -> String {
         Method::Midpoint => "midpoint rule".to_owned(),
         Method::Galerkin { degree, order } => format!("Galerkin of degree {degree} with BDF {order}"),
         Method::Gauss { degree } => format!("Galerkin of degree {degree} with Gauss weights"),
-        Method::Radau => "collocation".to_owned(),
+        Method::Radau { stages } => format!("collocation of {stages} stages"),
     };
     let steps = match candidate.steps {
         Spread::Equal => "equal",

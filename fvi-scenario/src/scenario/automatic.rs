@@ -2,8 +2,9 @@
 
 use super::sparse_matrix::KnownMatrices;
 use super::time::steps_to;
-use super::{Derivative, Feature, Scenario};
+use super::{Amplitude, Damping, Derivative, Feature, Scenario};
 use crate::language::document::{Document, Table};
+use crate::language::expression::{Expression, Function, Kind};
 use crate::language::{InputError, Problem};
 use toml::Value;
 
@@ -14,15 +15,27 @@ const LARGEST: f64 = 0.1;
 /// Number of equal steps of the scenario that is read before anything has been chosen.
 const UNCHOSEN_STEPS: f64 = 64.0;
 
-/// Most rows for which an adaptive grid has a grid point at every one.
+/// Most rows for which a graded or adaptive grid has a grid point at every one.
 const MOST_HIT: usize = 2000;
 
 /// Most rows of a run that is compared with another one.
-const MOST_COMPARED: usize = 4096;
+const MOST_COMPARED: usize = 1 << 16;
 
 /// Number of times at which runs on adaptive grids are compared where the file names none, half of them
 /// equally spaced, half of them shrinking towards the start.
 const COMPARED: usize = 32;
+
+/// Tolerance from which on Radau IIA takes less time with five stages, in longer steps.
+const FIVE_STAGES_FROM: f64 = 3e-5;
+
+/// Smallest tolerance for which backward differentiation on equal steps comes before Radau IIA.
+const MULTISTEP_FROM: f64 = 3e-6;
+
+/// Most coordinates for which the matrix of a step may be full.
+const FEW: usize = 32;
+
+/// First row, as a part of the whole time, below which rows are those of decades of time.
+const DECADES: f64 = 1e-4;
 
 /// What a scenario with `scheme.kind = "auto"` asks for.
 ///
@@ -70,8 +83,11 @@ pub enum Method {
         /// The degree.
         degree: usize,
     },
-    /// Collocation by Radau IIA of three stages.
-    Radau,
+    /// Collocation by Radau IIA.
+    Radau {
+        /// Number of stages.
+        stages: usize,
+    },
 }
 
 /// How the steps of a candidate lie.
@@ -166,14 +182,26 @@ impl Automatic {
         self.spacing.map(|spacing| ((self.end - self.start) / spacing).round() as usize)
     }
 
+    /// The whole time.
+    pub fn length(&self) -> f64 {
+        self.end - self.start
+    }
+
     /// Puts the grid of a candidate of a fineness into `[time]`.
     fn put_grid(self, spread: Spread, fineness: Fineness, rows: Option<&[f64]>, time: &mut Keys) {
         let Self { start, end, .. } = self;
+        let hit = |time: &mut Keys, rows: &[f64]| {
+            let inner: Vec<f64> = rows.iter().copied().filter(|&row| row > 0.0 && row < end).collect();
+            if !inner.is_empty() && inner.len() <= MOST_HIT && !time.contains_key("must_hit") {
+                put(time, &[("must_hit", list(&inner))]);
+            }
+        };
         ["step", "steps", "end"].iter().for_each(|key| drop(time.remove(*key)));
         match (fineness, spread) {
             (Fineness::Steps(steps), Spread::Graded { exponent }) => {
                 put(time, &[("grid", "graded".into()), ("exponent", exponent.into())]);
                 put(time, &[("end", end.into()), ("steps", whole(steps))]);
+                hit(time, rows.unwrap_or_default());
             }
             (Fineness::Steps(steps), _) => {
                 put(time, &[("step", ((end - start) / steps as f64).into()), ("steps", whole(steps))]);
@@ -181,30 +209,34 @@ impl Automatic {
             (Fineness::Tolerance(tolerance), _) => {
                 put(time, &[("grid", "adaptive".into()), ("tolerance", tolerance.into())]);
                 put(time, &[("end", end.into())]);
-                let mut hit = match rows {
-                    Some(rows) if rows.len() <= MOST_HIT => rows.to_vec(),
-                    Some(_) => Vec::new(),
-                    None => compared_times(end),
-                };
-                hit.retain(|&time| time > 0.0 && time < end);
-                if !hit.is_empty() && time.get("must_hit").is_none() {
-                    put(time, &[("must_hit", list(&hit))]);
-                }
+                hit(time, rows.unwrap_or(&compared_times(end)));
             }
         }
     }
 
     /// `output.every` on equal or graded steps, with that of the file; of runs that are compared at most some
-    /// [`MOST_COMPARED`] rows, those that they have in common among them.
+    /// [`MOST_COMPARED`] rows, those that a run with half as many steps has among them.
     fn every(self, every: usize, steps: usize, compared: bool) -> usize {
         let stride = self.rows().map_or(1, |rows| (steps / rows.max(1)).max(1));
-        let every = every.saturating_mul(stride);
-        let rows = steps / every.max(1);
-        match (compared && rows > MOST_COMPARED, self.rows()) {
-            (false, _) => every,
-            (true, Some(_)) => every.saturating_mul(rows.div_ceil(MOST_COMPARED)),
-            (true, None) => (steps / COMPARED).max(1),
+        let every = every.saturating_mul(stride).max(1);
+        let rows = steps / every;
+        match compared && rows > MOST_COMPARED {
+            true => every.saturating_mul(rows.div_ceil(MOST_COMPARED).next_power_of_two()),
+            false => every,
         }
+    }
+
+    /// Grid points at which runs of equal steps are compared that have more than [`MOST_COMPARED`]: those of
+    /// [`every`](Self::every), and others towards the start, where motions with memory are hardest.
+    fn thinned(self, steps: usize) -> Vec<f64> {
+        let stride = self.every(1, steps, true);
+        let towards_start = (0..usize::BITS - 2).flat_map(|shift| [1 << shift, 3 << shift]);
+        let mut all: Vec<usize> = (stride..=steps).step_by(stride).chain([steps]).collect();
+        all.extend(towards_start.take_while(|&point| point < steps));
+        all.sort_unstable();
+        all.dedup();
+        let step = self.length() / steps as f64;
+        all.into_iter().map(|point| self.start + point as f64 * step).collect()
     }
 
     /// Reads the document as if it left the scheme to the default.
@@ -264,38 +296,50 @@ impl Candidate {
     /// reading them is refused by the table of combinations.
     ///
     /// A motion under fractional damping begins like a sum of powers of t that are not whole, which graded
-    /// steps resolve and equal ones do not. Kinks and jumps in the position are met by adaptive steps.
+    /// steps resolve and equal ones do not. Where rows are away from the start equal steps come first, as
+    /// that does not show. Kinks and jumps of forces are met by adaptive steps, and so are decades of time.
     pub fn of(scenario: &Scenario) -> Vec<Self> {
-        let all = |steps: Spread, methods: &[Method]| -> Vec<Self> {
-            methods.iter().map(|&method| Self { method, steps }).collect()
-        };
+        let tolerance = scenario.automatic.map_or(LARGEST, |automatic| automatic.tolerance);
+        let radau = Method::Radau { stages: if tolerance > FIVE_STAGES_FROM { 3 } else { 5 } };
         let damping = &scenario.system.damping;
-        let smooth = damping.iter().all(|term| {
-            let growth = term.transfer.growth();
-            term.derivative == Derivative::Caputo && (growth == 0.0 || growth == 1.0)
-        });
-        let graded = Spread::Graded { exponent: 3.0 };
-        let gauss = [Method::Gauss { degree: 3 }, Method::Gauss { degree: 2 }];
-        let galerkin = match damping.is_empty() {
-            true => Method::Galerkin { degree: 3, order: 6 },
-            false => Method::Galerkin { degree: 2, order: 4 },
-        };
-        let adaptive = Self { method: Method::Radau, steps: Spread::Adaptive };
-        let first = match (damping.is_empty(), smooth) {
-            _ if scenario.has_kinks() => vec![adaptive],
-            (true, _) => all(Spread::Equal, &[galerkin, Method::Radau]),
-            (false, true) => all(Spread::Equal, &[Method::Radau]),
-            (false, false) => all(graded, &[Method::Radau]),
+        let of_few = scenario.coordinates() <= FEW;
+        // Sparse factors are of degree 2.
+        let (degree, order) = if damping.is_empty() || of_few { (3, 6) } else { (2, 4) };
+        let galerkin = Method::Galerkin { degree, order };
+        let at = |method: Method, steps: Spread| Self { method, steps };
+        let equal = |method: Method| at(method, Spread::Equal);
+        // Some kernels take up to three stages.
+        let (radau_3, gauss) = (Method::Radau { stages: 3 }, Method::Gauss { degree: 3 });
+        let (adaptive, graded) = (at(radau, Spread::Adaptive), at(radau, Spread::Graded { exponent: 3.0 }));
+        let begin = scenario.first_row();
+        // Strong damping limits the steps of backward differentiation, and kernels with a short memory do.
+        let growth = |term: &Damping| term.transfer.growth();
+        let limits_steps = damping.iter().any(|term| growth(term) > 1.0 || growth(term) == 0.0);
+        let first = match damping.is_empty() {
+            _ if scenario.order_at_breaks().is_some() => vec![adaptive],
+            true => vec![equal(galerkin), equal(radau)],
+            false if begin.is_some_and(|begin| begin < DECADES) => vec![adaptive, graded],
+            false if scenario.shows_singular_start() => vec![graded, equal(galerkin)],
+            false if limits_steps || tolerance < MULTISTEP_FROM => {
+                vec![equal(radau), equal(radau_3), equal(galerkin)]
+            }
+            false => vec![equal(galerkin), equal(radau)],
         };
         let rest = [
-            all(Spread::Equal, &[galerkin, Method::Radau, gauss[0]]),
-            vec![adaptive],
-            all(Spread::Graded { exponent: 2.0 }, &gauss[..1]),
-            all(graded, &[Method::Radau]),
-            all(Spread::Equal, &[gauss[1], Method::Midpoint]),
+            equal(galerkin),
+            equal(radau),
+            equal(gauss),
+            adaptive,
+            at(gauss, Spread::Graded { exponent: 2.0 }),
+            graded,
+            equal(Method::Galerkin { degree: 2, order: 4 }),
+            equal(Method::Gauss { degree: 2 }),
+            equal(radau_3),
+            at(radau_3, Spread::Adaptive),
+            equal(Method::Midpoint),
         ];
         let mut candidates: Vec<Self> = Vec::new();
-        for candidate in first.into_iter().chain(rest.into_iter().flatten()) {
+        for candidate in first.into_iter().chain(rest) {
             if !candidates.contains(&candidate) {
                 candidates.push(candidate);
             }
@@ -320,23 +364,38 @@ impl Candidate {
                 table(&[("kind", "galerkin".into()), ("degree", whole(degree))]),
                 Some(table(&[("family", "gauss".into())])),
             ),
-            Method::Radau => (
+            Method::Radau { stages } => (
                 table(&[("kind", "collocation".into())]),
-                Some(table(&[("family", "radau-iia".into()), ("stages", whole(3))])),
+                Some(table(&[("family", "radau-iia".into()), ("stages", whole(stages))])),
             ),
         }
     }
 
-    /// Time of a step of a system of one coordinate, in units of that of the midpoint rule; measured, and
-    /// the same on every machine, so that a scenario leads to the same choice everywhere.
-    pub fn cost(self) -> f64 {
+    /// Time of a run of so many steps with a system of one coordinate, in units of a step of the midpoint
+    /// rule; measured, and the same on every machine, so that a scenario leads to the same choice everywhere.
+    pub fn cost(self, steps: usize) -> f64 {
+        self.preparation() + steps as f64 * self.cost_of_step()
+    }
+
+    /// What a run costs before its first step.
+    pub fn preparation(self) -> f64 {
+        match self.method {
+            Method::Midpoint | Method::Galerkin { .. } => 700.0,
+            Method::Gauss { .. } => 1000.0,
+            Method::Radau { stages } => 1000.0 + 500.0 * stages as f64,
+        }
+    }
+
+    /// What a step costs.
+    pub fn cost_of_step(self) -> f64 {
         match (self.method, self.steps) {
             (Method::Midpoint, _) => 1.0,
             (Method::Galerkin { degree, .. }, _) => degree as f64,
             (Method::Gauss { degree }, Spread::Equal) => 5.0 * degree as f64,
-            (Method::Gauss { degree }, _) => 40.0 * degree as f64,
-            (Method::Radau, Spread::Adaptive) => 20.0,
-            (Method::Radau, _) => 3.0,
+            (Method::Gauss { degree }, _) => 100.0 * degree as f64,
+            (Method::Radau { stages }, Spread::Adaptive) => 6.0 * stages as f64,
+            (Method::Radau { stages }, Spread::Graded { .. }) => 2.0 * stages as f64,
+            (Method::Radau { stages }, Spread::Equal) => stages as f64,
         }
     }
 }
@@ -372,6 +431,12 @@ impl Scenario {
         if self.output.times.is_empty() {
             let every = self.output.every;
             change(&mut values, "output", |output| match (rows, fineness) {
+                (None, Fineness::Steps(steps))
+                    if compared && candidate.steps == Spread::Equal && steps > MOST_COMPARED =>
+                {
+                    output.remove("every");
+                    put(output, &[("times", list(&automatic.thinned(steps)))]);
+                }
                 (_, Fineness::Steps(steps)) if candidate.steps == Spread::Equal => {
                     put(output, &[("every", whole(automatic.every(every, steps, compared)))]);
                 }
@@ -409,12 +474,48 @@ impl Scenario {
         Ok(scenario)
     }
 
-    /// True if forces have jumps or kinks in the position.
+    /// True if rows are at grid points and the motion begins like a power of t that is not whole, so that
+    /// errors in the first rows shrink more slowly than the others.
     #[doc(hidden)]
-    pub fn has_kinks(&self) -> bool {
+    pub fn shows_singular_start(&self) -> bool {
+        let is_smooth =
+            |term: &Damping| term.derivative == Derivative::Caputo && term.transfer.growth() == 1.0;
+        self.first_row().is_none() && !self.system.damping.iter().all(is_smooth)
+    }
+
+    /// The order at which errors of equal steps are sure to shrink if forces jump or have kinks, in the
+    /// position or at times: how large errors are depends on where in a step that happens, so that two runs
+    /// may agree by chance. `None` if there are none.
+    #[doc(hidden)]
+    pub fn order_at_breaks(&self) -> Option<f64> {
         use Feature::{KinkedElement, KinkedForce, KinkedMechanism, KinkedPotential};
         let kinked = [KinkedPotential, KinkedElement, KinkedForce, KinkedMechanism];
-        kinked.iter().any(|feature| feature.is_in(self))
+        let breaks = |expression: &Expression| {
+            expression.root().any(&|node| match node.kind() {
+                Kind::Call(function, _) => {
+                    matches!(function, Function::Step | Function::Sign | Function::Abs)
+                }
+                Kind::Choice(function, _) => function.selects(),
+                _ => false,
+            })
+        };
+        let in_time = self.system.force.iter().flatten().any(breaks)
+            || self.system.loads.iter().any(|load| match &load.amplitude {
+                Amplitude::Expression(expression) => breaks(expression),
+                Amplitude::Record(_) => true,
+            });
+        match kinked.iter().any(|feature| feature.is_in(self)) {
+            true => Some(1.0),
+            false => (in_time || self.input.is_some()).then_some(2.0),
+        }
+    }
+
+    /// The time of the first row behind the start, as a part of the whole, where the file determines it.
+    fn first_row(&self) -> Option<f64> {
+        let automatic = self.automatic?;
+        let rows = self.rows_of(automatic)?;
+        let behind = rows.into_iter().find(|&time| time > automatic.start)?;
+        Some((behind - automatic.start) / (automatic.end - automatic.start))
     }
 
     /// The times of the rows, where the file determines them.

@@ -201,6 +201,50 @@ fn a_short_push_is_not_overlooked() {
     }
 }
 
+/// The first rows of steps of one length have errors that are thousands of times those of the others.
+#[test]
+fn the_first_grid_points_of_a_singular_start_are_within_the_tolerance() {
+    let tables = "[system]\nmass = [1.0]\npotential = '0.5*q0^2 + 0.25*q0^4'\ndamping = [{ order = 0.8, coefficient = [0.042] }]\n[initial]\nposition = [1.0]\nvelocity = [1.0]\n";
+    let asked = format!("scheme = {{ kind = 'auto', tolerance = 1e-9 }}\ntime = {{ end = 60.0 }}\n{tables}");
+    let Chosen { scenario: found, choice } = chosen(&scenario(&asked)).unwrap();
+    let found = rows(&found);
+    let times: Vec<f64> = found.time.iter().copied().filter(|&time| time > 0.0).take(8).collect();
+    let exact = format!(
+        "scheme = {{ kind = 'collocation' }}\nconvolution = {{ family = 'radau-iia', stages = 7 }}\noutput = {{ times = {times:?} }}\n\
+         time = {{ end = {:?}, tolerance = 1e-12, must_hit = {:?} }}\n{tables}",
+        times[7],
+        &times[..7]
+    );
+    // Both motions reach about 1.4 and 1.5 later.
+    let exact = rows(&scenario(&exact));
+    let error = difference(&exact, &found, true).unwrap();
+    assert!(error <= 1e-9, "{error:.1e}: {choice:?}");
+}
+
+/// Where in a step the position meets the kink is the same for steps twice as short, again and again, so that
+/// such runs agree to ten digits and are wrong in the third.
+#[test]
+fn runs_that_agree_by_chance_at_a_kink_are_not_taken_for_exact() {
+    let tables = "[system]\nmass = [1.0]\npotential = '0.5*q0^2 + 20*abs(q0 - 0.5)'\nforce = ['exp(-t)']\ndamping = [{ order = 0.1, coefficient = [0.0148] }]\n[initial]\nposition = [1.0]\n";
+    let exact = format!(
+        "scheme = {{ kind = 'collocation' }}\nconvolution = {{ family = 'radau-iia', stages = 7 }}\noutput = {{ times = [0.2, 0.4, 0.6, 0.8, 1.0] }}\n\
+         time = {{ end = 1.0, tolerance = 1e-11, must_hit = [0.2, 0.4, 0.6, 0.8] }}\n{tables}"
+    );
+    let exact = rows(&scenario(&exact));
+    for spacing in ["0.05", "0.2"] {
+        let asked = format!(
+            "scheme = {{ kind = 'auto', tolerance = 1e-4 }}\ntime = {{ end = 1.0, step = {spacing} }}\n{tables}"
+        );
+        match chosen(&scenario(&asked)) {
+            Ok(Chosen { scenario: found, choice }) => {
+                let error = difference(&exact, &rows(&found), true).unwrap();
+                assert!(error <= 1e-4, "{error:.1e}: {choice:?}");
+            }
+            Err(error) => assert!(error.to_string().contains("scheme.tolerance"), "{error}"),
+        }
+    }
+}
+
 #[test]
 fn a_tolerance_that_rounding_forbids_is_refused_with_what_is_reachable() {
     let text = "[system]\nmass = [1.0]\npotential = '2*q0^2'\n[initial]\nposition = [1.0]\n[scheme]\nkind = 'auto'\ntolerance = 1e-10\n[time]\nend = 50.0\n";
