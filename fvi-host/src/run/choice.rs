@@ -225,7 +225,8 @@ impl Breaks {
     }
 
     fn take(&mut self, difference: f64, steps: usize) {
-        if let Some(order) = self.order {
+        // Steps that do not resolve the motion tell nothing.
+        if let Some(order) = self.order.filter(|_| difference < RESOLVED) {
             self.largest = max_or_nan(self.largest, difference * libm::pow(steps as f64, order));
         }
     }
