@@ -6,6 +6,7 @@
 
 mod accuracy;
 mod any_length;
+mod automatic;
 mod equations;
 mod error_curve;
 mod exact_oscillator;
@@ -145,6 +146,7 @@ pub fn exhibits() -> Vec<Exhibit> {
         accuracy::EXHIBITS.as_slice(),
         materials::EXHIBITS.as_slice(),
         equations::EXHIBITS.as_slice(),
+        automatic::EXHIBITS.as_slice(),
     ]
     .concat()
 }

@@ -1,7 +1,7 @@
 //! The files of a reproduction: pictures, CSV files and the page with comparisons.
 
 use super::table::markdown_table;
-use super::{Comparison, Exhibit, Findings, accuracy, equations, materials};
+use super::{Comparison, Exhibit, Findings, accuracy, automatic, equations, materials};
 use fvi_host::results::files::{FileError, write_picture, write_text};
 use fvi_host::results::output_directory::OutputDirectory;
 
@@ -27,6 +27,7 @@ pub fn write(found: &[(Exhibit, Findings)], directory: &OutputDirectory) -> Resu
         (accuracy::PAGE, accuracy::HEAD),
         (materials::PAGE, materials::HEAD),
         (equations::PAGE, equations::HEAD),
+        (automatic::PAGE, automatic::HEAD),
     ] {
         let on_page: Vec<_> = found.iter().filter(|(exhibit, _)| exhibit.page == name).collect();
         if !on_page.is_empty() {
