@@ -225,8 +225,9 @@ impl Breaks {
     }
 
     fn take(&mut self, difference: f64, steps: usize) {
-        // Steps that do not resolve the motion tell nothing.
-        if let Some(order) = self.order.filter(|_| difference < RESOLVED) {
+        // Steps that do not resolve the motion tell nothing of breaks at times; of those in the position they
+        // may be the only ones that do not agree by chance.
+        if let Some(order) = self.order.filter(|&order| order <= 1.0 || difference < RESOLVED) {
             self.largest = max_or_nan(self.largest, difference * libm::pow(steps as f64, order));
         }
     }
