@@ -1,4 +1,4 @@
-//! What surrounds the steps of a run: tables of exponentials and rates, rows, adaptive runs, sweeps, sparse chains.
+//! What surrounds the steps of a run: tables of exponentials and rates, rows, adaptive runs, sweeps, chains.
 //!
 //! `cargo bench -p fvi-benches --bench preparation` prints a table in Markdown; words behind `--` choose the
 //! rows that contain one of them. Everything is measured in a few turns, of which the fastest counts.

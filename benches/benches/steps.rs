@@ -1,7 +1,7 @@
 //! Time of a step as `fvi run` makes it, against the same scheme written by hand for one system: closed-form
 //! gradient and Hessian, plain arrays, the same memory, and the same sums, whose rounding errors are kept. A
-//! third one is plain: it updates position and momentum without keeping what rounding takes away. The fourth is
-//! `steps.c`, plain too, compiled by `cc -O3 -march=native` for each system and size.
+//! third one is plain: it updates position and momentum without keeping what rounding takes away. The fourth
+//! is `steps.c`, plain too, compiled by `cc -O3 -march=native` for each system and size.
 //!
 //! All start from the same state; what they end at is compared before anything is timed. They are timed in
 //! turn, so that changes of the machine's speed meet all alike, and the fastest turn of each counts.

@@ -96,7 +96,7 @@ pub struct Start {
     pub power: f64,
     /// c, the largest of all terms; zero if e is 1.
     pub size: f64,
-    /// True if the momentum jumps there: the Riemann–Liouville derivative of order 1 of a position that is not
+    /// True if the momentum jumps there: the Riemann–Liouville derivative of order 1 of a position other than
     /// zero is a kick.
     pub kicks: bool,
     /// True for an equation: a tolerance need not be given, and other coordinates than the unknowns begin to

@@ -1,5 +1,5 @@
-//! A second run of an equation whose start and right sides are a little beside the first's, on the same steps:
-//! how much perturbations grow.
+//! A second run of an equation whose start and right sides are a little beside the first's, on the same
+//! steps: how much perturbations grow.
 
 use super::choice::SolverChoice;
 use super::{GridState, Precision, Simulation};
@@ -48,8 +48,8 @@ impl Perturbed {
         for (index, x) in beside.initial.position.iter_mut().take(unknowns).enumerate() {
             *x += size * x.abs().max(rule.scale) * part(index);
         }
-        // Constants may solve the equation whatever grows in it, as those of Caputo's derivatives alone: the right
-        // sides are other ones, too, by what moves an unknown as far in the whole time.
+        // Constants may solve the equation whatever grows in it, as those of Caputo's derivatives alone: the
+        // right sides are other ones, too, by what moves an unknown as far in the whole time.
         if let Some(equation) = &scenario.equation {
             let pushes = equation.terms.iter().enumerate().map(|(index, terms)| {
                 size * rule.scale * part(index) * terms[0].coefficient * libm::pow(rule.end, -terms[0].order)

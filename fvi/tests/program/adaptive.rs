@@ -98,7 +98,7 @@ fn the_unit_of_time_makes_no_difference() {
     assert!(steps.iter().all(|&count| count == steps[0]), "{steps:?}");
 }
 
-/// q̈ + ½ D q + q = 0 in the sense of Riemann and Liouville from q = 1: the kick −½ at t = 0, and a damped cosine.
+/// q̈ + ½ D q + q = 0 after Riemann and Liouville from q = 1: the kick −½ at t = 0, and a damped cosine.
 #[test]
 fn a_kick_at_the_start_is_passed_when_times_are_asked_for_too() {
     let place = Workplace::new();
