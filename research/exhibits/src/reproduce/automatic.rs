@@ -34,7 +34,7 @@ const TOLERANCES: [f64; 8] = [1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10];
 /// The text of a scenario whose last tables, from `[scheme]` on, ask for a tolerance.
 macro_rules! carried {
     ($name:literal) => {
-        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/automatic/", $name, ".toml"))
+        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/automatic/", $name, ".toml"))
     };
 }
 
