@@ -1364,10 +1364,16 @@ fn refuses(cases: &[(&str, String, &[&str])]) {
     }
 }
 
+/// A fit to `data.csv` with these keys of the table.
+fn with(more: &str) -> String {
+    format!("{FREE}[[data]]\nfile = \"data.csv\"\n{more}")
+}
+
+/// A table that is accepted.
+const GOOD: &str = "t,q0\n0.1,0.9\n0.2,0.8\n0.3,0.7\n0.4,0.5\n";
+
 #[test]
 fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
-    let good = "t,q0\n0.1,0.9\n0.2,0.8\n0.3,0.7\n0.4,0.5\n";
-    let with = |more: &str| format!("{FREE}[[data]]\nfile = \"data.csv\"\n{more}");
     refuses(&[
         (
             "t,q0\n0.1,0.9\n0.2,abc\n",
@@ -1407,7 +1413,13 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
             &["data[0].quantity", "the column storage", "\"modulus\" or \"kernel\""],
         ),
         ("omega,tan_delta,relaxation\n1,2,3\n", with(""), &["column 3", "unknown column `relaxation`"]),
-        (good, with("relative_to = \"datum\"\n"), &["data[0].relative_to", "`relative_deviation`"]),
+    ]);
+}
+
+#[test]
+fn deviations_and_decibels_that_leave_a_number_open_are_refused() {
+    refuses(&[
+        (GOOD, with("relative_to = \"datum\"\n"), &["data[0].relative_to", "`relative_deviation`"]),
         (
             "omega,storage,loss\n1,2,3\n",
             with("deviation = { storage = 1.0 }\n"),
@@ -1438,6 +1450,12 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
             with("deviation = 1.0\n"),
             &["storage is in `kPa`, and magnitude in `dB`", "in the unit of the scenario"],
         ),
+    ]);
+}
+
+#[test]
+fn headings_and_rows_that_leave_a_number_or_its_unit_open_are_refused() {
+    refuses(&[
         (
             "Frequency [Hz];Storage [MPa];Loss [kPa]\n1;2;3\n",
             with("columns = { omega = 1, storage = 2, loss = 3 }\n"),
@@ -1496,8 +1514,8 @@ fn tables_that_leave_a_number_or_its_unit_open_are_refused() {
             with(""),
             &["line 4", "2 cells where the header has 3", "another table wants a file"],
         ),
-        (good, with("units = { q1 = 2.0 }\n"), &["data[0].units.q1", "unknown key"]),
-        (good, with("units = { t = \"min\" }\n"), &["data[0].units.t", "a number"]),
+        (GOOD, with("units = { q1 = 2.0 }\n"), &["data[0].units.q1", "unknown key"]),
+        (GOOD, with("units = { t = \"min\" }\n"), &["data[0].units.t", "a number"]),
     ]);
 }
 
