@@ -253,20 +253,12 @@ impl<'s> AdaptiveSteps<'s> {
                 equation.coordinates().iter().map(|coordinate| 1.0 - coordinate.moved).enumerate();
             exponents.map(|(row, power)| if row < equation.unknowns() { 0.0 } else { power }).collect()
         });
-        // D^s x is `scale` in the whole time to the power s.
-        let of_derivative = |derivative: f64| rule.scale * libm::pow(rule.end, -derivative);
-        let position_scale = match &scenario.equation {
-            Some(equation) => {
-                equation.coordinates().iter().map(|coordinate| of_derivative(coordinate.derivative)).collect()
-            }
-            None => vec![rule.scale; start.position.len()],
-        };
         Ok(Some(Self {
             breaks: Breaks::of(scenario, rule.shortest),
             forgetting,
             crossings,
             velocity_kinks: VelocityKinks::of(scenario),
-            position_scale,
+            position_scale: position_scale(scenario, &rule),
             momentum_scale,
             scenario,
             rule,
@@ -761,6 +753,17 @@ impl<'s> AdaptiveSteps<'s> {
             .chain(momenta)
             .fold(0.0, |largest: f64, error| if beats(error, largest) { error } else { largest });
         largest / rule.tolerance
+    }
+}
+
+/// Reference size of each position: `scale`; D^s of an unknown has `scale` in the whole time to the power s.
+fn position_scale(scenario: &Scenario, rule: &Adaptive) -> Vec<f64> {
+    let of_derivative = |derivative: f64| rule.scale * libm::pow(rule.end, -derivative);
+    match &scenario.equation {
+        Some(equation) => {
+            equation.coordinates().iter().map(|coordinate| of_derivative(coordinate.derivative)).collect()
+        }
+        None => vec![rule.scale; scenario.coordinates()],
     }
 }
 
