@@ -29,6 +29,8 @@ pub mod real;
 #[doc(hidden)]
 pub mod relaxation;
 #[doc(hidden)]
+pub mod scaled;
+#[doc(hidden)]
 pub mod state_space;
 
 pub use active::Active;

@@ -7,8 +7,8 @@ use nalgebra::Complex;
 /// μ with K(s) ~ s^μ for large s in the right half-plane.
 ///
 /// It is taken on the positive axis, and on the imaginary axis where K underflows there or grows faster, as
-/// with a factor e^{−s}. What underflows on both, like e^{−√s}, falls faster than any power; its memory is
-/// that of a kernel with a bound, μ = 0.
+/// with a factor e^{−s}. What falls like 1/s or faster, as a filter does, or faster than any power, like
+/// e^{−√s}, has the memory of a kernel with a bound, μ = 0.
 pub(super) fn growth_of(formula: &dyn Formula) -> f64 {
     /// Of a periodic factor on the imaginary axis.
     const SWINGS: f64 = 0.25;
@@ -24,7 +24,8 @@ pub(super) fn growth_of(formula: &dyn Formula) -> f64 {
     if real(60.0) == 0.0 {
         return if imaginary(60.0) == 0.0 { 0.0 } else { along };
     }
-    if along > growth + SWINGS { along } else { growth }
+    let found = if along > growth + SWINGS { along } else { growth };
+    if found <= -1.0 { 0.0 } else { found }
 }
 
 /// Slope in decades between two sizes at places ten decades apart, to as many digits as are reliable for a

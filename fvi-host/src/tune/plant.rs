@@ -209,8 +209,8 @@ impl Plant {
                 of(product(zeros, *gain), product(poles, 1.0))
             }
             Kind::Formula { formula, .. } => {
-                let [numerator, denominator] = formula.fraction(s);
-                of(numerator, denominator)
+                let [value, log_denominator] = formula.at(s);
+                OpenLoop { value: value * later, log_denominator }
             }
             Kind::Measured(measured) => {
                 let (value, log_denominator) = measured.at(s);

@@ -1,12 +1,13 @@
 //! Transfer functions of plants, written as expressions in s: as fractions whose parts are analytic.
 
 use super::parameters::symbols_of;
-use super::symbol::{evaluate, unsuited};
+use super::symbol::{evaluate, power, unsuited};
 use crate::language::document::Value;
 use crate::language::error::{InputError, Problem};
 use crate::language::expression::{Expression, Function, Kind, Node, Operator};
 use fvi_fft::transfer::algebra::Algebra;
 use fvi_fft::transfer::real::Real;
+use fvi_fft::transfer::scaled::Scaled;
 use nalgebra::Complex;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
@@ -52,22 +53,30 @@ impl PlantFormula {
         let formula = Self { expression, dead_time };
         for exponent in -6..=6 {
             let s = libm::exp10(0.5 * f64::from(exponent) + 0.1234);
-            let [numerator, denominator] = formula.fraction(Complex::new(s, 0.0));
-            let found = numerator / denominator;
+            let [found, log_denominator] = formula.at(Complex::new(s, 0.0));
             let is_real = found.im.abs() <= 1e-9 * found.re.abs();
-            if !(is_real && numerator.re.is_finite() && denominator.re.is_finite()) {
+            if !(is_real && found.is_finite() && log_denominator.is_finite()) {
                 return Err(value.out_of_range(format!(
-                    "an expression that is a real number for every s > 0 (it is {} at s = {s:.4})",
-                    numerator / denominator
+                    "an expression that is a real number for every s > 0 (it is {found} at s = {s:.4})"
                 )));
             }
         }
         Ok(formula)
     }
 
-    /// N(s) and D(s), for Re s ≥ 0 and Im s ≥ 0.
-    pub fn fraction(&self, s: Complex<f64>) -> [Complex<f64>; 2] {
-        fraction(self.expression.root(), s)
+    /// P(s) and ln D(s), for Re s ≥ 0 and Im s ≥ 0.
+    pub fn at(&self, s: Complex<f64>) -> [Complex<f64>; 2] {
+        let [numerator, denominator] = self.fraction(s);
+        if numerator.is_finite() && denominator.is_finite() {
+            return [numerator / denominator, denominator.logarithm()];
+        }
+        let [numerator, denominator] = fraction(self.expression.root(), &Scaled::of(s));
+        [numerator.divide(&denominator).value(), denominator.logarithm().value()]
+    }
+
+    /// N(s) and D(s).
+    fn fraction(&self, s: Complex<f64>) -> [Complex<f64>; 2] {
+        fraction(self.expression.root(), &s)
     }
 
     /// The sum L of all dead times, which bounds the phase rate of its exponentials e^{−Ls}.
@@ -214,24 +223,25 @@ fn added(mut left: Vec<f64>, right: &[f64]) -> Vec<f64> {
     left
 }
 
-fn fraction(node: &Node, s: Complex<f64>) -> [Complex<f64>; 2] {
-    const ONE: Complex<f64> = Complex::new(1.0, 0.0);
+fn fraction<A: Algebra>(node: &Node, s: &A) -> [A; 2] {
+    let one = || s.constant(1.0);
     if !node.varies() {
-        return [evaluate(node, &s), ONE];
+        return [evaluate(node, s), one()];
     }
     let of = |node: &Node| fraction(node, s);
     match node.kind() {
         Kind::Negation(inner) => {
             let [numerator, denominator] = of(inner);
-            [-numerator, denominator]
+            [numerator.negate(), denominator]
         }
         Kind::Chain(first, operands) => operands.iter().fold(of(first), |[n, d], (operator, operand)| {
             let [right_n, right_d] = of(operand);
+            let crossed = |right: A| n.multiply(&right_d).add(&right.multiply(&d));
             match operator {
-                Operator::Add => [n * right_d + right_n * d, d * right_d],
-                Operator::Subtract => [n * right_d - right_n * d, d * right_d],
-                Operator::Multiply => [n * right_n, d * right_d],
-                Operator::Divide => [n * right_d, d * right_n],
+                Operator::Add => [crossed(right_n), d.multiply(&right_d)],
+                Operator::Subtract => [crossed(right_n.negate()), d.multiply(&right_d)],
+                Operator::Multiply => [n.multiply(&right_n), d.multiply(&right_d)],
+                Operator::Divide => [n.multiply(&right_d), d.multiply(&right_n)],
             }
         }),
         Kind::Power(sides) => {
@@ -239,21 +249,21 @@ fn fraction(node: &Node, s: Complex<f64>) -> [Complex<f64>; 2] {
             let whole = exponent.as_number().filter(|number| number.fract() == 0.0 && number.abs() <= 64.0);
             match (whole, exponent.as_number()) {
                 (Some(whole), _) => {
-                    let [n, d] = of(base).map(|part| part.powi(whole.abs() as i32));
+                    let [n, d] = of(base).map(|part| power(&part, whole.abs()));
                     if whole < 0.0 { [d, n] } else { [n, d] }
                 }
                 // A negative power of a base that vanishes at s = 0 only belongs to the denominator.
                 (None, Some(exponent)) if exponent < 0.0 => {
-                    [ONE, evaluate(base, &s).power(Real::from(-exponent))]
+                    [one(), evaluate(base, s).power(Real::from(-exponent))]
                 }
-                _ => [evaluate(node, &s), ONE],
+                _ => [evaluate(node, s), one()],
             }
         }
         Kind::Call(Function::Tanh, argument) => {
-            let small = (evaluate(argument, &s) * -2.0).exponential();
-            [ONE - small, ONE + small]
+            let small = evaluate(argument, s).scale(-2.0).exponential();
+            [one().add(&small.negate()), one().add(&small)]
         }
-        _ => [evaluate(node, &s), ONE],
+        _ => [evaluate(node, s), one()],
     }
 }
 
@@ -405,10 +415,13 @@ mod tests {
             ("2/(s - 1) + s^-0.5/(1 + 1/s)", (s - 1.0).inv() * 2.0 + s.powf(-0.5) / (s.inv() + 1.0)),
             ("1/(s^2 + s + 1)^0.5", (s * s + s + 1.0).sqrt().inv()),
             ("1/cosh(sqrt(s))", s.sqrt().cosh().inv()),
+            // Parts that are beyond the range of numbers, in proportion.
+            ("cosh(999*s)/cosh(1000*s)", (s * -1.0).exp()),
             ("tanh(sqrt(s))/sqrt(s)", s.sqrt().tanh() / s.sqrt()),
         ] {
-            let [n, d] = read(text).unwrap().fraction(s);
-            assert!((n / d - value).norm() < 1e-13 * value.norm(), "{text}: {} {value}", n / d);
+            let [found, log_denominator] = read(text).unwrap().at(s);
+            assert!((found - value).norm() < 1e-12 * value.norm(), "{text}: {found} {value}");
+            assert!(log_denominator.is_finite(), "{text}");
         }
         // An unstable pole is a zero of D, and N is finite there.
         let [n, d] = read("2/(s - 1) + 1").unwrap().fraction(Complex::new(1.0, 0.0));

@@ -8,6 +8,7 @@ use fvi_fft::transfer::dual::Dual;
 use fvi_fft::transfer::estimate::Estimate;
 use fvi_fft::transfer::fractions::{Fractions, Quotient};
 use fvi_fft::transfer::real::Real;
+use fvi_fft::transfer::scaled::Scaled;
 use fvi_fft::transfer::{Formula, TransferFunction};
 use nalgebra::Complex;
 use std::f64::consts::PI;
@@ -63,8 +64,18 @@ impl Symbol {
         }
     }
 
+    /// K(s) with its rounding error, where its parts overflow too.
     fn plain(&self, s: Complex<f64>) -> Estimate {
-        evaluate(self.expression.root(), &Estimate::exact(s))
+        let plain = evaluate(self.expression.root(), &Estimate::exact(s));
+        if plain.value.is_finite() {
+            return plain;
+        }
+        let scaled = evaluate(self.expression.root(), &Scaled::of(s));
+        let value = scaled.value();
+        if !value.is_finite() {
+            return plain;
+        }
+        Estimate { value, error: value.norm() * scaled.rounding(), divided: false }
     }
 
     /// K(s) at a removable point, such as (s − 1)/log(s) at s = 1, by its mean over a circle around s:
@@ -305,7 +316,7 @@ fn tangent<A: Algebra>(x: &A) -> A {
 }
 
 /// Small integer powers by multiplication, which has no branch cut.
-fn power<A: Algebra>(base: &A, exponent: f64) -> A {
+pub(super) fn power<A: Algebra>(base: &A, exponent: f64) -> A {
     let whole = exponent.abs();
     if exponent.fract() != 0.0 || whole > f64::from(LARGEST_MULTIPLIED) {
         return base.power(Real::from(exponent));

@@ -37,8 +37,6 @@ impl Symbolic {
         let growth = growth_of(&*formula);
         let allowed = "a symbol that grows more slowly than s²";
         check(growth.is_finite() && growth < 2.0, "growth of the symbol", growth, allowed)?;
-        let allowed = "a symbol that does not vanish like an integral for large s";
-        check(growth > -1.0, "growth of the symbol", growth, allowed)?;
         let spring = value_at_zero(&*formula);
         let fractions = formula.fractions().filter(|fractions| are_of(fractions, &*formula)).map(Arc::new);
         let rational = fractions.as_ref().map(|fractions| fractions.is_relaxation());
