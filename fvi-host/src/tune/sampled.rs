@@ -28,9 +28,10 @@ fn fallen(z: Complex<f64>) -> Complex<f64> {
 /// G(e^{sh}) = (1 − e^{−sh})/h Σ_k P(s + 2πik/h) / (s + 2πik/h) ,        Re s ≥ 0, 0 ≤ Im s ≤ π/h .
 /// ```
 ///
-/// The relative error is some 10⁻⁴ at ω = π/h, and smaller below. `None` where P has no value.
+/// The relative error is some 10⁻⁴ at ω = π/h, and smaller below. `None` where P has no value, and where the
+/// series of a plant with several dead times and a direct path is not summed.
 pub(super) fn held_plant(plant: &Plant, s: Complex<f64>, sample: f64) -> Option<Complex<f64>> {
-    aliases(s, sample, |place| Some(plant.at(place)?.value / place))
+    aliases(s, sample, plant.dead_time(), |place| Some(plant.at(place)?.value / place))
 }
 
 /// The part of G at ω that comes from |P| beyond a frequency, of any phase.
@@ -39,17 +40,18 @@ pub(super) fn held_from_beyond(plant: &Plant, omega: f64, sample: f64, beyond: f
         true => Some(Complex::new((plant.at(place)?.value / place).norm(), 0.0)),
         false => Some(Complex::ZERO),
     };
-    aliases(Complex::new(0.0, omega), sample, size).map(|sum| sum.norm())
+    aliases(Complex::new(0.0, omega), sample, 0.0, size).map(|sum| sum.norm())
 }
 
-/// (1 − e^{−sh})/h Σ_k f(s + 2πik/h) for f with conjugate values at conjugate places.
+/// (1 − e^{−sh})/h Σ_k f(s + 2πik/h) for f with conjugate values at conjugate places, which a dead time turns.
 fn aliases(
     s: Complex<f64>,
     sample: f64,
+    dead_time: f64,
     function: impl Fn(Complex<f64>) -> Option<Complex<f64>>,
 ) -> Option<Complex<f64>> {
     let bands = bands(s.norm() * sample);
-    let sum = Aliases { s, band: 2.0 * PI / sample, function };
+    let sum = Aliases { s, band: 2.0 * PI / sample, delay: dead_time / sample, function };
     let mut whole = Complex::ZERO;
     let mut half = Complex::ZERO;
     for k in 0..bands {
@@ -58,20 +60,39 @@ fn aliases(
         }
         whole += sum.pair(k as f64)?;
     }
-    let whole = match sum.slow_rest(bands as f64) {
-        Some(rest) => whole + rest,
+    let whole = match sum.rest(bands as f64)? {
+        Rest::Summed(rest) => whole + rest,
         // The truncation error is inversely proportional to the number of bands.
-        None => whole * 2.0 - half,
+        Rest::FallsFast => whole * 2.0 - half,
+        Rest::Turns if (whole - half).norm() < 1e-3 * whole.norm() => whole,
+        Rest::Turns => return None,
     };
     Some(fallen(s * sample) / sample * whole)
+}
+
+/// What the terms from a certain one on are together.
+enum Rest {
+    Summed(Complex<f64>),
+    /// Terms that fall like 1/k² or faster, without a fraction of a sample as dead time.
+    FallsFast,
+    /// Terms that turn in another way than by the dead time.
+    Turns,
 }
 
 /// The terms f(s + 2πik/h).
 struct Aliases<F> {
     s: Complex<f64>,
     band: f64,
+    /// The dead time L in samples.
+    delay: f64,
     function: F,
 }
+
+/// Nodes and weights of Gauss's rule of 4 points on [−1, 1], the positive nodes.
+const NODES: [(f64, f64); 2] = [
+    (0.339_981_043_584_856_26, 0.652_145_154_862_546_1),
+    (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
+];
 
 impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
     fn place(&self, distance: f64) -> Complex<f64> {
@@ -89,8 +110,38 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
         Some(self.term(k)? + self.term(-k - 1.0)?)
     }
 
-    /// The sum of the pairs from `first` on of a plant that falls more slowly than 1/s and has no fraction of
-    /// a sample as dead time; `None` of others.
+    /// The term without the turn e^{−2πikL/h} of the dead time: a smooth function of k.
+    fn smooth(&self, distance: f64) -> Option<Complex<f64>> {
+        let turns = distance * self.delay;
+        Some(self.term(distance)? * turned(-2.0 * PI * (turns - libm::round(turns))))
+    }
+
+    /// The sum of the pairs from `first` on.
+    fn rest(&self, first: f64) -> Option<Rest> {
+        let is_smooth_at = |k: f64| -> Option<bool> {
+            let (one, next) = (self.smooth(k)?, self.smooth(k + 1.0)?);
+            Some((next - one).norm() <= 8.0 / k * one.norm())
+        };
+        let falls_fast = self.term(2.0 * first)?.norm() <= 0.27 * self.term(first)?.norm();
+        // Of all dead time, what is not a whole number of samples.
+        let turn = 2.0 * PI * (self.delay - libm::round(self.delay));
+        let turns = turn.abs() > 1e-9;
+        if falls_fast && !turns {
+            return Some(Rest::FallsFast);
+        }
+        if !(is_smooth_at(first)? && is_smooth_at(1.5 * first)?) {
+            return Some(Rest::Turns);
+        }
+        if !turns {
+            return self.slow_rest(first).map(Rest::Summed);
+        }
+        let above = turning_rest(|k| self.smooth(k), turn, first)?;
+        let below = turning_rest(|k| self.smooth(-k - 1.0), -turn, first)? * turned(turn);
+        Some(Rest::Summed(above + below))
+    }
+
+    /// The sum of the pairs from `first` on of a plant that falls more slowly than 1/s, whose dead time is a
+    /// whole number of samples.
     ///
     /// By the formula of Euler and Maclaurin: the integral over k is computed over octaves, and from the last
     /// one on as that of a power. With a direct path the series gives the mean of the outputs before and
@@ -98,31 +149,21 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
     /// later.
     fn slow_rest(&self, first: f64) -> Option<Complex<f64>> {
         const OCTAVES: i32 = 24;
-        const NODES: [(f64, f64); 3] =
-            [(-0.774_596_669_241_483_4, 5.0 / 9.0), (0.0, 8.0 / 9.0), (0.774_596_669_241_483_4, 5.0 / 9.0)];
-        let (one, next, far) = (self.term(first)?, self.term(first + 1.0)?, self.term(2.0 * first)?);
-        let is_slow = far.norm() > 0.27 * one.norm();
-        let turn = next / one;
-        if !is_slow || libm::atan2(turn.im, turn.re).abs() > 1e-3 {
-            return None;
-        }
-        let mut rest = (self.pair(first)?) * 0.5 - (self.pair(first + 0.5)? - self.pair(first - 0.5)?) / 12.0;
+        let pair = |k: f64| Some(self.smooth(k)? + self.smooth(-k - 1.0)?);
+        let mut rest = pair(first)? * 0.5 - (pair(first + 0.5)? - pair(first - 0.5)?) / 12.0;
         for octave in 0..OCTAVES {
             let begin = first * libm::exp2(f64::from(octave));
-            for (node, weight) in NODES {
-                let k = begin * libm::exp2(0.5 + 0.5 * node);
-                rest += self.pair(k)? * (0.5 * std::f64::consts::LN_2 * weight * k);
-            }
+            rest += over_panel(pair, begin, 2.0 * begin)?;
         }
         let last = first * libm::exp2(f64::from(OCTAVES));
-        let (before, end) = (self.pair(0.5 * last)?, self.pair(last)?);
+        let (before, end) = (pair(0.5 * last)?, pair(last)?);
         if end.norm() > 0.0 {
             let ratio = before / end;
             let power = Complex::new(libm::log(ratio.norm()), libm::atan2(ratio.im, ratio.re))
                 / std::f64::consts::LN_2;
             rest += end * last / (power - 1.0);
         }
-        let [direct, earlier] = [last, 0.5 * last].map(|k| Some(self.term(k)? * self.place(k)));
+        let [direct, earlier] = [last, 0.5 * last].map(|k| Some(self.smooth(k)? * self.place(k)));
         let (direct, earlier) = (direct?, earlier?);
         if (direct - earlier).norm() < 1e-4 * direct.norm() {
             // Times (1 − e^{−sh})/h.
@@ -130,6 +171,70 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
         }
         Some(rest)
     }
+}
+
+/// e^{iφ}
+fn turned(angle: f64) -> Complex<f64> {
+    Complex::new(libm::cos(angle), libm::sin(angle))
+}
+
+/// ∫ g(k) dk over a panel, by Gauss's rule in ln k.
+fn over_panel(function: impl Fn(f64) -> Option<Complex<f64>>, from: f64, to: f64) -> Option<Complex<f64>> {
+    let half = 0.5 * libm::log(to / from);
+    NODES.iter().flat_map(|&(node, weight)| [(node, weight), (-node, weight)]).try_fold(
+        Complex::ZERO,
+        |sum, (node, weight)| {
+            let k = from * libm::exp(half * (1.0 + node));
+            Some(sum + function(k)? * (half * weight * k))
+        },
+    )
+}
+
+/// Σ_{k ≥ first} g(k) e^{−iφk} for a smooth function g that falls, 0 < |φ| ≤ π.
+///
+/// Where a turn is seen within `first` terms by parts: with z = e^{−iφ} and S_j = Σ_k z^k Δ^j g(k),
+///
+/// ```text
+/// S_j = (z^first Δ^j g(first) + z S_{j+1})/(1 − z) .
+/// ```
+///
+/// A slower one is a sum to which the formula of Euler and Maclaurin applies; the integral in it is computed
+/// over panels within which little turns, up to where it, too, can be integrated by parts.
+fn turning_rest(smooth: impl Fn(f64) -> Option<Complex<f64>>, turn: f64, first: f64) -> Option<Complex<f64>> {
+    /// Angle from which parts are integrated.
+    const FAR: f64 = 50.0;
+    const PARTS: usize = 6;
+    let term = |k: f64| Some(smooth(k)? * turned(-turn * k));
+    if turn.abs() * first >= 12.0 {
+        let mut differences = [Complex::ZERO; PARTS + 1];
+        for (j, value) in differences.iter_mut().enumerate() {
+            *value = smooth(first + j as f64)?;
+        }
+        for order in 1..=PARTS {
+            for j in (order..=PARTS).rev() {
+                differences[j] = differences[j] - differences[j - 1];
+            }
+        }
+        let z = turned(-turn);
+        let below = (Complex::new(1.0, 0.0) - z).inv();
+        let sum = differences.iter().rev().fold(Complex::<f64>::ZERO, |sum, part| (sum * z + part) * below);
+        return Some(sum * turned(-turn * first));
+    }
+    let mut rest = term(first)? * 0.5 - (term(first + 0.5)? - term(first - 0.5)?) / 12.0;
+    let (mut from, last) = (first, FAR / turn.abs());
+    while from < last {
+        let to = (2.0 * from).min(from + 1.5 / turn.abs()).min(last);
+        rest += over_panel(term, from, to)?;
+        from = to;
+    }
+    // g, g′ and g″ at the end.
+    let apart = last / 16.0;
+    let [before, at, behind] = [last - apart, last, last + apart].map(&smooth);
+    let (before, at, behind) = (before?, at?, behind?);
+    let slope = (behind - before) / (2.0 * apart);
+    let bend = (behind - at * 2.0 + before) / (apart * apart);
+    let inverse = Complex::new(0.0, turn).inv();
+    Some(rest + (at + (slope + bend * inverse) * inverse) * inverse * turned(-turn * last))
 }
 
 /// (1 − e^{−sh})/h, which stands for s in the sampled law.
@@ -152,6 +257,52 @@ pub(super) fn band(sample: f64) -> f64 {
 mod tests {
     use super::*;
     use fvi_core::{DerivativeFilter, PidGains};
+
+    /// G(z) of (a s + 1)/(s + 1) e^{−Ls} behind a hold, from its step response a e^{−t} + 1 − e^{−t}: with
+    /// L = (n + λ)h the first value that is seen is that a time (1 − λ)h behind the jump; for λ = 0 it is the one
+    /// of the next sample.
+    fn lead(a: f64, s: Complex<f64>, sample: f64, dead_time: f64) -> Complex<f64> {
+        let whole = libm::floor(dead_time / sample * (1.0 + 1e-12));
+        let fraction = (dead_time / sample - whole).max(0.0);
+        let within = if fraction < 1e-9 { sample } else { (1.0 - fraction) * sample };
+        let (z, one) = ((s * -sample).exp(), Complex::new(1.0, 0.0));
+        // Σ_k (1 − (1 − a) e^{−within − kh}) z^k, behind whole + 1 samples, times 1 − z.
+        let fallen = Complex::new((1.0 - a) * libm::exp(-within), 0.0) / (one - z * libm::exp(-sample));
+        let sum = one / (one - z) - fallen;
+        sum * (one - z) * (s * (-sample * (whole + 1.0))).exp()
+    }
+
+    #[test]
+    fn plants_behind_a_hold_are_those_of_their_step_responses_whatever_their_dead_time_is() {
+        for sample in [0.1, 1.0] {
+            for delay in [0.0, 0.005, 0.05, 0.2, 0.5, 0.77, 0.995, 1.0, 1.0 + 3e-5, 2.0, 10.003] {
+                for a in [0.0, 0.5, 1.5] {
+                    let dead_time = delay * sample;
+                    let value = |s: Complex<f64>| (s * a + 1.0) / (s + 1.0) * (s * -dead_time).exp();
+                    for share in [1e-3, 0.05, 0.4, 0.95] {
+                        for growth in [0.0, 0.3] {
+                            let s = Complex::new(growth, PI * share / sample);
+                            let found =
+                                aliases(s, sample, dead_time, |place| Some(value(place) / place)).unwrap();
+                            let right = lead(a, s, sample, dead_time);
+                            let error = (found - right).norm() / right.norm();
+                            assert!(
+                                error < 3e-4,
+                                "h {sample}, L/h {delay}, a {a}, s {s}: {found} for {right}, {error:.1e}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_direct_path_with_two_dead_times_is_not_summed() {
+        let value = |s: Complex<f64>| (s * -0.33).exp() + (s * -0.7).exp();
+        let s = Complex::new(0.0, 2.0);
+        assert!(aliases(s, 0.1, 1.03, |place| Some(value(place) / place)).is_none());
+    }
 
     #[test]
     fn a_law_with_differences_in_place_of_s_is_the_law_that_ticks() {
