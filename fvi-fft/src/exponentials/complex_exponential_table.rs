@@ -69,8 +69,9 @@ pub struct Miss {
 /// how far it is from them: each weight up to lag `horizon` is within `tolerance` max |w_n|, all of them
 /// together within `tolerance` Σ |w_n|.
 ///
-/// It is for kernels without a cut: rational and other meromorphic K, delays. The weights of others fall off
-/// like powers, which takes many exponentials.
+/// It is for kernels without a cut that begins at s = 0: rational and other meromorphic K, delays, powers like
+/// ((1 + s)/(1 + s/10))^½. The weights of others fall off like powers, which takes many exponentials. Without
+/// end are tables of rational kernels with simple poles, and of those whose weights fade within 2¹⁵ lags.
 ///
 /// # Errors
 /// If a parameter is out of range, there are no such weights, or no table reaches the tolerance.
@@ -87,11 +88,12 @@ pub fn complex_exponentials(
     if let Some(made) = closed(transfer, rule, on_increments, step_size, horizon, tolerance)? {
         return Ok(made);
     }
-    if horizon == ENDLESS {
-        let allowed = "a number of lags: only rational kernels with simple poles have weights in closed form";
-        return Err(ParameterError { parameter: "horizon", value: f64::INFINITY, allowed }.into());
-    }
-    let exact = multistep_weights(transfer, rule, step_size, on_increments, horizon + 1)?;
+    let asked = horizon;
+    let exact = match asked {
+        ENDLESS => faded(transfer, rule, on_increments, step_size, tolerance)?,
+        _ => multistep_weights(transfer, rule, step_size, on_increments, horizon + 1)?,
+    };
+    let horizon = exact.len() - 1;
     let largest = exact.iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
     let radius = libm::exp(1.0 / horizon as f64);
     let mut best: Option<(usize, ComplexExponentials, Miss)> = None;
@@ -120,9 +122,12 @@ pub fn complex_exponentials(
             libm::hypot(c_re, c_im) * lags > NEGLIGIBLE * allowed
         });
         let cost = length + COST * pairs.len();
-        let table = ComplexExponentials { head: head.to_vec(), pairs, horizon };
+        let mut table = ComplexExponentials { head: head.to_vec(), pairs, horizon };
         let miss = missed(&table, &exact);
-        let error = miss.largest.max(miss.sum);
+        // Behind the lag at which the weights have faded nothing may be left of the exponentials either.
+        let left = if asked == ENDLESS { left_behind(&table) / largest } else { 0.0 };
+        table.horizon = asked;
+        let error = miss.largest.max(miss.sum) + left;
         if error <= tolerance && best.as_ref().is_none_or(|(least, ..)| cost < *least) {
             best = Some((cost, table, miss));
         } else if error.is_finite() {
@@ -133,6 +138,32 @@ pub fn complex_exponentials(
         Some((_, table, miss)) => Ok((table, miss)),
         None => Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }),
     }
+}
+
+/// The weights up to a lag behind which they are nothing: they fall by 1/STEEP within a factor of two of the lag,
+/// to less than 1/STEEP of the tolerance, as exponentials do and powers of a lag do not.
+fn faded(
+    transfer: &TransferFunction,
+    rule: MultistepRule,
+    on_increments: bool,
+    step_size: f64,
+    tolerance: f64,
+) -> Result<Vec<f64>, ExponentialKernelError> {
+    const STEEP: f64 = 1e3;
+    for count in [1 << 9, 1 << 12, 1 << 15] {
+        let exact = multistep_weights(transfer, rule, step_size, on_increments, count)?;
+        let size =
+            |from: usize, to: usize| exact[from..to].iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
+        let (all, before, last) = (size(0, count), size(count / 8, count / 4), size(count / 2, count));
+        // Rounding errors of what has faded long before do not fall.
+        let allowed = (1e-16 * all).max(before / STEEP);
+        if last <= allowed && last <= tolerance * all / STEEP {
+            return Ok(exact);
+        }
+    }
+    let allowed = "a number of lags: only rational kernels with simple poles, and those whose weights have faded after 2^15 \
+                   lags, have exponentials without end";
+    Err(ParameterError { parameter: "horizon", value: f64::INFINITY, allowed }.into())
 }
 
 /// The table of a rational kernel with simple poles by backward differentiation: its own exponentials,
@@ -190,6 +221,16 @@ fn closed(
         }
     }
     Ok(best.map(|(_, table, miss)| (table, miss)))
+}
+
+/// What the exponentials of a table sum to behind its horizon, at most.
+fn left_behind(table: &ComplexExponentials) -> f64 {
+    let lags = table.horizon + 1 - table.head.len();
+    let of_pair = |&[re, im, c_re, c_im]: &[f64; 4]| {
+        let (rho, c) = (Complex::new(re, im), Complex::new(c_re, c_im));
+        if rho.norm() < 1.0 { behind([rho, c], lags) } else { f64::INFINITY }
+    };
+    table.pairs.iter().map(of_pair).sum()
 }
 
 /// Σ_{n ≥ first} |c ρⁿ|

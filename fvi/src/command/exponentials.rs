@@ -84,10 +84,12 @@ impl ExponentialsArguments {
             _ => ExponentialKernel::of_transfer(&transfer, order, on_increments, step, horizon, tolerance)
                 .map(|kernel| (kernel, None)),
         };
-        let (kernel, errors) = made.map_err(|error| match error {
-            ExponentialKernelError::Parameter(error) => parameter_error(error),
-            missed => CommandError::Failed(missed.to_string()),
-        })?;
+        // What has no cut from s = 0 on, as double poles, delays and lead-lags of a fractional power.
+        let missed = matches!(made, Err(ExponentialKernelError::ToleranceMissed { .. }));
+        if missed && self.band.is_none() && !transfer.is_relaxation() {
+            return self.in_pairs(&transfer, order, horizon);
+        }
+        let (kernel, errors) = made.map_err(table_error)?;
         let on = if self.increments { " on increments" } else { "" };
         let worth = errors.map_or_else(String::new, |errors| format!("; {errors}"));
         let origin =
@@ -104,7 +106,7 @@ impl ExponentialsArguments {
         Ok(())
     }
 
-    /// The listing of a kernel that oscillates, as a filter.
+    /// The listing of a kernel that has exponentials in pairs, as a filter.
     fn in_pairs(
         &self,
         transfer: &TransferFunction,
@@ -117,10 +119,7 @@ impl ExponentialsArguments {
         }
         let (step, tolerance) = (self.step, self.tolerance);
         let made = complex_exponentials(transfer, order, self.increments, step, horizon, tolerance);
-        let (table, miss) = made.map_err(|error| match error {
-            ExponentialKernelError::Parameter(error) => parameter_error(error),
-            missed => CommandError::Failed(missed.to_string()),
-        })?;
+        let (table, miss) = made.map_err(table_error)?;
         let on = if self.increments { " on increments" } else { "" };
         let origin = format!(
             "BDF {}, {}{on}, step {step}, weights within {:.1e} of the largest",
@@ -144,5 +143,12 @@ impl ExponentialsArguments {
             ListingFormat::C => source.c(),
         };
         emit(|out| out.write_all(listing.as_bytes()), self.out.as_deref())
+    }
+}
+
+fn table_error(error: ExponentialKernelError) -> CommandError {
+    match error {
+        ExponentialKernelError::Parameter(error) => parameter_error(error),
+        missed => CommandError::Failed(missed.to_string()),
     }
 }
