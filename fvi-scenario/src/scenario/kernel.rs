@@ -58,7 +58,7 @@ pub(super) fn read_transfer(
     }
     match transfer.active() {
         Some(active) if !allow_active => Err(value.out_of_range(format!(
-            "a passive kernel: this one can drive the motion at {active}; `allow_active = true` admits it{}",
+            "a passive kernel: this one can drive the motion at {active}; `allow_active = true` beside `kernel` admits it{}",
             remedy(&kernel)?
         ))),
         _ => Ok(transfer),

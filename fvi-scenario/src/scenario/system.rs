@@ -458,7 +458,7 @@ impl Damping {
         if let (Some(active), false) = (whole.active, allow_active) {
             return Err(value.out_of_range(format!(
                 "a passive kernel: the smallest eigenvalue of this matrix drives the motion at {active}; \
-                 `allow_active = true` admits it{}",
+                 `allow_active = true` beside `kernel` admits it{}",
                 remedy_of(whole.raise.unwrap_or(f64::INFINITY))
             )));
         }
