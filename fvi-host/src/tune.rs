@@ -389,7 +389,11 @@ pub fn in_words(law: &Law) -> String {
         }
     };
     let [kp, ki, kd] = law.three().map(gain);
-    format!("kp = {kp}, ki = {ki}, lambda = {:.4}, kd = {kd}, mu = {:.4}", law.lambda, law.mu)
+    let form = match law.gains {
+        PidGains::Parallel { .. } => "",
+        PidGains::Series { .. } => ", in series",
+    };
+    format!("kp = {kp}, ki = {ki}, lambda = {:.4}, kd = {kd}, mu = {:.4}{form}", law.lambda, law.mu)
 }
 
 /// The margins of a law in continuous time.

@@ -10,11 +10,7 @@ const CIRCLE: usize = 200;
 
 /// The charts of a tuning, with the names of their files.
 pub(super) fn charts(found: &Tuning, problem: &TuningProblem) -> Vec<(&'static str, Chart)> {
-    let [kp, ki, kd] = found.law.three();
-    let subtitle = format!(
-        "kp = {kp:.4}, ki = {ki:.4}, λ = {:.4}, kd = {kd:.4}, μ = {:.4}",
-        found.law.lambda, found.law.mu
-    );
+    let subtitle = super::in_words(&found.law);
     let chart = |x: Axis, y: Axis| Chart::new(problem.heading(), x, y).with_subtitle(subtitle.clone());
     let frequency = || Axis::logarithmic("angular frequency ω");
     let with_loops = |chart: Chart, point: &dyn Fn(f64, Complex<f64>) -> (f64, f64)| {

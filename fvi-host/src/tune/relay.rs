@@ -115,7 +115,10 @@ pub(super) fn experiment(
     let harmonic = |values: &[f64]| -> Complex<f64> {
         seen.iter().map(|&k| Complex::new(0.0, -frequency * times[k]).exp() * values[k]).sum()
     };
-    let (of_output, of_measured) = (harmonic(&outputs), harmonic(&measured));
+    // The output is held until the next sample.
+    let turn = Complex::new(0.0, frequency * sample);
+    let held = (Complex::new(1.0, 0.0) - (-turn).exp()) / turn;
+    let (of_output, of_measured) = (harmonic(&outputs) * held, harmonic(&measured));
     let ratio = of_measured / of_output;
     Ok(RelayResult {
         amplitude,

@@ -88,7 +88,9 @@ pub(super) fn by_rule(
                     proportional: curve(constants.proportional, share) / plant.gain,
                     integral_rate: integral_time.recip(),
                     derivative_time: libm::pow(plant.time, mu) * curve(constants.derivative_time, ratio),
-                    filter_ratio: 10.0 * libm::pow(plant.time, mu - 1.0),
+                    // With N = 10 T^{µ−1}, as an implementation has it, the loop would depend on the unit of
+                    // time: T is the unit.
+                    filter_ratio: 10.0,
                 },
                 mu,
                 ..parallel([0.0; 3])

@@ -305,6 +305,35 @@ fn rules_and_bounds_give_what_they_say() {
 }
 
 #[test]
+fn a_rule_leads_to_the_same_loop_whatever_the_unit_of_time_is() {
+    let place = Workplace::new("rule-units");
+    let of = |unit: f64, rule: &str| {
+        let problem = format!(
+            "plant = {{ gain = 2.0, time_constant = {:?}, dead_time = {:?} }}\n\
+             controller = {{ sample = {:?} }}\nspecification = {{ {rule} }}\n",
+            1.5 * unit,
+            0.9 * unit,
+            1e-3 * unit
+        );
+        let record = tune(&place, &problem);
+        ["margins.ms", "margins.phase_margin", "sampled_margins.ms"].map(|key| number(&record, key))
+    };
+    for rule in [
+        "rule = \"padula-visioli\", ms = 2.0, purpose = \"load\"",
+        "rule = \"padula-visioli\", ms = 1.4, purpose = \"setpoint\"",
+        "rule = \"simc\"",
+        "rule = \"ziegler-nichols\"",
+    ] {
+        let seconds = of(1.0, rule);
+        for unit in [1e-3, 60.0, 1e6] {
+            for (one, other) in of(unit, rule).into_iter().zip(seconds) {
+                assert!((one / other - 1.0).abs() < 1e-6, "{rule}, {unit}: {one}, {other}");
+            }
+        }
+    }
+}
+
+#[test]
 fn a_relay_finds_the_ultimate_point_of_a_scenario() {
     let place = Workplace::new();
     place.write("plant-alone.toml", &FIRST_ORDER.replace("step = 0.005", "step = 0.002"));
