@@ -198,8 +198,8 @@ impl TuningProblem {
             let title = root.optional("title").map(|value| value.text().map(str::to_owned)).transpose()?;
             let controller = root.required("controller")?.table()?;
             let specification = root.required("specification")?.table()?;
-            let rule = specification.optional("rule").is_some();
-            let structure = Structure::read(&controller, rule)?;
+            let rule = specification.optional("rule");
+            let structure = Structure::read(&controller, rule.as_ref())?;
             let plant = root.required("plant")?.table()?;
             let plant = Plant::read(&plant, &document, scenario, &controller.required("sample")?)?;
             let specification = read_specification(&specification, &structure, &plant)?;
@@ -236,8 +236,11 @@ fn order(table: &Table<'_>, key: &str) -> Result<Option<f64>, InputError> {
     }
 }
 
+/// The rule that has a filter of its own.
+const FILTERS: &str = "padula-visioli";
+
 impl Structure {
-    fn read(table: &Table<'_>, rule: bool) -> Result<Self, InputError> {
+    fn read(table: &Table<'_>, rule: Option<&Value<'_>>) -> Result<Self, InputError> {
         table.allow(&["structure", "lambda", "mu", "derivative_filter", "setpoint_weights", "sample"])?;
         let words = [("pi", Terms::Pi), ("pd", Terms::Pd), ("pid", Terms::Pid)];
         let terms = table.optional("structure").map_or(Ok(Terms::Pid), |value| value.choice(&words))?;
@@ -247,7 +250,7 @@ impl Structure {
         };
         for (key, used, term) in orders {
             match table.optional(key) {
-                Some(value) if rule => {
+                Some(value) if rule.is_some() => {
                     return Err(foreign(&value, "a rule", "no order: a rule says the orders itself"));
                 }
                 Some(value) if !used => {
@@ -259,8 +262,9 @@ impl Structure {
         }
         let filter = match table.optional("derivative_filter") {
             None => DerivativeFilter::None,
-            Some(value) if rule => {
-                return Err(foreign(&value, "a rule", "no filter: a rule says the filter itself"));
+            Some(value) if rule.is_some_and(|rule| rule.text().is_ok_and(|name| name == FILTERS)) => {
+                let rule = format!("the rule {FILTERS:?}");
+                return Err(foreign(&value, &rule, "no filter: this rule says the filter itself"));
             }
             Some(value) if !terms.differentiates() => {
                 let allowed = "only with a `structure` that has D";
@@ -432,7 +436,7 @@ fn read_rule(
     plant: &Plant,
 ) -> Result<Specification, InputError> {
     let rules = [
-        ("padula-visioli", Rule::PadulaVisioli),
+        (FILTERS, Rule::PadulaVisioli),
         ("ziegler-nichols", Rule::ZieglerNichols),
         ("simc", Rule::Simc),
         ("lambda", Rule::Lambda),

@@ -3,7 +3,7 @@
 use super::law::Law;
 use super::plant::Plant;
 use super::problem::{Purpose, Rule, Structure, Terms};
-use fvi_core::{DerivativeFilter, PidGains};
+use fvi_core::PidGains;
 use std::f64::consts::PI;
 
 /// Coefficients a, b, c of a x^b + c.
@@ -62,7 +62,7 @@ pub(super) fn by_rule(
         gains: PidGains::Parallel { proportional, integral, derivative },
         lambda: 1.0,
         mu: 1.0,
-        filter: DerivativeFilter::None,
+        filter: structure.filter,
         setpoint_weights: structure.setpoint_weights,
     };
     let no_plant = || "the rule is for another plant".to_owned();

@@ -304,13 +304,33 @@ fn rules_and_bounds_give_what_they_say() {
     }
 }
 
+/// The filter that a refusal advises is one that the rule takes.
+#[test]
+fn a_rule_with_a_derivative_takes_a_filter() {
+    let place = Workplace::new();
+    let problem = |filter: &str| {
+        format!(
+            "plant = {{ gain = 1.0, time_constant = 1.0, dead_time = 5.0 }}\n\
+             controller = {{ structure = \"pid\", sample = 0.1{filter} }}\n\
+             specification = {{ rule = \"ziegler-nichols\" }}\n"
+        )
+    };
+    place.write("plant.toml", &problem(""));
+    let output = place.fvi(&["tune", "plant.toml", "--out", "out"]);
+    let message = text(&output.stderr);
+    assert!(!output.status.success() && message.contains("controller.derivative_filter"), "{message}");
+    let record = tune(&place, &problem(", derivative_filter = 0.5"));
+    assert!(number(&record, "kd") > 0.0 && number(&record, "sampled_margins.ms") > 1.0);
+    assert_eq!(number(&record, "derivative_filter.time"), 0.5);
+}
+
 #[test]
 fn a_rule_leads_to_the_same_loop_whatever_the_unit_of_time_is() {
-    let place = Workplace::new("rule-units");
-    let of = |unit: f64, rule: &str| {
+    let place = Workplace::new();
+    let of = |unit: f64, structure: &str, rule: &str| {
         let problem = format!(
             "plant = {{ gain = 2.0, time_constant = {:?}, dead_time = {:?} }}\n\
-             controller = {{ sample = {:?} }}\nspecification = {{ {rule} }}\n",
+             controller = {{ structure = {structure:?}, sample = {:?} }}\nspecification = {{ {rule} }}\n",
             1.5 * unit,
             0.9 * unit,
             1e-3 * unit
@@ -318,15 +338,15 @@ fn a_rule_leads_to_the_same_loop_whatever_the_unit_of_time_is() {
         let record = tune(&place, &problem);
         ["margins.ms", "margins.phase_margin", "sampled_margins.ms"].map(|key| number(&record, key))
     };
-    for rule in [
-        "rule = \"padula-visioli\", ms = 2.0, purpose = \"load\"",
-        "rule = \"padula-visioli\", ms = 1.4, purpose = \"setpoint\"",
-        "rule = \"simc\"",
-        "rule = \"ziegler-nichols\"",
+    for (structure, rule) in [
+        ("pid", "rule = \"padula-visioli\", ms = 2.0, purpose = \"load\""),
+        ("pid", "rule = \"padula-visioli\", ms = 1.4, purpose = \"setpoint\""),
+        ("pi", "rule = \"simc\""),
+        ("pi", "rule = \"ziegler-nichols\""),
     ] {
-        let seconds = of(1.0, rule);
+        let seconds = of(1.0, structure, rule);
         for unit in [1e-3, 60.0, 1e6] {
-            for (one, other) in of(unit, rule).into_iter().zip(seconds) {
+            for (one, other) in of(unit, structure, rule).into_iter().zip(seconds) {
                 assert!((one / other - 1.0).abs() < 1e-6, "{rule}, {unit}: {one}, {other}");
             }
         }
