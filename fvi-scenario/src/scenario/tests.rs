@@ -487,6 +487,32 @@ fn starting_exponents_whose_weights_grow_are_refused() {
 }
 
 #[test]
+fn forces_that_jump_are_warned_of_and_dampers_that_vanish_with_the_velocity_are_not() {
+    let warned = |force: &str| {
+        let text = format!(
+            "[system]\nmass = [1.0]\npotential = \"q0^2\"\nforce = [\"{force}\"]\n[initial]\nposition = [1.0]\n\
+             momentum = [0.0]\n[scheme]\nkind = \"galerkin\"\ndegree = 2\n[time]\nstep = 0.01\nend = 1.0\n"
+        );
+        read(&text).unwrap().warnings().concat()
+    };
+    for force in
+        ["-0.1*sign(v0)", "-sign(v0)*(1 + abs(v0))", "-sign(v0)/abs(v0)^0.3", "-sign(v0)*abs(q0)^0.3"]
+    {
+        assert!(warned(force).contains("of a velocity jumps inside of steps"), "{force}: {}", warned(force));
+    }
+    assert!(warned("-sign(q0)").contains("of the position jumps inside of steps"));
+    for force in [
+        "-0.3*sign(v0)*abs(v0)^0.4",
+        "sign(-v0)*abs(v0)^0.4 - v0",
+        "-(abs(v0)^0.4*(2*sign(v0)))",
+        "-sign(q0)*sqrt(abs(q0))",
+        "-sign(v0 - q0)*(v0 - q0)^2",
+    ] {
+        assert_eq!(warned(force), "", "{force}");
+    }
+}
+
+#[test]
 fn a_singular_force_of_the_initial_position_is_warned_of() {
     let warned = |order: &str, family: &str, position: &str| {
         let text = GOOD

@@ -5,7 +5,7 @@ use super::Scenario;
 use super::adaptive::Adaptive;
 use super::scheme::DampedAt;
 use super::system::{Damping, Derivative};
-use crate::language::expression::{Function, Kind, Node};
+use crate::language::expression::{Function, Kind, Node, Operator};
 use fvi_fft::quadrature::ConvolutionFamily;
 use fvi_fft::quadrature::starting::{TRUSTED_CONDITION, starting_condition};
 use fvi_fft::sums::max_or_nan;
@@ -131,15 +131,18 @@ impl Scenario {
     /// Warns of forces that jump in the position, if steps do not end at the jumps.
     fn jumps_warning(&self) -> Option<String> {
         let mut components = self.system.force.iter().flatten();
-        if self.jumps_with_velocities() {
+        let with_velocity = |argument: &Node| argument.has_variable_from(self.coordinates());
+        if components.clone().any(|component| jumps_beyond_kinks(component.root(), &with_velocity)) {
             return Some(
                 "system.force: `step` or `sign` of a velocity jumps inside of steps, which leaves the order 1 at best; no \
                  steps end there: take a smooth function, as `tanh(v0/w)` with a small w"
                     .to_owned(),
             );
         }
-        let force = components.any(|component| jumps(component.root(), &Node::varies));
-        let potential = self.system.potential.iter().any(|potential| jumps(potential.root(), &Node::varies));
+        let with_position = |argument: &Node| argument.varies() && !with_velocity(argument);
+        let force = components.any(|component| jumps_beyond_kinks(component.root(), &with_position));
+        let mut potential = self.system.potential.iter();
+        let potential = potential.any(|potential| jumps_beyond_kinks(potential.root(), &with_position));
         let (key, what) = match (&self.equation, force) {
             (Some(_), _) => ("equation.right", "an unknown"),
             (None, true) => ("system.force", "the position"),
@@ -212,4 +215,62 @@ fn jumps(node: &Node, test: &dyn Fn(&Node) -> bool) -> bool {
         Kind::Call(Function::Step | Function::Sign, argument) => argument.varies() && test(argument),
         _ => false,
     })
+}
+
+/// As [`jumps`], but for products that vanish where they jump, as sign(v)|v|^γ.
+fn jumps_beyond_kinks(node: &Node, test: &dyn Fn(&Node) -> bool) -> bool {
+    let inside = |part: &Node| jumps_beyond_kinks(part, test);
+    let (mut factors, mut divisors) = (Vec::new(), Vec::new());
+    collect_factors(node, &mut factors, &mut divisors);
+    let vanishes = |argument: &Node| factors.iter().any(|factor| vanishes_with(factor, argument));
+    let jumps = |factor: &Node| match factor.kind() {
+        Kind::Call(Function::Step | Function::Sign, argument) => {
+            test(argument) && !vanishes(positive(argument))
+        }
+        Kind::Call(_, part) => inside(part),
+        Kind::Chain(first, operands) => inside(first) || operands.iter().any(|(_, part)| inside(part)),
+        Kind::Power(sides) | Kind::Choice(_, sides) => sides.iter().any(inside),
+        Kind::Negation(_) | Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => false,
+    };
+    factors.iter().any(|factor| jumps(factor)) || divisors.iter().any(|part| inside(part))
+}
+
+/// The factors of nested products, without their signs, and what divides them; of a sum, itself.
+fn collect_factors<'n>(node: &'n Node, factors: &mut Vec<&'n Node>, divisors: &mut Vec<&'n Node>) {
+    match node.kind() {
+        Kind::Negation(part) => collect_factors(part, factors, divisors),
+        Kind::Chain(first, operands) if operands.iter().all(|(operator, _)| !operator.is_additive()) => {
+            collect_factors(first, factors, divisors);
+            for (operator, part) in operands {
+                match operator {
+                    Operator::Divide => divisors.push(part),
+                    _ => collect_factors(part, factors, divisors),
+                }
+            }
+        }
+        _ => factors.push(node),
+    }
+}
+
+/// A part without its sign.
+fn positive(node: &Node) -> &Node {
+    match node.kind() {
+        Kind::Negation(part) => positive(part),
+        _ => node,
+    }
+}
+
+/// True if a factor is 0 where an argument is: the argument, its modulus, or a power or root of that.
+fn vanishes_with(factor: &Node, argument: &Node) -> bool {
+    match factor.kind() {
+        _ if factor == argument => true,
+        Kind::Negation(part) | Kind::Call(Function::Abs | Function::Sqrt, part) => {
+            vanishes_with(part, argument)
+        }
+        Kind::Power(sides) => {
+            let [base, exponent] = sides.as_ref();
+            exponent.as_number().is_some_and(|exponent| exponent > 0.0) && vanishes_with(base, argument)
+        }
+        _ => false,
+    }
 }

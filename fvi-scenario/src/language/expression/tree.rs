@@ -5,7 +5,7 @@ use super::function::Function;
 use super::jet::Jet;
 
 /// A part of an expression.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Node {
     kind: Kind,
     /// True if a variable occurs in it. Parts without variables are evaluated as plain numbers: that is
@@ -14,7 +14,7 @@ pub struct Node {
 }
 
 /// Kind of a part.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
     /// A number.
     Number(f64),
