@@ -603,9 +603,10 @@ impl Search<'_> {
         match (self.refused, self.least.is_finite()) {
             (Some(error), false) => error,
             (_, true) => {
+                // Two digits, not rounded down.
                 let allowed = format!(
-                    "a tolerance from about {:.0e} on, the smallest error that was reached ({tried})",
-                    self.least / ACCEPTED
+                    "a tolerance from about {:.1e} on, the smallest error that was reached ({tried})",
+                    1.05 * self.least / ACCEPTED
                 );
                 self.scenario.error_at("scheme.tolerance", Problem::OutOfRange { allowed })
             }
