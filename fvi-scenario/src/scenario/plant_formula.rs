@@ -67,8 +67,9 @@ impl PlantFormula {
     /// P(s) and ln D(s), for Re s ≥ 0 and Im s ≥ 0.
     pub fn at(&self, s: Complex<f64>) -> [Complex<f64>; 2] {
         let [numerator, denominator] = self.fraction(s);
-        if numerator.is_finite() && denominator.is_finite() {
-            return [numerator / denominator, denominator.logarithm()];
+        let (value, log_denominator) = (numerator / denominator, denominator.logarithm());
+        if value.is_finite() && log_denominator.is_finite() {
+            return [value, log_denominator];
         }
         let [numerator, denominator] = fraction(self.expression.root(), &Scaled::of(s));
         [numerator.divide(&denominator).value(), denominator.logarithm().value()]
