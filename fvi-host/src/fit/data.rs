@@ -1,6 +1,6 @@
 //! Measured data: tables of numbers over time or frequency.
 
-use super::units::{inverse, is_same_dimension, plain};
+use super::units::{inverse, is_same_dimension, is_stress, motion_by_force, plain};
 use fvi_core::max_or_nan;
 use fvi_scenario::language::cells::{Cells, DEVIATION, OVER, cells};
 use fvi_scenario::language::document::{Table, Value};
@@ -401,7 +401,12 @@ impl Record {
                 return Err(cells.fault(cells.header, reason));
             }
         }
-        match contradiction(self, before) {
+        let said_otherwise = |column: &Column| has_entry(table, "units", &column.name);
+        let mut unsaid = self.columns.iter().filter(|column| !said_otherwise(column));
+        match unsaid
+            .find_map(|column| of_another_kind(column, &self.domain))
+            .or_else(|| contradiction(self, before))
+        {
             Some(reason) => Err(cells.fault(cells.header, reason)),
             None => Ok(()),
         }
@@ -702,6 +707,32 @@ fn closed(
     };
     let position = position.map(|value| value.vector(extent.coordinates)).transpose()?;
     Ok(Domain::Closed { over, answer, position })
+}
+
+/// The sentence about a column whose unit is that of another kind of quantity; `None` if it is not, or unknown.
+fn of_another_kind(column: &Column, domain: &Domain) -> Option<String> {
+    let unit = column.unit.as_deref()?;
+    let kind = column.what.kind(domain);
+    let is_compliance = || inverse(unit).is_some_and(|below| is_stress(&below));
+    let derivative = match domain {
+        Domain::Closed { answer: Answer::Receptance { derivative, .. }, .. } => Some(*derivative),
+        _ => None,
+    };
+    let found = match (kind, derivative, motion_by_force(unit)) {
+        ("creep", ..) if is_stress(unit) => "a modulus".to_owned(),
+        ("a modulus" | "a kernel", ..) if is_compliance() => "a compliance".to_owned(),
+        (_, Some(own), Some(other)) if own != other => {
+            let name = ["receptance", "mobility", "accelerance"][usize::from(other.min(2))];
+            format!("a quantity = {name:?}")
+        }
+        _ => return None,
+    };
+    let name = &column.name;
+    Some(format!(
+        "{name} is {kind}, and `{}` the unit of {found}; `units = {{ {name} = … }}` is the number to multiply it by, whatever \
+         it is",
+        excerpt(unit)
+    ))
 }
 
 /// The sentence about a column of `record` whose unit contradicts that of another column, in it or in a table

@@ -517,7 +517,7 @@ fn in_words(direction: &[f64], free: &[usize], sought: &[Free]) -> String {
         .map(|(&share, &index)| (sought[index].key(), share))
         .collect();
     if let [(path, _)] = parts.as_slice() {
-        return format!("the data do not determine {path}: no datum changes with it");
+        return format!("the data do not determine {path}: no datum changes with it at the value found");
     }
     let names: Vec<&str> = parts.iter().map(|(path, _)| path.as_str()).collect();
     let shares: Vec<String> = parts.iter().map(|(_, share)| format!("{share:+.3}")).collect();

@@ -43,6 +43,9 @@ pub(super) struct Region {
     pub(super) upper: Vec<f64>,
     /// Typical size of each parameter, to which its changes are relative.
     pub(super) typical: Vec<f64>,
+    /// Longest change of each parameter in one step. Where residuals saturate, as behind exponentials, a step
+    /// that the linear model makes ends where nothing changes any more.
+    pub(super) longest: Vec<f64>,
     /// Cost (half the sum of squares) below which residuals consist of rounding errors.
     pub(super) rounding: f64,
 }
@@ -189,7 +192,9 @@ impl LinearModel {
         let step = self.parts.v_t.tr_mul(&shares);
         let mut trial = point.to_vec();
         for (column, &index) in self.free.iter().enumerate() {
-            trial[index] = region.clamped(index, point[index] + step[column] / self.scales[column]);
+            let longest = region.longest[index];
+            let change = (step[column] / self.scales[column]).max(-longest).min(longest);
+            trial[index] = region.clamped(index, point[index] + change);
         }
         trial
     }
@@ -346,6 +351,7 @@ mod tests {
             lower: bounds.iter().map(|bounds| bounds.0).collect(),
             upper: bounds.iter().map(|bounds| bounds.1).collect(),
             typical: vec![1.0; bounds.len()],
+            longest: vec![f64::INFINITY; bounds.len()],
             rounding: 0.0,
         }
     }
@@ -365,6 +371,20 @@ mod tests {
         assert_eq!(found.end, End::Converged);
         assert!(found.point.iter().all(|x| (x - 1.0).abs() < 1e-10), "{:?}", found.point);
         assert!(function.1 < 60, "{} evaluations", function.1);
+    }
+
+    /// 1/(1 + e^{−x}) = 0.8
+    #[test]
+    fn no_step_is_longer_than_the_longest() {
+        let saturates = |x: &[f64]| {
+            let fallen = (-x[0]).exp();
+            Some((vec![1.0 / (1.0 + fallen) - 0.8], vec![vec![fallen / ((1.0 + fallen) * (1.0 + fallen))]]))
+        };
+        let within = Region { longest: vec![1.0], ..region(&[OPEN]) };
+        // From −8 on the linear model leads to x = 2376.
+        let found = minimise(&mut Function(saturates, 0), &[-8.0], &within, 200).unwrap();
+        assert_eq!(found.end, End::Converged);
+        assert!((found.point[0] - 4.0_f64.ln()).abs() < 1e-9, "{found:?}");
     }
 
     #[test]

@@ -132,7 +132,15 @@ impl<'p, 'f> Search<'p, 'f> {
         let typical = self.free.iter().zip(values).map(|(free, &value)| free.typical(value)).collect();
         let largest = self.data.component_div(&self.deviations).amax();
         let rounding = self.data.len() as f64 * (ROUNDING * largest).powi(2);
-        Region { lower: bounds(|free| free.bounds.0), upper: bounds(|free| free.bounds.1), typical, rounding }
+        // A number on a logarithmic scale changes by a factor of e at most.
+        let longest = |free: &Free| if free.scale == Scale::Logarithmic { 1.0 } else { f64::INFINITY };
+        Region {
+            lower: bounds(|free| free.bounds.0),
+            upper: bounds(|free| free.bounds.1),
+            typical,
+            longest: self.free.iter().map(longest).collect(),
+            rounding,
+        }
     }
 
     /// Minimises the sum of squares from a start; the parameter `hold`, if any, keeps its value.

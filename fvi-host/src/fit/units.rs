@@ -39,9 +39,71 @@ pub(super) fn inverse(unit: &str) -> Option<String> {
     }
 }
 
+/// True for units of stresses, and so of moduli: "kPa", "N/mm^2", "psi".
+pub(super) fn is_stress(unit: &str) -> bool {
+    let unit = plain(unit).replace('²', "^2").replace("^2", "2");
+    let prefixed = |base: &str| unit.strip_suffix(base).is_some_and(|prefix| prefix.chars().count() <= 1);
+    prefixed("Pa") || prefixed("bar") || ["psi", "ksi", "N/m2", "N/mm2", "dyn/cm2"].contains(&unit.as_str())
+}
+
+/// What a unit of a motion by a force is that of: 0 of displacements, "m/N", 1 of velocities, "(m/s)/N",
+/// "m/(N s)", 2 of accelerations, "m/s^2/N", "g/N"; `None` of other units.
+pub(super) fn motion_by_force(unit: &str) -> Option<u8> {
+    let unit = plain(unit);
+    let mut words = unit.split(|sign: char| !sign.is_alphabetic()).filter(|word| !word.is_empty());
+    let first = words.next()?;
+    let is_angle = ["rad", "deg"].contains(&first);
+    let is_length =
+        is_angle || ["in", "ft"].contains(&first) || first.strip_suffix('m').is_some_and(|p| p.len() <= 2);
+    let rest: Vec<&str> = words.collect();
+    let is_force =
+        |word: &&str| word.strip_suffix('N').is_some_and(|p| p.len() <= 1) || ["lbf", "Nm"].contains(word);
+    if !rest.iter().any(is_force) || !(is_length || first == "g") {
+        return None;
+    }
+    let squares = ["s^2", "s²", "s2", "s^-2", "s⁻²", "s-2"];
+    Some(match rest.contains(&"s") {
+        _ if first == "g" || squares.iter().any(|square| unit.contains(square)) => 2,
+        true => 1,
+        false => 0,
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn moduli_and_motions_are_told_by_their_units() {
+        for (unit, stress) in [
+            ("Pa", true),
+            ("kPa", true),
+            ("N/mm²", true),
+            ("psi", true),
+            ("N/m", false),
+            ("1/Pa", false),
+            ("m/N", false),
+        ] {
+            assert_eq!(is_stress(unit), stress, "{unit}");
+        }
+        for (unit, derivative) in [
+            ("m/N", Some(0)),
+            ("µm/N", Some(0)),
+            ("rad/(N m)", Some(0)),
+            ("m/s/N", Some(1)),
+            ("(m/s)/N", Some(1)),
+            ("m/(N s)", Some(1)),
+            ("mm/s^2/N", Some(2)),
+            ("m s⁻² N⁻¹", Some(2)),
+            ("g/N", Some(2)),
+            ("N/m", None),
+            ("dB", None),
+            ("1/kg", None),
+            ("m", None),
+        ] {
+            assert_eq!(motion_by_force(unit), derivative, "{unit}");
+        }
+    }
 
     #[test]
     fn dimensions_are_told_apart_by_their_words() {

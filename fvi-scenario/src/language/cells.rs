@@ -8,7 +8,10 @@ use crate::language::expression::nearest;
 use fvi_core::{max_or_nan, min_or_nan};
 use layout::{Layout, Row, is_missing, number_of, squeezed};
 use std::f64::consts::{PI, TAU};
-use units::{FREQUENCIES, factor_of, in_unit, is_decibels, is_unit, unit_in, unit_of_axis, without_unit};
+use units::{
+    FREQUENCIES, factor_of, in_unit, is_decibels, is_unit, says_logarithms, unit_in, unit_of_axis,
+    without_unit,
+};
 
 mod layout;
 mod units;
@@ -415,6 +418,9 @@ impl Cells<'_, '_> {
             }
             return nothing();
         }
+        for (own, number) in wanted.iter().filter(|(own, _)| !OVER.contains(own)) {
+            self.check_not_logarithms(*line, own, &cells[number - 1])?;
+        }
         // Below names stands a row of units where all data have one, or a sign for none.
         let data =
             || wanted.iter().filter(|(own, _)| !OVER.contains(own)).map(|(_, number)| &cells[number - 1]);
@@ -489,6 +495,9 @@ impl Cells<'_, '_> {
                 return Err(self.fault(self.header, format!("`{}` stands there twice", excerpt(name))));
             };
             let cell = &row[column];
+            if !OVER.contains(own) {
+                self.check_not_logarithms(self.header, own, cell)?;
+            }
             let unit = match () {
                 () if OVER.contains(own) => unit_of_axis(own, cell),
                 () if cell == name => unit_in(cell),
@@ -497,6 +506,18 @@ impl Cells<'_, '_> {
             self.add(own, column, unit);
         }
         Ok(Body { rows, width: used_width(row), separator })
+    }
+
+    /// Refuses a column of data under a heading that speaks of logarithms.
+    fn check_not_logarithms(&self, line: u64, own: &str, heading: &str) -> Result<(), InputError> {
+        if !says_logarithms(heading) {
+            return Ok(());
+        }
+        let heading = excerpt(heading);
+        Err(self.fault(
+            line,
+            format!("{own} is `{heading}`: logarithms, where the numbers themselves are wanted"),
+        ))
     }
 
     fn add(&mut self, name: &str, index: usize, unit: Option<&str>) {

@@ -49,6 +49,12 @@ const OF_FREQUENCIES: [&str; 14] = [
 ];
 const LOGARITHMS: [&str; 4] = ["log", "lg", "ln", "logarithm"];
 
+/// True if a heading says that what stands below are logarithms, as "log G'".
+pub(super) fn says_logarithms(heading: &str) -> bool {
+    let mut words = heading.split(|letter: char| !letter.is_alphabetic());
+    words.any(|word| LOGARITHMS.contains(&word.to_lowercase().as_str()))
+}
+
 /// The unit in the heading of a time or a frequency: behind a name, in any brackets, or a word that is the
 /// name of a unit, as in "w_Hz" and "w Hz"; the whole heading if its numbers are logarithms. What is left of
 /// it may be no unit, and is refused then.
