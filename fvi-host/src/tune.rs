@@ -47,6 +47,7 @@ pub use relay::RelayResult;
 pub use search::{Allowed, Bound};
 
 use coverage::check_covered;
+use fvi_core::PidGains;
 use fvi_fft::transfer::laplace::on_a_line;
 use fvi_simulation::simulation::closed_loop::{
     Contour, OpenLoop, growing_motions, growing_motions_open, growing_sampled_motions, logarithm,

@@ -216,7 +216,8 @@ impl ComplexFactored<'_> {
     }
 }
 
-/// Writes b − A x and returns its largest entry over |A| |x| + |b|, row by row.
+/// Writes b − A x and returns its largest entry over |A| |x| + |b|, row by row. What has fallen below the range
+/// of numbers along a chain, or has lost its digits there, is no error.
 fn backward_error(
     pattern: &Pattern,
     values: &[Complex<f64>],
@@ -224,16 +225,20 @@ fn backward_error(
     wanted: &[Complex<f64>],
     residual: &mut [Complex<f64>],
 ) -> f64 {
+    /// Size of a number whose rounding error is still in the range.
+    const LEAST: f64 = f64::MIN_POSITIVE / f64::EPSILON;
     let mut largest = 0.0;
     for (row, slots) in pattern.rows().enumerate() {
         let (mut sum, mut size) = (wanted[row], wanted[row].l1_norm());
+        let mut entries = 1.0;
         for slot in slots {
             let term = values[slot] * x[pattern.columns()[slot] as usize];
             sum -= term;
             size += term.l1_norm();
+            entries += values[slot].l1_norm();
         }
         residual[row] = sum;
-        let error = sum.l1_norm() / size.max(f64::MIN_POSITIVE);
+        let error = sum.l1_norm() / size.max(LEAST * entries);
         // `max` would ignore a value that is not a number.
         if error > largest || error.is_nan() {
             largest = error;
@@ -245,6 +250,38 @@ fn backward_error(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_motion_that_decays_below_the_range_of_numbers_is_a_solution() {
+        let count = 1000;
+        let mut places = vec![(0, 0)];
+        for i in 1..count {
+            places.extend([(i, i), (i, i - 1), (i - 1, i)]);
+        }
+        let pattern = Pattern::new(count, places);
+        let mut values = vec![Complex::ZERO; pattern.len()];
+        for (row, slots) in pattern.rows().enumerate() {
+            for slot in slots {
+                let is_own = pattern.columns()[slot] as usize == row;
+                values[slot] = if is_own { Complex::new(-300.0, 2.0) } else { Complex::new(-7.0, 0.3) };
+            }
+        }
+        let mut x = vec![Complex::ZERO; count];
+        x[0] = Complex::new(1.0, 0.0);
+        let solver = ComplexSolver::new(&pattern);
+        solver.factored(&pattern, values.clone(), &mut || false).unwrap().solve(&mut x).unwrap();
+        // x_{k+1} = λ x_k with λ + 1/λ = −a/b
+        let (a, b) = (Complex::new(-300.0, 2.0), Complex::new(-7.0, 0.3));
+        let ratio = -a / b;
+        let root = (ratio * ratio - 4.0).sqrt();
+        let lambda =
+            [(ratio + root) * 0.5, (ratio - root) * 0.5].into_iter().find(|l| l.norm() < 1.0).unwrap();
+        for k in [0, 1, 50, 150] {
+            let error = (x[k + 1] / x[k] - lambda).norm() / lambda.norm();
+            assert!(error < 1e-12, "{k}: {error:.1e}");
+        }
+        assert!(x[count - 1].norm() < 1e-300);
+    }
 
     /// A grid of `side` × `side` points with neighbours, and entries without symmetry.
     fn grid(side: usize) -> (Pattern, Vec<Complex<f64>>) {

@@ -34,11 +34,16 @@ impl Symbolic {
     /// If the formula is not a real finite number for positive s, or grows like s² or faster.
     pub(in crate::transfer) fn new(formula: Arc<dyn Formula>) -> Result<Self, ParameterError> {
         check_positive_axis(&*formula)?;
-        let growth = growth_of(&*formula);
+        let fractions = formula.fractions().filter(|fractions| are_of(fractions, &*formula)).map(Arc::new);
+        // Of fractions known without the rounding errors of values at large s, where terms cancel.
+        let growth = match &fractions {
+            Some(fractions) if fractions.direct[1] != 0.0 => 1.0,
+            Some(_) => 0.0,
+            None => growth_of(&*formula),
+        };
         let allowed = "a symbol that grows more slowly than s²";
         check(growth.is_finite() && growth < 2.0, "growth of the symbol", growth, allowed)?;
         let spring = value_at_zero(&*formula);
-        let fractions = formula.fractions().filter(|fractions| are_of(fractions, &*formula)).map(Arc::new);
         let rational = fractions.as_ref().map(|fractions| fractions.is_relaxation());
         let (relaxation, active, is_beside, strip) = (false, None, true, 0.25 * PI);
         let mut made = Self { formula, growth, spring, is_beside, relaxation, strip, fractions, active };
