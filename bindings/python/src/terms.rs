@@ -9,7 +9,7 @@ use numpy::{PyArray1, PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyArithmeticError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyFloat, PyList, PyTuple};
+use pyo3::types::{PyBool, PyFloat, PyList, PyTuple};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// A function of the caller's.
@@ -185,12 +185,43 @@ impl PythonTerms {
         if self.callables.value.is_some() {
             self.check_derivative(Which::Gradient, start)?;
         }
+        for which in [Which::Hessian, Which::Jacobian, Which::VelocityJacobian] {
+            self.check_are_numbers(which, start)?;
+        }
         if exactly && self.callables.have_derivatives() {
             for which in [Which::Hessian, Which::Jacobian, Which::VelocityJacobian] {
                 self.check_derivative(which, start)?;
             }
         }
         Ok(())
+    }
+
+    /// Refuses derivatives that are no numbers at the start, where those of a root may be infinite.
+    fn check_are_numbers(&mut self, which: Which, start: Place<'_>) -> Outcome<()> {
+        let (name, function) = self.callables.named(which);
+        // The velocity may require the solution of equations.
+        if function.is_none() || (self.callables.takes_velocity && start.velocity.is_none()) {
+            return Ok(());
+        }
+        self.look(which, start, self.entries(which));
+        if let Some(error) = self.slot.take() {
+            return Err(Failure::Raised(error));
+        }
+        if self.answer.iter().any(|entry| entry.is_nan()) {
+            let Place { time, position, .. } = start;
+            let message = format!("{name}: is not a number at t = {time}, q = {position:?}");
+            return Err(Failure::Input { key: name.to_owned(), value: "nan".to_owned(), message });
+        }
+        Ok(())
+    }
+
+    /// Number of entries that a derivative has.
+    fn entries(&self, which: Which) -> usize {
+        match (&self.callables.places, which) {
+            (Some(places), Which::Hessian) => places.len() / 2,
+            (_, Which::Value | Which::Gradient | Which::Force) => self.size,
+            _ => self.size * self.size,
+        }
     }
 
     /// Refuses a derivative that is not that of its function: at the start, and where differences say too
@@ -229,11 +260,7 @@ impl PythonTerms {
             return Ok(true);
         };
         let rows = if of == Which::Value { 1 } else { self.size };
-        let entries = match (&self.callables.places, which) {
-            (Some(places), Which::Hessian) => places.len() / 2,
-            _ => rows * self.size,
-        };
-        self.look(which, place, entries);
+        self.look(which, place, self.entries(which));
         let given = self.answer.clone();
         let entry = |terms: &Self, row: usize, column: usize| match (&terms.callables.places, which) {
             (Some(places), Which::Hessian) => {
@@ -594,6 +621,10 @@ pub(crate) fn watched(function: Py<PyAny>, slot: ErrorSlot) -> SharedFunction {
         let result = Python::attach(|py| {
             let array = |numbers: &[f64]| PyArray1::from_slice(py, numbers);
             let returned = function.bind(py).call1((time, array(position), array(momentum)))?;
+            if is_truth(&returned) {
+                let message = "events.when has returned a truth value; a number is needed, which crosses zero".to_owned();
+                return Err(Failure::Input { key: "events.when".to_owned(), value: returned.to_string(), message }.into());
+            }
             numbers("events.when", &returned, 1, &mut answer)
         });
         match (result, answer.first()) {
@@ -606,6 +637,12 @@ pub(crate) fn watched(function: Py<PyAny>, slot: ErrorSlot) -> SharedFunction {
             }
         }
     })
+}
+
+/// True for `True` and `False`, NumPy's and those in arrays, whose values do not cross zero.
+fn is_truth(returned: &Bound<'_, PyAny>) -> bool {
+    let in_array = || returned.getattr("dtype").is_ok_and(|kind| kind.to_string() == "bool");
+    returned.is_instance_of::<PyBool>() || (!returned.is_instance_of::<PyFloat>() && in_array())
 }
 
 /// The `count` numbers that a function has returned.

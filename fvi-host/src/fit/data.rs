@@ -728,6 +728,7 @@ fn of_another_kind(column: &Column, domain: &Domain) -> Option<String> {
         _ => return None,
     };
     let name = &column.name;
+    let kind = if kind == "creep" { "a compliance" } else { kind };
     Some(format!(
         "{name} is {kind}, and `{}` the unit of {found}; `units = {{ {name} = … }}` is the number to multiply it by, whatever \
          it is",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
+from copy import copy
+from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -60,6 +62,22 @@ def returned(name: str, given: Any) -> FloatArray:
     if array.dtype.kind not in "fiubO":
         raise InputError(f"{name} has returned values of type {array.dtype}; real numbers are needed", name, str(array.dtype))
     return np.asarray(array, dtype=np.float64)
+
+
+def copied(given: Any) -> Any:
+    """The same with arrays and sparse matrices of its own, inside of lists, dictionaries and the package's objects too."""
+    if isinstance(given, np.ndarray) or is_sparse(given):
+        return given.copy()
+    if isinstance(given, (list, tuple)) and type(given) in (list, tuple):
+        return type(given)(copied(part) for part in given)
+    if type(given) is dict:
+        return {name: copied(part) for name, part in given.items()}
+    if is_dataclass(given) and not isinstance(given, type):
+        own = copy(given)
+        for field in fields(given):
+            object.__setattr__(own, field.name, copied(getattr(given, field.name)))
+        return own
+    return given
 
 
 def several(name: str, given: Any, kinds: type | tuple[type, ...], wanted: str) -> Iterable[Any]:

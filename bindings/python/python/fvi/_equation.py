@@ -6,22 +6,22 @@ import json
 import re
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
-from fvi._errors import InputError
+from fvi._errors import InputError, suggesting
 from fvi._result import ending
-from fvi._run import Progress, _outside, check_progress, raise_with
+from fvi._run import Progress, _outside, check_progress, raise_with, raised_in
 from fvi._scenario import source
 from fvi._terms import Event, Function, Terms
 from fvi._types import FloatArray, Real, Whole
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Solution:
     """The solution of a fractional differential equation.
 
@@ -68,6 +68,7 @@ class Solution:
         return f"Solution({self.message!r}, {rows} rows of {unknowns} unknown{'s' * (unknowns != 1)}{span})"
 
 
+@suggesting
 def solve_fde(
     right: Function | str | Sequence[str],
     order: float | Sequence[float] | None,
@@ -213,6 +214,10 @@ def solve_fde(
         times = _arrays.numbers("t_eval", t_eval)
         if times.ndim != 1:
             raise InputError(f"t_eval: shape {times.shape} instead of a list of times", "t_eval", str(times.shape))
+        for index, at in enumerate(times):
+            if not begin <= at <= end:
+                place = f"t_eval[{index}]"
+                raise InputError(f"{place} = {at:g}: not allowed; allowed: {begin:g} ≤ t ≤ {end:g}, the span", place, str(at))
         scenario["output"] = {"times": [float(at) - begin for at in times]}
     described, watched = _events(events, begin, args, count)
     if described:
@@ -221,6 +226,8 @@ def solve_fde(
     if expressions is None and callable(right):
         function = _shifted(right, begin, args)
         slopes = None if jac is None else _shifted(jac, begin, args)
+        if slopes is not None and not named:
+            slopes = _of_numbers(slopes, begin, count)
         if named:
             function = _of_derivatives("right", right, begin, args, (count, len(named)))
             slopes = None if jac is None else _of_derivatives("jac", jac, begin, args, (count, len(named)))
@@ -234,15 +241,26 @@ def solve_fde(
             source(scenario, {}), precision="f64", progress=check_progress(progress), terms=functions, events=watched, keep=False
         )
     except InputError as error:
-        raise _named(error) from None
+        raise _named(error, begin) from None
     ((_, (t, x, *_), ended, summary),) = motions
     record = summary.json()
-    solution = _solution(t + begin, x, json.loads(ended), record, len(described), begin)
+    t, x = _increasing(t + begin, x)
+    solution = _solution(t, x, json.loads(ended), record, len(described), begin)
     if raised is not None:
-        raise_with(_named(raised) if isinstance(raised, InputError) else raised, solution)
+        solution = replace(solution, message=raised_in(raised, t))
+        raise_with(_named(raised, begin) if isinstance(raised, InputError) else raised, solution)
     for warning in solution.warnings:
         warnings.warn(warning, stacklevel=_outside())
     return solution
+
+
+def _increasing(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The rows at times that numbers tell apart: behind a start other than 0 the first steps are shorter. The first row stays, and
+    else the last of several at one time."""
+    last = np.append(t[1:] > t[:-1], True)
+    last[t == t[0]] = False
+    last[0] = True
+    return (t, x) if last.all() else (t[last], x[last])
 
 
 def _solution(t: FloatArray, x: FloatArray, ended: Mapping[str, Any], record: str, events: int, begin: float) -> Solution:
@@ -255,7 +273,7 @@ def _solution(t: FloatArray, x: FloatArray, ended: Mapping[str, Any], record: st
     success = status == 0
     if ended["status"] == "event":
         status = 1
-    return Solution(t, x, success, status, message, t_events, x_events, ended["steps"], tuple(ended.get("warnings", ())), record)
+    return Solution(t, x, success, status, _later(message, begin), t_events, x_events, ended["steps"], tuple(ended.get("warnings", ())), record)
 
 
 def _span(span: Any) -> tuple[float, float]:
@@ -385,6 +403,26 @@ def _shortest(right: Function, equation: Mapping[str, Any], time: Mapping[str, A
     return float(time["end"] * max(1e-140, min(1e-12, (0.03 * time["tolerance"] / most) ** (1.0 / power))))
 
 
+TIMES = re.compile(r"\bt = ([-+]?[0-9.]+(?:e[-+]?[0-9]+)?)")
+
+
+def _later(text: str, begin: float) -> str:
+    """A message with times as the caller counts them."""
+    return TIMES.sub(lambda found: f"t = {float(found[1]) + begin:.10g}", text) if begin != 0.0 else text
+
+
+def _of_numbers(slopes: Function, begin: float, count: int) -> Function:
+    """∂f/∂x whose entries are numbers, or infinite."""
+
+    def of_numbers(t: float, x: FloatArray) -> Any:
+        values = _arrays.returned("jac", slopes(t, x))
+        if np.isnan(values).any():
+            raise InputError(f"jac: returned not a number at t = {t + begin:g}, x = {x[:count]}", "jac", "nan")
+        return values
+
+    return of_numbers
+
+
 def _shifted(function: Function, begin: float, args: tuple[Any, ...]) -> Function:
     """A function of (t, x) whose time counts from the start."""
     if begin == 0.0 and not args:
@@ -425,6 +463,8 @@ def _events(given: Any, begin: float, args: tuple[Any, ...], count: int) -> tupl
         if callable(when := event.get("when")):
             # A placeholder expression for the function.
             event["when"], function = "t - 1", _of_unknowns(when, begin, args, count)
+        elif isinstance(when, str) and begin != 0.0:
+            event["when"] = re.sub(r"\bt\b", f"(t + {begin!r})", when)
         entries.append(event)
         watched.append(function)
     return entries, watched
@@ -456,8 +496,10 @@ NAMES = (
 """Keys of a scenario, and the arguments that they come from."""
 
 
-def _named(error: InputError) -> InputError:
-    """An error about a key of a scenario, as one about the argument that it came from."""
+def _named(error: InputError, begin: float = 0.0) -> InputError:
+    """An error about a key of a scenario, as one about the argument that it came from, with times as the caller counts them."""
+    if begin != 0.0:
+        error = InputError(_later(str(error), begin), error.key, error.value).with_traceback(error.__traceback__)
     if error.key == "potential":
         # What the functions have returned at the start.
         text = str(error).partition("is not finite")[2].replace("q =", "x =")

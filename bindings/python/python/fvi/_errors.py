@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+import inspect
+from collections.abc import Callable
+from difflib import get_close_matches
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 class InputError(ValueError):
@@ -54,3 +61,28 @@ class StepError(RuntimeError):
 
     def __reduce__(self) -> tuple[type[StepError], tuple[str, Any]]:
         return type(self), (str(self), self.result)
+
+
+def suggesting(function: Callable[P, R]) -> Callable[P, R]:
+    """A function that tells a misspelt argument by the name that was meant."""
+    known = list(inspect.signature(function).parameters)
+
+    @wraps(function)
+    def called(*args: P.args, **keywords: P.kwargs) -> R:
+        for name in keywords:
+            if name not in known:
+                near = get_close_matches(name, known, 1)
+                advice = f"; did you mean {near[0]}?" if near else ""
+                raise TypeError(f"{function.__qualname__}() got an unexpected keyword argument {name!r}{advice}")
+        return function(*args, **keywords)
+
+    return called
+
+
+C = TypeVar("C", bound=type)
+
+
+def suggesting_class(made: C) -> C:
+    """A class whose constructor does."""
+    setattr(made, "__init__", suggesting(getattr(made, "__init__")))
+    return made

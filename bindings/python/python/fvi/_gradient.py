@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +26,8 @@ class Gradient:
     Attributes
     ----------
     parameters : dict of str to float or array
-        ∂J/∂θ by the names of the parameters, with the shapes of their values.
+        ∂J/∂θ by the names of the parameters, with the shapes of their values. An entry off the diagonal of a matrix is changed
+        together with its mirror image; where both are named each has half of that.
     position, momentum : array
         ∂J/∂q₀ and ∂J/∂p₀, N numbers each, at the given parameters.
     force : array
@@ -97,6 +99,9 @@ class Recording:
             own = numbers[used : used + count]
             parameters[name] = own.reshape(shape) if shape else float(own[0])
             used += count
+        for name in parameters:
+            if (mirror := mirrored(name)) is not None and mirror[0] in parameters:
+                parameters[name] *= 0.5
         return Gradient(parameters, position, momentum, force.reshape(-1, len(position)), self.result)
 
     def _flat(self, name: str, given: ArrayLike | None) -> FloatArray:
@@ -124,7 +129,22 @@ def checked(model: Any, parameters: Any) -> None:
 def gradient_of(recording: Recording, cotangent: Cotangent | Callable[[Result], Any]) -> Gradient:
     """The gradient for cotangents or a function of the result that returns them."""
     by: Any = cotangent(recording.result) if callable(cotangent) else cotangent
+    parts = by if isinstance(by, tuple) else (by,)
+    if len(parts) > 2:
+        raise InputError(f"cotangent: {len(parts)} arrays in place of ∂J/∂q, or of that and ∂J/∂p", "cotangent", str(len(parts)))
+    if all(part is None for part in parts):
+        raise InputError("cotangent: returned None, where ∂J/∂q is needed, of the shape of `q`", "cotangent", "None")
     return recording.gradient(*by) if isinstance(by, tuple) else recording.gradient(by)
+
+
+MATRICES = re.compile(r"(.*\b(?:mass|stiffness|gyroscopic|coefficient))\[(\d+)\]\[(\d+)\]")
+
+
+def mirrored(name: str) -> tuple[str, float] | None:
+    """The name of the mirror image of an entry off the diagonal of a matrix, and its sign there; `None` for other numbers."""
+    if "][" not in name or (found := MATRICES.fullmatch(name)) is None or found[2] == found[3]:
+        return None
+    return f"{found[1]}[{found[3]}][{found[2]}]", -1.0 if found[1].endswith("gyroscopic") else 1.0
 
 
 def numbers_of(

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
 from fvi._datasets import appearance_of
-from fvi._errors import InputError, StepError
-from fvi._gradient import Cotangent, Gradient, Recording, gradient_of, numbers_of
+from fvi._errors import InputError, StepError, suggesting
+from fvi._gradient import Cotangent, Gradient, Recording, gradient_of, mirrored, numbers_of
 from fvi._integrate import (
     Changes,
     ModelArguments,
@@ -30,7 +30,7 @@ from fvi._integrate import (
     named_after_argument,
 )
 from fvi._result import Result, ending
-from fvi._run import Progress, check_progress, finish, raise_with, result_of
+from fvi._run import Progress, _outside, check_progress, finish, raise_with, result_of
 from fvi._runs import Runs, runs_of
 from fvi._scenario import SHORT_NAMES, Ready, by_path, key_of, places_of, put, ready
 from fvi._system import System
@@ -93,7 +93,7 @@ class Model:
 
     Notes
     -----
-    Large matrices are copied: later changes of the arrays have no effect. A model keeps its last matrices and factors, two for
+    Arrays are copied: later changes of them have no effect. A model keeps its last matrices and factors, two for
     each sparsity pattern, until it is deleted.
 
     Examples
@@ -121,7 +121,7 @@ class Model:
             self._size = None if mass.shape == (1,) else mass.shape[0]
         elif given.get("kinetic") is None:
             raise InputError("mass: needed by a model, unless there is `kinetic`", "mass", "None")
-        self._arguments = self._taken(given)
+        self._arguments = _arrays.copied(self._taken(given))
 
     def __getstate__(self) -> dict[str, Any]:
         # What has been prepared and compiled is made anew.
@@ -182,13 +182,13 @@ class Model:
         >>> [model.run({"k": k, "q0": 0.5}).q.shape for k in (1.0, 2.0)]
         [(101, 1), (101, 1)]
         """
-        given = {} if parameters is None else parameters
+        given = _with_mirrors({} if parameters is None else parameters)
         known = self._known(given)
         numbers: list[float] = []
         for name, count in zip(given, known.counts):
             value = given[name]
             if count is None:
-                numbers.append(_arrays.real(name, value) if not isinstance(value, (float, int)) else float(value))
+                numbers.append(value if isinstance(value, float) else _arrays.real(name, value))
             else:
                 array = _arrays.numbers(name, value)
                 if array.shape not in ((), (count,)):
@@ -199,6 +199,7 @@ class Model:
             arrays, end, record, raised = known.batch.run_one(numbers)
         return finish(result_of(arrays, end, record, known.mass), raised, check)
 
+    @suggesting
     def batch(
         self,
         parameters: Mapping[str, ArrayLike],
@@ -262,10 +263,12 @@ class Model:
         if jobs is not None:
             jobs = _arrays.whole("jobs", jobs, 1)
         progress = check_progress(progress)
-        known = self._known(parameters)
+        whole = _with_mirrors(parameters)
+        known = self._known(whole)
         # What is not finite is refused with its run.
-        arrays = {name: _arrays.unchecked(name, values) for name, values in parameters.items()}
+        arrays = {name: _arrays.unchecked(name, values) for name, values in whole.items()}
         columns, given = _columns(arrays, known.counts)
+        given = {name: given[name] for name in parameters}
         with _renamed(known.names):
             table, raised = known.batch.run(columns, jobs, progress)
         for index, end in enumerate(table["ends"]):
@@ -279,7 +282,7 @@ class Model:
                 runs.errors[place] = StepError(f"run {place}: {ending({**end, 'steps': 0})[1]}", runs)
         warned = {text: place for place, texts in reversed(table["warnings"].items()) for text in texts}
         for text, place in warned.items():
-            warnings.warn(f"run {place}: {text}", stacklevel=2)
+            warnings.warn(f"run {place}: {text}", stacklevel=_outside())
         if raised is not None:
             raise_with(raised, runs)
         if check and runs.errors:
@@ -385,6 +388,8 @@ class Model:
             asked += own
             if value is not None:
                 put(keys, path, value.tolist())
+                if not shape and (mirror := mirrored(path)) is not None and mirror[0] not in names:
+                    put(keys, mirror[0], float(mirror[1] * value))
         if asked:
             keys["sensitivity"] = {"parameters": asked}
         with _arguments(), _renamed(names):
@@ -542,6 +547,15 @@ def _several_at(keys: Mapping[str, Any], path: str) -> int | None:
     place = _at(keys, path)
     several = isinstance(place, list) and len(place) > 1 and all(isinstance(entry, (int, float)) for entry in place)
     return len(place) if several else None
+
+
+def _with_mirrors(given: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The numbers with those of mirror images: an entry off the diagonal of a matrix is changed together with its own."""
+    images = {name: image for name in given if (image := mirrored(name)) is not None and image[0] not in given}
+    if not images:
+        return given
+    added = {image: given[name] if sign > 0.0 else -np.asarray(given[name]) for name, (image, sign) in images.items()}
+    return {**given, **added}
 
 
 def _columns(arrays: Mapping[str, FloatArray], counts: list[int | None]) -> tuple[FloatArray, dict[str, FloatArray]]:

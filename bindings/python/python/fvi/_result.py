@@ -11,12 +11,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
+from zipfile import BadZipFile
 
 import numpy as np
 
 from fvi import _fvi
 from fvi._datasets import _module, dataset, members_of
-from fvi._errors import InputError
+from fvi._errors import InputError, suggesting
 from fvi._types import FloatArray
 
 
@@ -80,7 +81,7 @@ class Continuation:
 _STATE = ("t", "q", "p", "energy")
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Result:
     """A trajectory, and the record of the run that made it.
 
@@ -244,27 +245,41 @@ class Result:
         """Accelerations dv/dt, shape (K, N): the slopes of polynomials through the velocities of five neighbouring rows.
 
         In addition to the error of the run they have one of order (distance of rows)⁴ where the motion is smooth; it is larger next
-        to t = 0 and to jumps of forces. NaN where `v` is.
+        to t = 0 and to jumps of forces. NaN where `v` is. On equal steps the polynomials go through grid points: inside of a step,
+        where an event has ended the run, velocities are of a lower order.
 
         Raises
         ------
         InputError
-            As for `v`, and if there is one row only.
+            As for `v`; and if there are less than two rows, or, on equal steps, less than two at grid points, as with `times`.
         """
-        v, rows = self.v, len(self.t)
-        if rows < 2:
-            raise InputError("a: two rows are needed at least", "a", str(rows))
-        width, row = min(5, rows), np.arange(rows)
-        first = np.clip(row - width // 2, 0, rows - width)
-        window, own = first[:, None] + np.arange(width), row - first
+        v, at = self.v, np.flatnonzero(self._at_grid_points())
+        if len(at) < 2:
+            where = "" if len(self.t) < 2 else " at grid points, inside of whose steps velocities are of a lower order"
+            raise InputError(f"a: two rows are needed at least{where}", "a", str(len(at)))
+        width = min(5, len(at))
+        first = np.clip(np.searchsorted(at, np.arange(len(self.t))) - width // 2, 0, len(at) - width)
+        window = at[first[:, None] + np.arange(width)]
         nodes = self.t[window]
-        # Slopes of Lagrange's polynomials at a node, by barycentric weights.
-        shares = 1.0 / np.where(np.eye(width, dtype=bool), 1.0, nodes[:, :, None] - nodes[:, None, :]).prod(axis=2)
-        apart = self.t[:, None] - nodes
-        apart[row, own] = np.inf
-        slopes = shares / shares[row, own][:, None] / apart
-        slopes[row, own] = -slopes.sum(axis=1)
-        return np.asarray(np.einsum("kw,kwn->kn", slopes, v[window]))
+        # Slopes of Newton's form of the polynomial: of the products that follow each other, and their factors.
+        value, slope = np.zeros_like(v), np.zeros_like(v)
+        parts = v[window]
+        for order in range(1, width):
+            parts[:, order:] = (parts[:, order:] - parts[:, order - 1 : -1]) / (nodes[:, order:] - nodes[:, :-order])[..., None]
+        for order in reversed(range(width)):
+            apart = (self.t - nodes[:, order])[:, None]
+            slope = slope * apart + value
+            value = value * apart + parts[:, order]
+        return np.asarray(slope)
+
+    def _at_grid_points(self) -> Any:
+        """Which rows are grid points; all of them on steps that differ."""
+        scenario = self.summary.get("scenario", {})
+        time = scenario.get("time", {})
+        if time.get("grid") is not None or not isinstance(step := time.get("step"), (int, float)):
+            return np.ones(len(self.t), dtype=bool)
+        steps = (self.t - float(time.get("start") or 0.0)) / step
+        return np.abs(steps - np.round(steps)) <= 1e-9 * np.maximum(1.0, np.abs(steps))
 
     def _mass_matrix(self) -> Any:
         """The mass: its diagonal, a full or a sparse matrix; None where there is a kinetic energy in words."""
@@ -401,6 +416,7 @@ class Result:
         """The title of the scenario; empty if it has none."""
         return str(self.summary.get("scenario", {}).get("title") or "")
 
+    @suggesting
     def plot(
         self,
         axes: Any = None,
@@ -597,11 +613,11 @@ def load(path: str | os.PathLike[str]) -> Result:
             t, q, p, energy, end["success"], end["status"], end["message"], record, columns=columns, _derivatives=derivatives,
             _velocities=velocities,
         )
-    except (KeyError, ValueError, TypeError, EOFError) as error:
+    except (KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
         raise InputError(f"path: {os.fspath(path)} holds no result of fvi: {error}", "path", os.fspath(path)) from None
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Extremal:
     """The solution of a two-point problem on its grid.
 

@@ -14,7 +14,7 @@ from typing import Any, NoReturn, Unpack, cast
 import numpy as np
 
 from fvi import _fvi
-from fvi._types import Precision, ScenarioKeys
+from fvi._types import FloatArray, Precision, ScenarioKeys
 from fvi._errors import InputError, StepError
 from fvi._result import Arrays, Continuation, Result, ending, of_arrays
 from fvi._scenario import Files, Scenario, by_path, source
@@ -288,9 +288,14 @@ def check_progress(progress: Any) -> Progress | None:
 def finish(result: Result, raised: BaseException | None, check: bool) -> Result:
     """Returns the result, or raises the error with which the run ended."""
     if raised is not None:
-        raise_with(raised, result)
+        raise_with(raised, replace(result, message=raised_in(raised, result.t)))
     _judge(result, check, result)
     return result
+
+
+def raised_in(raised: BaseException, t: FloatArray) -> str:
+    """The message of a result that an exception in a function has ended."""
+    return f"{type(raised).__name__} in a function ended the run after t = {t[-1]:g}" if len(t) else f"{type(raised).__name__} in a function"
 
 
 def result_of(arrays: Arrays, end: str, record: str | _fvi.Record, mass: Any = None) -> Result:

@@ -155,6 +155,7 @@ class Runs:
         sequence of two matplotlib axes
             With their `figure`, and its `savefig`.
         """
+        self._check_made("plot")
         chosen = self._coordinates[0] if coordinate is None else _arrays.whole("coordinate", coordinate)
         if chosen not in self._coordinates:
             allowed = f"a coordinate of the runs: {', '.join(map(str, self._coordinates))}"
@@ -170,9 +171,15 @@ class Runs:
         below.set_xlabel(labelled("time t", units.get("time", "")))
         return Picture(axes)
 
+    def _check_made(self, asked: str) -> None:
+        """Refuses runs of which none has rows."""
+        if self.q.shape[1] == 0:
+            raise InputError(f"{asked}: none of the runs was made; their `errors` say why", asked, "0")
+
     def to_xarray(self) -> Any:
         """The runs as an xarray Dataset with dimensions ``run``, ``row`` or ``t``, and ``coordinate``, with names, and units where the
         model names them."""
+        self._check_made("to_xarray")
         along = "t" if self.t.ndim == 1 else "row"
         labels, units = self._appearance
         names = labels or [f"q{coordinate}" for coordinate in self._coordinates]

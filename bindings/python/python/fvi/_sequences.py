@@ -12,11 +12,12 @@ from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
 from fvi._types import Derivative, Engine, FloatArray, Real, Whole
-from fvi._errors import InputError
+from fvi._errors import InputError, suggesting
 from fvi._kernel import Kernel
 from fvi._keyed import exponent_or_kernel, keys_of
 
 
+@suggesting
 def derivative(
     x: ArrayLike,
     order: float | Kernel,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fvi import _arrays
-from fvi._errors import InputError
+from fvi._errors import InputError, suggesting
 from fvi._scenario import Described, ready, source
 from fvi._terms import (
     Damping,
@@ -57,6 +57,7 @@ class System(Described):
 
     __slots__ = ("_arguments", "_size")
 
+    @suggesting
     def __init__(
         self,
         *,
@@ -96,7 +97,9 @@ class System(Described):
             elements=tuple(_arrays.several("elements", elements, (Element, Mapping), "a fvi.Element")),
             parameters=None if parameters is None else dict(parameters),
         )
-        self._arguments = {name: value for name, value in given.items() if value is not None and not _is_empty(value)}
+        self._arguments = {
+            name: _arrays.copied(value) for name, value in given.items() if value is not None and not _is_empty(value)
+        }
         if self._size is not None:
             # What is wrong is told here and not by the first call.
             damping_of(terms, self._size)

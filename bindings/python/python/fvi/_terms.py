@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi import _arrays
-from fvi._errors import InputError
+from fvi._errors import InputError, suggesting_class
 from fvi._keyed import keys_of
 from fvi._native import Native, native
 from fvi._scenario import SEVERAL, Files, symmetric
@@ -21,6 +21,7 @@ from fvi._types import Action, Derivative, Direction, Real
 Function = Callable[..., Any]
 
 
+@suggesting_class
 @dataclass(frozen=True)
 class Potential:
     """A potential U(q) given by functions of an array of N positions.
@@ -59,6 +60,7 @@ class Potential:
     pattern: Any = None
 
 
+@suggesting_class
 @dataclass(frozen=True)
 class Force:
     """A force F(t, q, v) given by functions of the time and arrays of N positions and N velocities.
@@ -89,6 +91,7 @@ class Force:
     velocity_jacobian: Function | None = None
 
 
+@suggesting_class
 @dataclass(frozen=True)
 class Damping:
     """A damping term ρ D^β q, or ρ K(D) q.
@@ -122,6 +125,7 @@ class Damping:
     along: str | Sequence[str] | None = None
 
 
+@suggesting_class
 @dataclass(frozen=True)
 class Load:
     """A force f a(t): a pattern over the coordinates times an amplitude over time.
@@ -138,6 +142,7 @@ class Load:
     amplitude: Any
 
 
+@suggesting_class
 @dataclass(frozen=True)
 class Element:
     """A potential of a few coordinates that is repeated for many sets of coordinates.
@@ -157,6 +162,7 @@ class Element:
     along: str | Sequence[str] | None = None
 
 
+@suggesting_class
 @dataclass(frozen=True)
 class Event:
     """A zero crossing of a function of the motion.

@@ -159,7 +159,7 @@ impl<'a> Search<'a> {
         let starts = acting.iter().filter_map(|acting| acting.transfer.cut());
         let cut = starts.map(|cut| libm::log(cut.start)).fold(f64::INFINITY, min_or_nan) - 1e-6;
         let is_simple = acting.iter().all(|acting| is_known(acting.transfer));
-        let taken_out = poles_with_multiplicity(&acting, part.size());
+        let taken_out = poles_with_multiplicity(&acting, part);
         let branches = branches_of(part, &acting);
         let [lowest, highest] = reach(part, &acting, &taken_out, &branches);
         let strip = strip(lowest, highest, cut, &branches);
@@ -485,7 +485,8 @@ fn reach(
 /// ```
 ///
 /// of its Laurent coefficients A_j.
-fn poles_with_multiplicity(acting: &[Acting<'_>], size: usize) -> Vec<(Complex<f64>, f64)> {
+fn poles_with_multiplicity(acting: &[Acting<'_>], part: &Part) -> Vec<(Complex<f64>, f64)> {
+    let size = part.size();
     let mut poles: Vec<(Complex<f64>, Vec<ComplexMatrix>)> = Vec::new();
     for Acting { rho, fractions, .. } in acting {
         for pole in fractions.iter().flat_map(|fractions| &fractions.poles) {
@@ -505,11 +506,19 @@ fn poles_with_multiplicity(acting: &[Acting<'_>], size: usize) -> Vec<(Complex<f
     }
     let counted = |(place, matrices): (Complex<f64>, Vec<ComplexMatrix>)| {
         let order = matrices.len();
-        // In units of the pole, so that the coefficients of all orders are alike.
+        // In units of the pole, so that the coefficients of all orders are alike, and of what moves each
+        // coordinate there, so that those in other units are.
         let unit = place.norm();
+        let stiff = |k: usize| {
+            let inertia = part.mass.as_ref().map_or(1.0, |mass| mass[(k, k)].abs()) * unit * unit;
+            let damping = matrices.first().map_or(0.0, |matrix| matrix[(k, k)].norm() / unit);
+            let size = (inertia + part.stiffness[(k, k)].abs() + damping).sqrt();
+            if size > 0.0 { size } else { 1.0 }
+        };
+        let sizes: Vec<f64> = (0..size).map(stiff).collect();
         let hankel = DMatrix::from_fn(order * size, order * size, |row, column| {
             let index = row / size + column / size;
-            let scale = libm::pow(unit, -(index as f64));
+            let scale = libm::pow(unit, -(index as f64)) / sizes[row % size] / sizes[column % size];
             matrices.get(index).map_or(Complex::ZERO, |matrix| matrix[(row % size, column % size)] * scale)
         });
         (place, rank(hankel) as f64)
