@@ -622,8 +622,15 @@ pub(crate) fn watched(function: Py<PyAny>, slot: ErrorSlot) -> SharedFunction {
             let array = |numbers: &[f64]| PyArray1::from_slice(py, numbers);
             let returned = function.bind(py).call1((time, array(position), array(momentum)))?;
             if is_truth(&returned) {
-                let message = "events.when has returned a truth value; a number is needed, which crosses zero".to_owned();
-                return Err(Failure::Input { key: "events.when".to_owned(), value: returned.to_string(), message }.into());
+                let message =
+                    "events.when has returned a truth value; a number is needed, which crosses zero"
+                        .to_owned();
+                return Err(Failure::Input {
+                    key: "events.when".to_owned(),
+                    value: returned.to_string(),
+                    message,
+                }
+                .into());
             }
             numbers("events.when", &returned, 1, &mut answer)
         });

@@ -88,6 +88,11 @@ impl Portion<'_> {
     /// Adds the rows that `[output]` selects to those of each load case, or of the one motion without them,
     /// with velocities where the written momenta do not tell them.
     pub fn keep(&mut self, motions: &mut [Rows]) {
+        // An event at a grid point ends a run after the row of that point.
+        let now = self.run.state().time;
+        if self.batch.is_empty() && motions.iter().any(|rows| rows.time.last() == Some(&now)) {
+            return;
+        }
         if velocities_need_all_momenta(self.run.scenario) {
             self.keep_velocities(motions);
         }

@@ -236,7 +236,11 @@ fn symbols_with_complex_poles_are_filters() {
         ("1/(s^2 + 0.4*s + 4)^2", "", 2, "horizon"),
         ("1/(s^2 + 0.4*s + 4)^2", "--horizon 3000 --tolerance 1e-6", 0, ""),
         (notch, "--band 0.1 1 --tolerance 1e-2", 2, "a band is for kernels without complex poles"),
-        ("(s^2 + 4)/(s^2 - 0.4*s + 4)", "", 2, "horizon"),
+        ("(s^2 + 4)/(s^2 - 0.4*s + 4)", "", 2, "analytic for Re s > 0"),
+        // What fades: a double pole, a fractional lead–lag, a filter behind a delay.
+        ("1/(s + 1)^2", "--tolerance 1e-9", 0, ""),
+        ("((1 + s)/(1 + 0.1*s))^0.5", "--tolerance 1e-7", 0, ""),
+        ("exp(-0.1*s)/(s + 1)", "--tolerance 1e-7", 0, ""),
         ("1/(s^2 + 0.4*s + 4)", "", 0, ""),
     ] {
         let (found, _, message) = of(symbol, more);
