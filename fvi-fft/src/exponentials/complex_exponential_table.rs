@@ -156,7 +156,7 @@ fn faded(
             |from: usize, to: usize| exact[from..to].iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
         let (all, before, last) = (size(0, count), size(count / 8, count / 4), size(count / 2, count));
         // Rounding errors of what has faded long before do not fall.
-        let allowed = (1e-16 * all).max(before / STEEP);
+        let allowed = (1e-13 * all).max(before / STEEP);
         if last <= allowed && last <= tolerance * all / STEEP {
             return Ok(exact);
         }
