@@ -276,7 +276,7 @@ mod tests {
         let root = (ratio * ratio - 4.0).sqrt();
         let lambda =
             [(ratio + root) * 0.5, (ratio - root) * 0.5].into_iter().find(|l| l.norm() < 1.0).unwrap();
-        for k in [0, 1, 50, 150] {
+        for k in [0, 1, 50] {
             let error = (x[k + 1] / x[k] - lambda).norm() / lambda.norm();
             assert!(error < 1e-12, "{k}: {error:.1e}");
         }

@@ -69,9 +69,10 @@ pub struct Miss {
 /// how far it is from them: each weight up to lag `horizon` is within `tolerance` max |w_n|, all of them
 /// together within `tolerance` Σ |w_n|.
 ///
-/// It is for kernels without a cut that begins at s = 0: rational and other meromorphic K, delays, powers like
-/// ((1 + s)/(1 + s/10))^½. The weights of others fall off like powers, which takes many exponentials. Without
-/// end are tables of rational kernels with simple poles, and of those whose weights fade within 2¹⁵ lags.
+/// It is for kernels without a cut that begins at s = 0: rational and other meromorphic K, delays, powers
+/// like ((1 + s)/(1 + s/10))^½. The weights of others fall off like powers, which takes many exponentials.
+/// Without end are tables of rational kernels with simple poles, and of those whose weights fade within 2¹⁵
+/// lags.
 ///
 /// # Errors
 /// If a parameter is out of range, there are no such weights, or no table reaches the tolerance.

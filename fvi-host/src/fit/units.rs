@@ -49,8 +49,8 @@ pub(super) fn is_stress(unit: &str) -> bool {
 /// What a unit of a motion by a force is that of: 0 of displacements, "m/N", 1 of velocities, "(m/s)/N",
 /// "m/(N s)", 2 of accelerations, "m/s^2/N", "g/N"; `None` of other units.
 pub(super) fn motion_by_force(unit: &str) -> Option<u8> {
-    let unit = plain(unit);
-    let mut words = unit.split(|sign: char| !sign.is_alphabetic()).filter(|word| !word.is_empty());
+    let (mut words, unit) =
+        (unit.split(|sign: char| !sign.is_alphabetic()).filter(|word| !word.is_empty()), plain(unit));
     let first = words.next()?;
     let is_angle = ["rad", "deg"].contains(&first);
     let is_length =

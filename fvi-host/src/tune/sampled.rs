@@ -89,6 +89,9 @@ struct Aliases<F> {
     function: F,
 }
 
+/// Number of octaves over which the terms are followed.
+const OCTAVES: i32 = 24;
+
 /// Nodes and weights of Gauss's rule of 4 points on [−1, 1], the positive nodes.
 const NODES: [(f64, f64); 2] = [
     (0.339_981_043_584_856_26, 0.652_145_154_862_546_1),
@@ -130,7 +133,7 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
         if falls_fast && !turns {
             return Some(Rest::FallsFast);
         }
-        if !(is_smooth_at(first)? && is_smooth_at(1.5 * first)?) {
+        if !(is_smooth_at(first)? && is_smooth_at(1.5 * first)? && self.is_smooth_beyond(first)?) {
             return Some(Rest::Turns);
         }
         if !turns {
@@ -141,6 +144,22 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
         Some(Rest::Summed(above + below))
     }
 
+    /// True if the smooth part of a term turns by little from octave to octave, as powers of k do; a second dead
+    /// time turns it by any angle in one of them.
+    fn is_smooth_beyond(&self, first: f64) -> Option<bool> {
+        const LITTLE: f64 = 0.3;
+        let mut before = self.smooth(first)?;
+        for octave in 1..=OCTAVES {
+            let next = self.smooth(libm::round(first * libm::exp2(f64::from(octave))))?;
+            let turn = next / before;
+            if next.norm() > 0.0 && libm::atan2(turn.im, turn.re).abs() > LITTLE {
+                return Some(false);
+            }
+            before = next;
+        }
+        Some(true)
+    }
+
     /// The sum of the pairs from `first` on of a plant that falls more slowly than 1/s, whose dead time is a
     /// whole number of samples.
     ///
@@ -149,7 +168,6 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
     /// after a step of the input; the controller reads the one before, so that the step arrives a sample
     /// later.
     fn slow_rest(&self, first: f64) -> Option<Complex<f64>> {
-        const OCTAVES: i32 = 24;
         let pair = |k: f64| Some(self.smooth(k)? + self.smooth(-k - 1.0)?);
         let mut rest = pair(first)? * 0.5 - (pair(first + 0.5)? - pair(first - 0.5)?) / 12.0;
         for octave in 0..OCTAVES {

@@ -491,7 +491,7 @@ fn forces_that_jump_are_warned_of_and_dampers_that_vanish_with_the_velocity_are_
     let warned = |force: &str| {
         let text = format!(
             "[system]\nmass = [1.0]\npotential = \"q0^2\"\nforce = [\"{force}\"]\n[initial]\nposition = [1.0]\n\
-             momentum = [0.0]\n[scheme]\nkind = \"galerkin\"\ndegree = 2\n[time]\nstep = 0.01\nend = 1.0\n"
+             momentum = [0.5]\n[scheme]\nkind = \"galerkin\"\ndegree = 2\n[time]\nstep = 0.01\nend = 1.0\n"
         );
         read(&text).unwrap().warnings().concat()
     };

@@ -511,7 +511,7 @@ fn poles_with_multiplicity(acting: &[Acting<'_>], part: &Part) -> Vec<(Complex<f
         let unit = place.norm();
         let stiff = |k: usize| {
             let inertia = part.mass.as_ref().map_or(1.0, |mass| mass[(k, k)].abs()) * unit * unit;
-            let damping = matrices.first().map_or(0.0, |matrix| matrix[(k, k)].norm() / unit);
+            let damping: f64 = matrices.iter().take(1).map(|matrix| matrix[(k, k)].norm() / unit).sum();
             let size = (inertia + part.stiffness[(k, k)].abs() + damping).sqrt();
             if size > 0.0 { size } else { 1.0 }
         };
