@@ -141,8 +141,8 @@ pub fn complex_exponentials(
     }
 }
 
-/// The weights up to a lag behind which they are nothing: they fall by 1/STEEP within a factor of two of the lag,
-/// to less than 1/STEEP of the tolerance, as exponentials do and powers of a lag do not.
+/// The weights up to a lag behind which they are nothing: they fall by 1/STEEP within a factor of two of the
+/// lag, to less than 1/STEEP of the tolerance, as exponentials do and powers of a lag do not.
 fn faded(
     transfer: &TransferFunction,
     rule: MultistepRule,

@@ -144,13 +144,13 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
         Some(Rest::Summed(above + below))
     }
 
-    /// True if the smooth part of a term turns by little from octave to octave, as powers of k do; a second dead
-    /// time turns it by any angle in one of them.
+    /// True if the smooth part of a term turns by little from octave to octave, as far as it is known: by half
+    /// a radian at most around each pole or zero. A second dead time turns it by any angle in one of them.
     fn is_smooth_beyond(&self, first: f64) -> Option<bool> {
-        const LITTLE: f64 = 0.3;
+        const LITTLE: f64 = 1.5;
         let mut before = self.smooth(first)?;
         for octave in 1..=OCTAVES {
-            let next = self.smooth(libm::round(first * libm::exp2(f64::from(octave))))?;
+            let Some(next) = self.smooth(first * libm::exp2(f64::from(octave))) else { break };
             let turn = next / before;
             if next.norm() > 0.0 && libm::atan2(turn.im, turn.re).abs() > LITTLE {
                 return Some(false);
