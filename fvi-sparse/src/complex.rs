@@ -216,8 +216,8 @@ impl ComplexFactored<'_> {
     }
 }
 
-/// Writes b − A x and returns its largest entry over |A| |x| + |b|, row by row. What has fallen below the range
-/// of numbers along a chain, or has lost its digits there, is no error.
+/// Writes b − A x and returns its largest entry over |A| |x| + |b|, row by row. What has fallen below the
+/// range of numbers along a chain, or has lost its digits there, is no error.
 fn backward_error(
     pattern: &Pattern,
     values: &[Complex<f64>],
