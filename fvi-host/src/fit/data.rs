@@ -709,7 +709,8 @@ fn closed(
     Ok(Domain::Closed { over, answer, position })
 }
 
-/// The sentence about a column whose unit is that of another kind of quantity; `None` if it is not, or unknown.
+/// The sentence about a column whose unit is that of another kind of quantity; `None` if it is not, or
+/// unknown.
 fn of_another_kind(column: &Column, domain: &Domain) -> Option<String> {
     let unit = column.unit.as_deref()?;
     let kind = column.what.kind(domain);

@@ -487,53 +487,59 @@ fn reach(
 /// of its Laurent coefficients A_j.
 fn poles_with_multiplicity(acting: &[Acting<'_>], part: &Part) -> Vec<(Complex<f64>, f64)> {
     let size = part.size();
-    let mut poles: Vec<(Complex<f64>, Vec<ComplexMatrix>)> = Vec::new();
+    let mut poles: Vec<(Complex<f64>, Vec<ComplexMatrix>, DMatrix<f64>)> = Vec::new();
     for Acting { rho, fractions, .. } in acting {
         for pole in fractions.iter().flat_map(|fractions| &fractions.poles) {
             let index =
-                poles.iter().position(|(place, _)| is_same(*place, pole.place)).unwrap_or_else(|| {
-                    poles.push((pole.place, Vec::new()));
+                poles.iter().position(|(place, ..)| is_same(*place, pole.place)).unwrap_or_else(|| {
+                    poles.push((pole.place, Vec::new(), DMatrix::zeros(size, size)));
                     poles.len() - 1
                 });
-            let matrices = &mut poles[index].1;
+            let (place, matrices, terms) = &mut poles[index];
             while matrices.len() < pole.coefficients.len() {
                 matrices.push(DMatrix::zeros(size, size));
             }
-            for (matrix, coefficient) in matrices.iter_mut().zip(&pole.coefficients) {
+            for (order, (matrix, coefficient)) in matrices.iter_mut().zip(&pole.coefficients).enumerate() {
                 *matrix += rho.map(|entry| *coefficient * entry);
+                let sizes = rho.map(|entry| (*coefficient * entry).norm());
+                *terms += sizes * libm::pow(place.norm(), -(order as f64));
             }
         }
     }
-    let counted = |(place, matrices): (Complex<f64>, Vec<ComplexMatrix>)| {
+    let counted = |(place, matrices, terms): (Complex<f64>, Vec<ComplexMatrix>, DMatrix<f64>)| {
         let order = matrices.len();
         // In units of the pole, so that the coefficients of all orders are alike, and of what moves each
         // coordinate there, so that those in other units are.
         let unit = place.norm();
         let stiff = |k: usize| {
             let inertia = part.mass.as_ref().map_or(1.0, |mass| mass[(k, k)].abs()) * unit * unit;
-            let damping: f64 = matrices.iter().take(1).map(|matrix| matrix[(k, k)].norm() / unit).sum();
-            let size = (inertia + part.stiffness[(k, k)].abs() + damping).sqrt();
+            let size = (inertia + part.stiffness[(k, k)].abs() + terms[(k, k)] / unit).sqrt();
             if size > 0.0 { size } else { 1.0 }
         };
         let sizes: Vec<f64> = (0..size).map(stiff).collect();
+        let scale = |row: usize, column: usize| 1.0 / (sizes[row] * sizes[column]);
         let hankel = DMatrix::from_fn(order * size, order * size, |row, column| {
             let index = row / size + column / size;
-            let scale = libm::pow(unit, -(index as f64)) / sizes[row % size] / sizes[column % size];
+            let scale = libm::pow(unit, -(index as f64)) * scale(row % size, column % size);
             matrices.get(index).map_or(Complex::ZERO, |matrix| matrix[(row % size, column % size)] * scale)
         });
-        (place, rank(hankel) as f64)
+        // Terms that cancel, as those of an entry off the diagonal do on it, leave their rounding errors.
+        let largest =
+            DMatrix::from_fn(size, size, |row, column| terms[(row, column)] * scale(row, column)).amax();
+        (place, rank(hankel, 64.0 * f64::EPSILON * largest) as f64)
     };
     poles.into_iter().map(counted).filter(|(_, multiplicity)| *multiplicity > 0.0).collect()
 }
 
-/// The rank of a matrix, by elimination with the largest pivots.
-fn rank(mut matrix: ComplexMatrix) -> usize {
+/// The rank of a matrix whose entries have errors up to `error`, by elimination with the largest pivots.
+fn rank(mut matrix: ComplexMatrix, error: f64) -> usize {
     let size = matrix.nrows();
     let largest = matrix.iter().map(|entry| entry.norm()).fold(0.0, max_or_nan);
     for step in 0..size {
         let places = (step..size).flat_map(|row| (step..size).map(move |column| (row, column)));
         let pivot = places.max_by(|&a, &b| matrix[a].norm_sqr().total_cmp(&matrix[b].norm_sqr()));
-        let Some((row, column)) = pivot.filter(|&place| matrix[place].norm() > 1e-12 * largest) else {
+        let Some((row, column)) = pivot.filter(|&place| matrix[place].norm() > error.max(1e-12 * largest))
+        else {
             return step;
         };
         matrix.swap_rows(step, row);
