@@ -144,8 +144,9 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
         Some(Rest::Summed(above + below))
     }
 
-    /// True if the smooth part of a term turns by little from octave to octave, as far as it is known: by half
-    /// a radian at most around each pole or zero. A second dead time turns it by any angle in one of them.
+    /// True if the smooth part of a term turns by little from octave to octave, as far as it is known: by
+    /// half a radian at most around each pole or zero. A second dead time turns it by any angle in one of
+    /// them.
     fn is_smooth_beyond(&self, first: f64) -> Option<bool> {
         const LITTLE: f64 = 1.5;
         let mut before = self.smooth(first)?;
@@ -278,8 +279,8 @@ mod tests {
     use fvi_core::{DerivativeFilter, PidGains};
 
     /// G(z) of (a s + 1)/(s + 1) e^{−Ls} behind a hold, from its step response a e^{−t} + 1 − e^{−t}: with
-    /// L = (n + λ)h the first value that is seen is that a time (1 − λ)h behind the jump; for λ = 0 it is the one
-    /// of the next sample.
+    /// L = (n + λ)h the first value that is seen is that a time (1 − λ)h behind the jump; for λ = 0 it is the
+    /// one of the next sample.
     fn lead(a: f64, s: Complex<f64>, sample: f64, dead_time: f64) -> Complex<f64> {
         let whole = libm::floor(dead_time / sample * (1.0 + 1e-12));
         let fraction = (dead_time / sample - whole).max(0.0);

@@ -651,6 +651,37 @@ mod tests {
         assert!(found.iter().all(|s| (s + 1.0).norm() < 1e-6), "{found:?}");
     }
 
+    /// v vᵀ s/(s² + 0.8 s + 1.5) with v = (1, w), the entry off the diagonal by sums and differences of the
+    /// coordinates, whose terms cancel on it: one pole pair of the kernel, whatever the unit of the second one is.
+    #[test]
+    fn a_pole_of_rank_one_is_counted_once_in_any_units() {
+        for w in [1.0, 1e3, 1e5, 1e7] {
+            let scale = dmatrix![1.0, 0.0; 0.0, 1.0 / (w * 8.0_f64.sqrt())];
+            let scaled = |matrix: DMatrix<f64>| &scale * matrix * &scale;
+            let part = Part {
+                mass: None,
+                resistance: None,
+                stiffness: dmatrix![4.0, 0.0; 0.0, 3.0],
+                damping: vec![
+                    scaled(dmatrix![1.0, 0.0; 0.0, 0.0]),
+                    scaled(dmatrix![0.5, 0.5; 0.5, 0.5]),
+                    scaled(dmatrix![0.5, -0.5; -0.5, 0.5]),
+                    scaled(dmatrix![0.0, 0.0; 0.0, 1.0]),
+                ],
+            };
+            let of = |factor: f64| symbol(&format!("{factor:e}*s/(s^2 + 0.8*s + 1.5)"));
+            let transfers = [of(1.0), of(w), of(-w), of(w * w)];
+            let found = places(&part, &transfers);
+            assert_eq!(found.len(), 3, "{w}: {found:?}");
+            for s in found {
+                let kernel = s / (s * s + s * 0.8 + 1.5);
+                let determinant =
+                    (s * s + 4.0) * (s * s + 3.0) + kernel * (s * s + 3.0 + (s * s + 4.0) / 8.0);
+                assert!(determinant.norm() < 1e-8, "{w}, {s}: {determinant}");
+            }
+        }
+    }
+
     #[test]
     fn coupled_coordinates_have_as_many_poles() {
         let part = Part {
