@@ -652,7 +652,8 @@ mod tests {
     }
 
     /// v vᵀ s/(s² + 0.8 s + 1.5) with v = (1, w), the entry off the diagonal by sums and differences of the
-    /// coordinates, whose terms cancel on it: one pole pair of the kernel, whatever the unit of the second one is.
+    /// coordinates, whose terms cancel on it: one pole pair of the kernel, whatever the unit of the second
+    /// coordinate is.
     #[test]
     fn a_pole_of_rank_one_is_counted_once_in_any_units() {
         for w in [1.0, 1e3, 1e5, 1e7] {
