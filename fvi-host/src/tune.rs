@@ -54,7 +54,7 @@ use fvi_simulation::simulation::closed_loop::{
 };
 use grid::{SampledPlant, is_rising};
 use largest_gain::by_sensitivity;
-use margins::{follow, margins};
+use margins::{Loop, follow, margins};
 use measured::Measured;
 use nalgebra::Complex;
 use sampled::{band, sampled_loop};
@@ -477,6 +477,19 @@ fn sampled_margins(
     Ok(found)
 }
 
+/// Margins with what |S| and |T| tend to beyond the points: 1 for |L| → 0 as ω → ∞, and for |L| → ∞ as
+/// ω → 0.
+fn with_ends(mut found: Margins, range: &Range, open: &Loop<'_>) -> Margins {
+    let size = |omega: f64| open(omega).map(|value| value.norm());
+    if found.ms < 1.0 && size(1e3 * range.to).is_some_and(|size| size < 1e-2) {
+        (found.ms_at, found.ms) = (range.to, 1.0);
+    }
+    if found.mt < 1.0 && size(1e-3 * range.from).is_some_and(|size| size > 1e2) {
+        (found.mt_at, found.mt) = (range.from, 1.0);
+    }
+    found
+}
+
 fn evaluate_design(
     problem: &TuningProblem,
     law: Law,
@@ -490,7 +503,7 @@ fn evaluate_design(
     check(plant, &law, about).map_err(unstable)?;
     let open = |omega: f64| Some(open_loop(plant, &law, Complex::new(0.0, omega))?.value);
     let points = follow(&open, range.from, range.to, plant.dead_time()).map_err(unstable)?;
-    let found = margins(&points, &open);
+    let found = with_ends(margins(&points, &open), &range, &open);
     if stop.load(Ordering::Relaxed) {
         return Err(TuneError::Stopped);
     }

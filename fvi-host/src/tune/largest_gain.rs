@@ -4,6 +4,7 @@ use super::grid::{SampledPlant, SampledPoint};
 use super::law::Law;
 use super::margins::summit;
 use super::problem::{Structure, Terms};
+use super::search::SLACK;
 use fvi_core::PidGains;
 use nalgebra::Complex;
 
@@ -55,7 +56,8 @@ pub(super) fn by_sensitivity(
         best = refined;
     }
     let ratio = search.ratio(best.0);
-    Ok(search.law(ratio, search.gain(ratio)))
+    let gain = search.gain(ratio);
+    Ok(search.law(ratio, search.kept(ratio, gain).unwrap_or(gain)))
 }
 
 struct Gains<'a> {
@@ -93,6 +95,27 @@ impl Gains<'_> {
         let ratio = self.ratio(x);
         let gain = self.gain(ratio);
         if self.structure.terms == Terms::Pi { ratio * gain } else { gain }
+    }
+
+    /// The largest gain up to this one that keeps the bounds between the points of the grid, too, where a
+    /// sharp maximum of |S| may lie; `None` if none near it does.
+    fn kept(&self, ratio: f64, gain: f64) -> Option<f64> {
+        const PARTS: [f64; 6] = [1.0, 0.999, 0.99, 0.97, 0.9, 0.8];
+        let keeps = |part: &f64| {
+            let law = self.law(ratio, part * gain);
+            let found = self.sampled.margins(&law);
+            found.ms <= self.ms + SLACK
+                && self.mt.is_none_or(|mt| found.mt <= mt + SLACK)
+                && self.sampled.is_stable(&law)
+        };
+        let place = PARTS.iter().position(keeps)?;
+        let mut low = PARTS[place];
+        let Some(mut high) = place.checked_sub(1).map(|above| PARTS[above]) else { return Some(gain) };
+        for _ in 0..30 {
+            let middle = 0.5 * (low + high);
+            *(if keeps(&middle) { &mut low } else { &mut high }) = middle;
+        }
+        Some(low * gain)
     }
 
     /// The largest allowed K_p of a stable loop; 0 if there is none.

@@ -1,6 +1,7 @@
 //! Gains and orders that meet a specification.
 
 use super::grid::{SampledPlant, SampledPoint};
+use super::in_words;
 use super::law::{Law, filter, power};
 use super::margins::{
     Loop, Margins, complementary, complementary_at_any_phase, largest, largest_by_parabolas, sensitivity,
@@ -35,7 +36,7 @@ const TURN: f64 = 0.5;
 const MOST_TURNS: f64 = 2000.0;
 
 /// Violation of a bound, in its own unit, up to which it counts as met.
-const SLACK: f64 = 1e-6;
+pub(super) const SLACK: f64 = 1e-6;
 
 /// Values beyond which a bounded quantity is not compared.
 const MOST: f64 = 1e6;
@@ -638,13 +639,13 @@ impl<'a> Search<'a> {
             // Between the points of the grid, where the search had only guessed.
             return Ok(law);
         }
-        let [kp, ki, kd] = law.three();
+        let what = match missed.is_empty() {
+            true => "has motions that grow".to_owned(),
+            false => format!("misses: {missed}"),
+        };
         Err(format!(
-            "no law with this crossover and phase margin meets all bounds; of those tried the nearest one (kp = {kp:.5}, ki = {ki:.5}, lambda \
-             = {:.4}, kd = {kd:.5}, mu = {:.4}) misses: {}{}",
-            law.lambda,
-            law.mu,
-            missed,
+            "no law with this crossover and phase margin meets all bounds; of those tried the nearest one ({}) {what}{}",
+            in_words(&law),
             self.of_defaults()
         ))
     }
