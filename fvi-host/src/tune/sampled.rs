@@ -232,7 +232,8 @@ fn turning_rest(smooth: impl Fn(f64) -> Option<Complex<f64>>, turn: f64, first: 
         }
         for order in 1..=PARTS {
             for j in (order..=PARTS).rev() {
-                differences[j] = differences[j] - differences[j - 1];
+                let before = differences[j - 1];
+                differences[j] -= before;
             }
         }
         let z = turned(-turn);
