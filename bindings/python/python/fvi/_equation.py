@@ -178,7 +178,7 @@ def solve_fde(
         raise InputError(f"jac = {jac!r}: a function is needed", "jac", repr(jac))
     if terms is not None and (isinstance(terms, (str, bytes)) or not isinstance(terms, (Sequence, np.ndarray))):
         raise InputError(f"terms = {terms!r}: a list of terms is needed", "terms", repr(terms))
-    if np.ndim(order if order is not None else 0.0) > 1:
+    if np.ndim(order if order is not None else 0.0) > 1 or isinstance(order, (str, bytes)):
         raise InputError(f"order = {order!r}: a number, or one for each unknown, is needed", "order", repr(order))
     equation: dict[str, Any] = {"derivative": derivative}
     if (order is None) == (terms is None):
@@ -447,7 +447,7 @@ def _events(given: Any, begin: float, args: tuple[Any, ...], count: int) -> tupl
         if isinstance(event, Event):
             event = {"when": event.when, "direction": event.direction, "action": event.action}
         elif callable(event):
-            sign = float(getattr(event, "direction", 0.0))
+            sign = _arrays.real(f"events[{index}].direction", getattr(event, "direction", 0.0))
             direction = "rising" if sign > 0 else "falling" if sign < 0 else "both"
             terminal = getattr(event, "terminal", False)
             if terminal not in (False, True):

@@ -96,6 +96,8 @@ class Runs:
         return (self[index] for index in range(len(self)))
 
     def __getitem__(self, index: int) -> Result:
+        if not hasattr(index, "__index__"):
+            raise TypeError(f"runs[{index!r}]: the number of a run is needed; several are `[runs[k] for k in …]`")
         place = range(len(self))[index]
         if self.status[place] == -2:
             raise self.errors[place]
