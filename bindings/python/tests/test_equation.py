@@ -226,3 +226,23 @@ def test_roots_of_sizes_and_growing_perturbations_as_in_scenarios():
     with pytest.warns(match="grown"):
         r = fvi.solve_fde("gamma(2.5)*t + 5*(x0 - 1 - t^1.5)", 0.5, 0.6, [1.0], 1e-9)
     assert len(r.warnings) == 1
+
+
+def test_times_are_those_of_the_caller() -> None:
+    def right(t: float, x: np.ndarray) -> np.ndarray:
+        return -x
+
+    for event in (lambda t, x: t - 1.5, fvi.Event(lambda t, x: t - 1.5), fvi.Event("t - 1.5")):
+        found = fvi.solve_fde(right, 0.6, (1.0, 3.0), [1.0], events=event).t_events
+        assert found[0] == pytest.approx([1.5])
+    ends = fvi.solve_fde(lambda t, x: x**2, 1.0, (10.0, 14.0), [1.0])
+    assert not ends.success and "t = 11" in ends.message
+    with pytest.raises(fvi.InputError, match=r"t_eval\[0\] = 0.5.*1 ≤ t ≤ 2"):
+        fvi.solve_fde(right, 0.5, (1.0, 2.0), [1.0], t_eval=[0.5, 1.5])
+    late = fvi.solve_fde(right, 0.3, (1.7, 4.7), [1.0], rtol=1e-10)
+    assert late.t[0] == 1.7 and late.x[0, 0] == 1.0 and np.all(np.diff(late.t) > 0.0)
+
+
+def test_a_jacobian_that_is_no_number_is_refused() -> None:
+    with pytest.raises(fvi.InputError, match="jac"):
+        fvi.solve_fde(lambda t, x: [-x[0] ** 3, x[0] - x[1]], 0.5, 1.0, [1.0, 2.0], jac=lambda t, x: np.full((2, 2), np.nan))

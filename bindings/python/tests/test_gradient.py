@@ -161,3 +161,37 @@ def test_cotangents_have_the_shape_of_the_result():
     recording = fvi.Model(**MODEL).record(["k"])
     with pytest.raises(fvi.InputError, match=r"q: shape \(3, 2\)"):
         recording.gradient(np.zeros((3, 2)))
+
+
+def test_an_entry_off_the_diagonal_stands_with_its_mirror_image() -> None:
+    def model(entry: float = -1.0) -> fvi.Model:
+        stiffness = [[3.0, entry], [entry, 2.0]]
+        return fvi.Model(mass=[1.0, 1.0], stiffness=stiffness, position=[1.0, 0.0], step=0.05, steps=60)
+
+    def value(result: fvi.Result) -> float:
+        return float((result.q[:, 1] ** 2).sum())
+
+    change = 1e-5
+    slope = (value(model(-1.0 + change).integrate()) - value(model(-1.0 - change).integrate())) / (2.0 * change)
+    one, other = "stiffness[0][1]", "stiffness[1][0]"
+
+    def by(names: dict[str, float] | list[str]) -> fvi.Gradient:
+        return model().gradient(names, lambda r: 2.0 * r.q * [0.0, 1.0])
+
+    assert by([one])[one] == pytest.approx(slope, rel=1e-6)
+    # Each of both has half of what they have together.
+    both = by({one: -1.0, other: -1.0})
+    assert both[one] == both[other] and both[one] + both[other] == pytest.approx(slope, rel=1e-6)
+    changed = model(-1.1).integrate().q
+    np.testing.assert_array_equal(model().run({one: -1.1}).q, changed)
+    runs = model().batch({one: [-1.1, -1.0]})
+    np.testing.assert_array_equal(runs[0].q, changed)
+    assert list(runs.parameters) == [one]
+    np.testing.assert_array_equal(by({one: -1.1}).result.q, changed)
+
+
+@pytest.mark.parametrize("returned", [None, (None, None)])
+def test_a_function_without_a_value_has_no_gradient(returned: object) -> None:
+    model = fvi.Model(mass=[1.0], stiffness=[1.0], position=[1.0], step=0.1, steps=5)
+    with pytest.raises(fvi.InputError, match="returned None"):
+        model.gradient(["mass[0]"], lambda r: returned)

@@ -354,3 +354,58 @@ def test_events_are_found_and_end_runs():
         with pytest.raises(fvi.InputError) as caught:
             fvi.integrate(step=0.1, end=1.0, events=events, **common)
         assert caught.value.key == key, caught.value
+
+
+@pytest.mark.parametrize("step", [0.1, 0.125, 0.01])
+def test_an_event_at_a_grid_point_adds_no_second_row(step: float) -> None:
+    r = fvi.integrate(
+        mass=[1.0], stiffness=[1.0], position=[0.0], velocity=[1.0], step=step, end=2.0, events=fvi.Event("t - 1", action="stop")
+    )
+    assert r.t[-1] == 1.0 and np.all(np.diff(r.t) > 0.0)
+    assert abs(r(1.0)[0] - np.sin(1.0)) < step**2 and np.all(np.abs(r.a + r.q) < 0.1 * step)
+
+
+def test_accelerations_beside_an_event_inside_of_a_step() -> None:
+    keys = dict(mass=[1.0], stiffness=[1.0], position=[0.0], velocity=[1.0], step=0.01, steps=200)
+    r = fvi.integrate(**keys, events=fvi.Event("q0 - 0.2", action="stop"))
+    assert np.abs(r.a + r.q).max() < 1e-5
+    # Velocities inside of steps are of a lower order.
+    between = fvi.integrate(**keys, times=[0.123, 0.456, 0.789])
+    with pytest.raises(fvi.InputError, match="grid points"):
+        between.a
+
+
+def test_what_a_function_raises_is_the_message() -> None:
+    def gradient(q: np.ndarray) -> np.ndarray:
+        if q[0] < 0.9:
+            raise ArithmeticError("mine")
+        return q
+
+    with pytest.raises(ArithmeticError, match="mine") as caught:
+        fvi.integrate(mass=[1.0], position=[1.0], step=0.05, steps=40, potential=fvi.Potential(lambda q: 0.5 * q[0] ** 2, gradient))
+    assert "ArithmeticError in a function" in caught.value.result.message
+
+
+def test_derivatives_that_are_no_numbers_are_named() -> None:
+    keys = dict(mass=[1.0], position=[1.0], step=0.05, steps=4)
+    with pytest.raises(fvi.InputError, match="hessian") as caught:
+        fvi.integrate(**keys, potential=fvi.Potential(lambda q: q[0] ** 2, lambda q: 2.0 * q, lambda q: [[np.nan]]))
+    assert caught.value.key == "potential.hessian"
+    with pytest.raises(fvi.InputError, match="force.jacobian"):
+        fvi.integrate(**keys, force=fvi.Force(lambda t, q: -q, lambda t, q: [[np.nan]]))
+
+
+def test_events_that_return_truth_values_are_refused() -> None:
+    with pytest.raises(fvi.InputError, match="truth value"):
+        fvi.integrate(mass=[1.0], stiffness=[1.0], position=[1.0], step=0.1, steps=20, events=fvi.Event(lambda t, q: q[0] > 0.5))
+
+
+def test_misspelt_arguments_are_told_by_what_was_meant() -> None:
+    for call, meant in [
+        (lambda: fvi.solve_fde(["-x0"], 0.5, 1.0, [1.0], rtoll=1e-6), "rtol"),
+        (lambda: fvi.System(mass=[1.0], stifness=[1.0]), "stiffness"),
+        (lambda: fvi.Damping(ordr=0.5, coefficient=[1.0]), "order"),
+        (lambda: fvi.Event("q0", directon="rising"), "direction"),
+    ]:
+        with pytest.raises(TypeError, match=f"did you mean {meant}"):
+            call()  # type: ignore[no-untyped-call]

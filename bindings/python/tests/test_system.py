@@ -120,3 +120,16 @@ def test_what_the_system_has_is_not_given_again():
     assert refused.value.key == "stiffness"
     with pytest.raises(fvi.InputError, match="fvi.System is needed"):
         fvi.integrate([1.0], position=[1.0], step=0.1, steps=1)
+
+
+def test_a_system_and_a_model_keep_their_numbers() -> None:
+    stiffness, rho, start = np.array([[3.0, -1.0], [-1.0, 2.0]]), np.array([0.1, 0.1]), np.array([1.0, 0.5])
+    system = fvi.System(mass=[1.0, 2.0], stiffness=stiffness, damping=fvi.Damping(0.5, rho))
+    model = fvi.Model(system, position=start, step=0.1, steps=20)
+    before = model.integrate().q
+    stiffness *= 2.0
+    rho[:] = 7.0
+    start[:] = 0.2
+    np.testing.assert_array_equal(fvi.integrate(system, position=[1.0, 0.5], step=0.1, steps=20).q, before)
+    for after in (model.integrate().q, model.run().q, model.gradient(["position"], lambda r: r.q).result.q):
+        np.testing.assert_array_equal(after, before)

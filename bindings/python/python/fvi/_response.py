@@ -332,6 +332,8 @@ def response(
         # Only the response of the scheme depends on the steps.
         if omega is None:
             raise InputError("omega: needed for a system without steps", "omega", "None")
+        if np.size(omega) == 0:
+            raise InputError("omega: one frequency is needed at least", "omega", "[]")
         keys = {**keys, "step": np.pi / max(np.max(omega), np.finfo(float).tiny), "steps": 1}
     scenario, changed = scenario_of(scenario, keys)
     _, given = source_of(scenario, by_path(overrides, changed, response))
