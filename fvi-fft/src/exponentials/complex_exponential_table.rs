@@ -26,7 +26,7 @@ use crate::quadrature::multistep_weights::multistep_weights;
 use crate::rational::{Values, real_rows};
 use crate::transfer::TransferFunction;
 use crate::transfer::multistep_rule::MultistepRule;
-use fvi_core::{ParameterError, max_or_nan};
+use fvi_core::{ParameterError, max_or_nan, min_or_nan};
 use nalgebra::{Complex, DMatrix, DVector};
 use std::f64::consts::PI;
 
@@ -169,7 +169,7 @@ fn faded(
 
 /// The table of a rational kernel with simple poles by backward differentiation: its own exponentials,
 /// without those that are nothing after the head. `None` for other kernels, and where rounding is more than
-/// the tolerance.
+/// the tolerance and there is an end.
 ///
 /// The first weights are compared with exact ones. What has been left out falls off, and a pair that is
 /// rounded is wrong by at most ε n |c ρⁿ| at lag n, so that the rest is bounded by sums of these.
@@ -189,6 +189,7 @@ fn closed(
     let largest = exact.iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
     let whole: f64 = exact.iter().map(|weight| weight.abs()).sum();
     let mut best: Option<(usize, ComplexExponentials, Miss)> = None;
+    let mut reached = f64::INFINITY;
     for length in HEADS.into_iter().filter(|&length| length >= all.first && length <= horizon) {
         // The sums over all lags behind the head, and behind the compared ones, least first.
         let mut parts: Vec<_> = all.pairs.iter().map(|pair| (behind(*pair, length), *pair)).collect();
@@ -217,11 +218,16 @@ fn closed(
             Miss { largest: compared.largest + bound / largest, sum: compared.sum + bound / whole }
         };
         let is_within = miss.largest <= tolerance && miss.sum <= tolerance;
+        reached = min_or_nan(reached, max_or_nan(miss.largest, miss.sum));
         if is_within && best.as_ref().is_none_or(|(least, ..)| cost < *least) {
             best = Some((cost, table, miss));
         }
     }
-    Ok(best.map(|(_, table, miss)| (table, miss)))
+    match best {
+        // There is no other table without end.
+        None if horizon == ENDLESS => Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }),
+        best => Ok(best.map(|(_, table, miss)| (table, miss))),
+    }
 }
 
 /// What the exponentials of a table sum to behind its horizon, at most.

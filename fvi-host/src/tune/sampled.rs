@@ -74,7 +74,8 @@ fn aliases(
 /// What the terms from a certain one on are together.
 enum Rest {
     Summed(Complex<f64>),
-    /// Terms that fall like 1/k² or faster, without a fraction of a sample as dead time.
+    /// Terms that fall like 1/k² or faster, without a fraction of a sample as dead time, or turned in another
+    /// way.
     FallsFast,
     /// Terms that turn in another way than by the dead time.
     Turns,
@@ -88,9 +89,6 @@ struct Aliases<F> {
     delay: f64,
     function: F,
 }
-
-/// Number of octaves over which the terms are followed.
-const OCTAVES: i32 = 24;
 
 /// Nodes and weights of Gauss's rule of 4 points on [−1, 1], the positive nodes.
 const NODES: [(f64, f64); 2] = [
@@ -120,6 +118,15 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
         Some(self.term(distance)? * turned(2.0 * PI * (turns - libm::round(turns))))
     }
 
+    /// Octaves beyond `first` over which the terms are followed: as far as rounding leaves the dead time's turn
+    /// its digits.
+    fn octaves(&self, first: f64) -> i32 {
+        const MOST: i32 = 24;
+        const ROUNDED: f64 = 0.05;
+        let rounding = 2.0 * PI * f64::EPSILON * (1.0 + self.delay) * first;
+        (1..MOST).find(|&octave| rounding * libm::exp2(f64::from(octave)) > ROUNDED).unwrap_or(MOST)
+    }
+
     /// The sum of the pairs from `first` on.
     fn rest(&self, first: f64) -> Option<Rest> {
         let is_smooth_at = |k: f64| -> Option<bool> {
@@ -129,12 +136,12 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
         let falls_fast = self.term(2.0 * first)?.norm() <= 0.27 * self.term(first)?.norm();
         // Of all dead time, what is not a whole number of samples.
         let turn = 2.0 * PI * (self.delay - libm::round(self.delay));
-        let turns = turn.abs() > 1e-9;
+        let turns = turn.abs() > 1e-9 + 8.0 * PI * f64::EPSILON * self.delay;
         if falls_fast && !turns {
             return Some(Rest::FallsFast);
         }
         if !(is_smooth_at(first)? && is_smooth_at(1.5 * first)? && self.is_smooth_beyond(first)?) {
-            return Some(Rest::Turns);
+            return Some(if falls_fast { Rest::FallsFast } else { Rest::Turns });
         }
         if !turns {
             return self.slow_rest(first).map(Rest::Summed);
@@ -150,7 +157,7 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
     fn is_smooth_beyond(&self, first: f64) -> Option<bool> {
         const LITTLE: f64 = 1.5;
         let mut before = self.smooth(first)?;
-        for octave in 1..=OCTAVES {
+        for octave in 1..=self.octaves(first) {
             let Some(next) = self.smooth(first * libm::exp2(f64::from(octave))) else { break };
             let turn = next / before;
             if next.norm() > 0.0 && libm::atan2(turn.im, turn.re).abs() > LITTLE {
@@ -171,11 +178,12 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
     fn slow_rest(&self, first: f64) -> Option<Complex<f64>> {
         let pair = |k: f64| Some(self.smooth(k)? + self.smooth(-k - 1.0)?);
         let mut rest = pair(first)? * 0.5 - (pair(first + 0.5)? - pair(first - 0.5)?) / 12.0;
-        for octave in 0..OCTAVES {
+        let octaves = self.octaves(first);
+        for octave in 0..octaves {
             let begin = first * libm::exp2(f64::from(octave));
             rest += over_panel(pair, begin, 2.0 * begin)?;
         }
-        let last = first * libm::exp2(f64::from(OCTAVES));
+        let last = first * libm::exp2(f64::from(octaves));
         let (before, end) = (pair(0.5 * last)?, pair(last)?);
         if end.norm() > 0.0 {
             let ratio = before / end;
