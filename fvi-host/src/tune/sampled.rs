@@ -118,8 +118,8 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
         Some(self.term(distance)? * turned(2.0 * PI * (turns - libm::round(turns))))
     }
 
-    /// Octaves beyond `first` over which the terms are followed: as far as rounding leaves the dead time's turn
-    /// its digits.
+    /// Octaves beyond `first` over which the terms are followed: as far as rounding leaves the dead time's
+    /// turn its digits.
     fn octaves(&self, first: f64) -> i32 {
         const MOST: i32 = 24;
         const ROUNDED: f64 = 0.05;
