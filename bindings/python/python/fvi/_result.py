@@ -245,18 +245,17 @@ class Result:
         """Accelerations dv/dt, shape (K, N): the slopes of polynomials through the velocities of five neighbouring rows.
 
         In addition to the error of the run they have one of order (distance of rows)⁴ where the motion is smooth; it is larger next
-        to t = 0 and to jumps of forces. NaN where `v` is. On equal steps the polynomials go through grid points: inside of a step,
-        where an event has ended the run, velocities are of a lower order.
+        to t = 0 and to jumps of forces. NaN where `v` is. Inside of steps, as with `times`, velocities are of a lower order: that of
+        a row at which an event has ended the run is none of the five.
 
         Raises
         ------
         InputError
-            As for `v`; and if there are less than two rows, or, on equal steps, less than two at grid points, as with `times`.
+            As for `v`; if there is one row only; and for `times` inside of steps of the midpoint rule, whose velocities say too little.
         """
-        v, at = self.v, np.flatnonzero(self._at_grid_points())
+        v, at = self.v, np.flatnonzero(self._with_velocities())
         if len(at) < 2:
-            where = "" if len(self.t) < 2 else " at grid points, inside of whose steps velocities are of a lower order"
-            raise InputError(f"a: two rows are needed at least{where}", "a", str(len(at)))
+            raise InputError("a: two rows are needed at least", "a", str(len(at)))
         width = min(5, len(at))
         first = np.clip(np.searchsorted(at, np.arange(len(self.t))) - width // 2, 0, len(at) - width)
         window = at[first[:, None] + np.arange(width)]
@@ -272,14 +271,22 @@ class Result:
             value = value * apart + parts[:, order]
         return np.asarray(slope)
 
-    def _at_grid_points(self) -> Any:
-        """Which rows are grid points; all of them on steps that differ."""
+    def _with_velocities(self) -> Any:
+        """Which rows have velocities from which accelerations follow."""
         scenario = self.summary.get("scenario", {})
-        time = scenario.get("time", {})
+        time, chosen = scenario.get("time", {}), np.ones(len(self.t), dtype=bool)
         if time.get("grid") is not None or not isinstance(step := time.get("step"), (int, float)):
-            return np.ones(len(self.t), dtype=bool)
-        steps = (self.t - float(time.get("start") or 0.0)) / step
-        return np.abs(steps - np.round(steps)) <= 1e-9 * np.maximum(1.0, np.abs(steps))
+            return chosen
+        steps = self.t / step
+        inside = np.abs(steps - np.round(steps)) > 1e-9 * np.maximum(1.0, np.abs(steps))
+        if scenario.get("output", {}).get("times"):
+            scheme = scenario.get("scheme", {})
+            if inside.any() and (scheme.get("kind", "midpoint") == "midpoint" or scheme.get("degree") == 1):
+                message = "a: between grid points the midpoint rule has velocities of order 1: choose rows at grid points, or another scheme"
+                raise InputError(message, "a", "times")
+            return chosen
+        chosen[-1] = not inside[-1]
+        return chosen
 
     def _mass_matrix(self) -> Any:
         """The mass: its diagonal, a full or a sparse matrix; None where there is a kinetic energy in words."""
