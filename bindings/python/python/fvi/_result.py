@@ -281,7 +281,7 @@ class Result:
         inside = np.abs(steps - np.round(steps)) > 1e-9 * np.maximum(1.0, np.abs(steps))
         if scenario.get("output", {}).get("times"):
             scheme = scenario.get("scheme", {})
-            if inside.any() and (scheme.get("kind", "midpoint") == "midpoint" or scheme.get("degree") == 1):
+            if inside.any() and (scheme.get("kind") == "low-order" or scheme.get("degree") == 1):
                 message = "a: between grid points the midpoint rule has velocities of order 1: choose rows at grid points, or another scheme"
                 raise InputError(message, "a", "times")
             return chosen
