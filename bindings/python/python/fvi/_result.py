@@ -217,7 +217,8 @@ class Result:
     def v(self) -> FloatArray:
         """Velocities M⁻¹p, shape (K, N); NaN at coordinates without mass, whose velocity does not follow from the momentum.
 
-        With a `kinetic` energy in words they are those with ∂L/∂v(q, v) = p, on the constraints.
+        With a `kinetic` energy in words they are those with ∂L/∂v(q, v) = p, on the constraints. At rows inside of steps, as with
+        `times`, they have the order of the scheme's polynomial, 1 for the midpoint rule.
 
         Where the mass couples the `coordinates` of a result with others, the run has kept them.
 
