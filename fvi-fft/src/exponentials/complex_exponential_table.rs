@@ -86,19 +86,28 @@ pub fn complex_exponentials(
 ) -> Result<(ComplexExponentials, Miss), ExponentialKernelError> {
     check_range(horizon as u64, tolerance)?;
     let rule = rule.into();
-    if let Some(made) = closed(transfer, rule, on_increments, step_size, horizon, tolerance)? {
+    /// Error of exponentials in closed form up to which only rounding is in the way of a smaller one.
+    const OF_ROUNDING: f64 = 1e-8;
+    let (made, mut reached) = closed(transfer, rule, on_increments, step_size, horizon, tolerance)?;
+    if let Some(made) = made {
         return Ok(made);
     }
     let asked = horizon;
     let exact = match asked {
-        ENDLESS => faded(transfer, rule, on_increments, step_size, tolerance)?,
+        ENDLESS => {
+            faded(transfer, rule, on_increments, step_size, tolerance).map_err(|error| match reached {
+                reached if reached <= OF_ROUNDING => {
+                    ExponentialKernelError::ToleranceMissed { tolerance, reached }
+                }
+                _ => error,
+            })?
+        }
         _ => multistep_weights(transfer, rule, step_size, on_increments, horizon + 1)?,
     };
     let horizon = exact.len() - 1;
     let largest = exact.iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
     let radius = libm::exp(1.0 / horizon as f64);
     let mut best: Option<(usize, ComplexExponentials, Miss)> = None;
-    let mut reached = f64::INFINITY;
     for length in HEADS.into_iter().take_while(|&length| length <= horizon) {
         if best.as_ref().is_some_and(|(least, ..)| *least <= length) {
             break;
@@ -168,8 +177,8 @@ fn faded(
 }
 
 /// The table of a rational kernel with simple poles by backward differentiation: its own exponentials,
-/// without those that are nothing after the head. `None` for other kernels, and where rounding is more than
-/// the tolerance and there is an end.
+/// without those that are nothing after the head; and the smallest error of one. `None` for other kernels,
+/// and where rounding is more than the tolerance.
 ///
 /// The first weights are compared with exact ones. What has been left out falls off, and a pair that is
 /// rounded is wrong by at most ε n |c ρⁿ| at lag n, so that the rest is bounded by sums of these.
@@ -180,10 +189,11 @@ fn closed(
     step_size: f64,
     horizon: usize,
     tolerance: f64,
-) -> Result<Option<(ComplexExponentials, Miss)>, ExponentialKernelError> {
-    let MultistepRule::Bdf(order) = rule else { return Ok(None) };
-    let Some(fractions) = transfer.fractions() else { return Ok(None) };
-    let Some(all) = ClosedPairs::of(&fractions, order, on_increments, step_size) else { return Ok(None) };
+) -> Result<(Option<(ComplexExponentials, Miss)>, f64), ExponentialKernelError> {
+    let none = Ok((None, f64::INFINITY));
+    let MultistepRule::Bdf(order) = rule else { return none };
+    let Some(fractions) = transfer.fractions() else { return none };
+    let Some(all) = ClosedPairs::of(&fractions, order, on_increments, step_size) else { return none };
     let count = horizon.saturating_add(1).min(COMPARED);
     let exact = multistep_weights(transfer, rule, step_size, on_increments, count)?;
     let largest = exact.iter().map(|weight| weight.abs()).fold(0.0, max_or_nan);
@@ -223,11 +233,7 @@ fn closed(
             best = Some((cost, table, miss));
         }
     }
-    match best {
-        // There is no other table without end.
-        None if horizon == ENDLESS => Err(ExponentialKernelError::ToleranceMissed { tolerance, reached }),
-        best => Ok(best.map(|(_, table, miss)| (table, miss))),
-    }
+    Ok((best.map(|(_, table, miss)| (table, miss)), reached))
 }
 
 /// What the exponentials of a table sum to behind its horizon, at most.
