@@ -65,7 +65,6 @@ fn aliases(
         Rest::Summed(rest) => whole + rest,
         // The truncation error is inversely proportional to the number of bands.
         Rest::FallsFast => whole * 2.0 - half,
-        Rest::Turns if (whole - half).norm() < 1e-3 * whole.norm() => whole,
         Rest::Turns => return None,
     };
     Some(fallen(s * sample) / sample * whole)
