@@ -140,7 +140,12 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
             return Some(Rest::FallsFast);
         }
         if !(is_smooth_at(first)? && is_smooth_at(1.5 * first)? && self.is_smooth_beyond(first)?) {
-            return Some(if falls_fast { Rest::FallsFast } else { Rest::Turns });
+            return match (falls_fast, self.delay) {
+                (true, _) => Some(Rest::FallsFast),
+                (false, 0.0) => Some(Rest::Turns),
+                // The dead time is one within the plant, of which nothing is left at high frequencies.
+                _ => Aliases { s: self.s, band: self.band, delay: 0.0, function: &self.function }.rest(first),
+            };
         }
         if !turns {
             return self.slow_rest(first).map(Rest::Summed);
