@@ -144,7 +144,10 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
                 (true, _) => Some(Rest::FallsFast),
                 (false, 0.0) => Some(Rest::Turns),
                 // The dead time is one within the plant, of which nothing is left at high frequencies.
-                _ => Aliases { s: self.s, band: self.band, delay: 0.0, function: &self.function }.rest(first),
+                _ => {
+                    let function: &dyn Fn(Complex<f64>) -> Option<Complex<f64>> = &self.function;
+                    Aliases { s: self.s, band: self.band, delay: 0.0, function }.rest(first)
+                }
             };
         }
         if !turns {
