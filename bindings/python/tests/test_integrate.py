@@ -407,7 +407,7 @@ def test_misspelt_arguments_are_told_by_what_was_meant() -> None:
         (lambda: fvi.solve_fde(["-x0"], 0.5, 1.0, [1.0], rtoll=1e-6), "rtol"),
         (lambda: fvi.System(mass=[1.0], stifness=[1.0]), "stiffness"),
         (lambda: fvi.Damping(ordr=0.5, coefficient=[1.0]), "order"),
-        (lambda: fvi.Event("q0", directon="rising"), "direction"),
+        (lambda: fvi.Event("q0", directions="rising"), "direction"),
     ]:
         with pytest.raises(TypeError, match=f"did you mean {meant}"):
             call()  # type: ignore[no-untyped-call]
