@@ -158,19 +158,21 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
         Some(Rest::Summed(above + below))
     }
 
-    /// True if the smooth part of a term turns by little from octave to octave, as far as it is known: by
-    /// half a radian at most around each pole or zero. A second dead time turns it by any angle in one of
-    /// them.
+    /// True if the smooth part of a term falls from octave to octave as it did in the one before, as far as it
+    /// is known: around each pole or zero its fall changes slowly. A second dead time changes it by anything.
     fn is_smooth_beyond(&self, first: f64) -> Option<bool> {
-        const LITTLE: f64 = 1.5;
-        let mut before = self.smooth(first)?;
+        const CHANGE: f64 = 0.7;
+        let (mut before, mut fall) = (self.smooth(first)?, None::<Complex<f64>>);
         for octave in 1..=self.octaves(first) {
             let Some(next) = self.smooth(first * libm::exp2(f64::from(octave))) else { break };
-            let turn = next / before;
-            if next.norm() > 0.0 && libm::atan2(turn.im, turn.re).abs() > LITTLE {
+            if next.norm() == 0.0 {
+                break;
+            }
+            let fallen = next / before;
+            if fall.is_some_and(|fall| (fallen / fall - 1.0).norm() > CHANGE) {
                 return Some(false);
             }
-            before = next;
+            (before, fall) = (next, Some(fallen));
         }
         Some(true)
     }
