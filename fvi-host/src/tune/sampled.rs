@@ -158,8 +158,9 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
         Some(Rest::Summed(above + below))
     }
 
-    /// True if the smooth part of a term falls from octave to octave as it did in the one before, as far as it
-    /// is known: around each pole or zero its fall changes slowly. A second dead time changes it by anything.
+    /// True if the smooth part of a term falls from octave to octave as it did in the one before, as far as
+    /// it is known: around each pole or zero its fall changes slowly. A second dead time changes it by
+    /// anything.
     fn is_smooth_beyond(&self, first: f64) -> Option<bool> {
         const CHANGE: f64 = 0.7;
         let (mut before, mut fall) = (self.smooth(first)?, None::<Complex<f64>>);
