@@ -132,7 +132,8 @@ impl<F: Fn(Complex<f64>) -> Option<Complex<f64>>> Aliases<F> {
             let (one, next) = (self.smooth(k)?, self.smooth(k + 1.0)?);
             Some((next - one).norm() <= 8.0 / k * one.norm())
         };
-        let falls_fast = self.term(2.0 * first)?.norm() <= 0.27 * self.term(first)?.norm();
+        // Over octaves, since single terms of two dead times may cancel.
+        let falls_fast = self.term(16.0 * first)?.norm() <= libm::pow(0.27, 4.0) * self.term(first)?.norm();
         // Of all dead time, what is not a whole number of samples.
         let turn = 2.0 * PI * (self.delay - libm::round(self.delay));
         let turns = turn.abs() > 1e-9 + 8.0 * PI * f64::EPSILON * self.delay;
