@@ -401,6 +401,16 @@ impl Record {
                 return Err(cells.fault(cells.header, reason));
             }
         }
+        self.check_units(cells, table, before)
+    }
+
+    /// Refuses units of another kind of quantity, and those that contradict each other.
+    fn check_units(
+        &self,
+        cells: &Cells<'_, '_>,
+        table: &Table<'_>,
+        before: &[Record],
+    ) -> Result<(), InputError> {
         let said_otherwise = |column: &Column| has_entry(table, "units", &column.name);
         let mut unsaid = self.columns.iter().filter(|column| !said_otherwise(column));
         match unsaid
