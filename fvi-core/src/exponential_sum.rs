@@ -442,27 +442,20 @@ where
 
     /// Header of the saved state: the values that must match when it is restored.
     fn shape(&self) -> Shape<4> {
-        let table = self.kernel.table();
-        let kernel = fingerprint(table.head.iter().chain(table.exponentials)) ^ self.kernel.scale().bits();
-        [
-            ("channels", self.kernel.layout().channels() as u64),
-            ("stages", table.stages as u64),
-            (
-                "slow blocks, far ones above, and whether samples jump",
-                table.slow_blocks as u64
-                    | (table.far_blocks as u64) << 32
-                    | u64::from(self.kernel.jumps()) << 63,
-            ),
-            ("fingerprint of the kernel", kernel),
-        ]
+        let kernel = &self.kernel;
+        shape_of(&kernel.table(), kernel.scale(), kernel.layout().channels(), kernel.jumps())
     }
 
-    /// Reads the number of samples in a saved state.
-    fn count(&self, from: &mut StateReader<'_>) -> Result<u64, StateError> {
+    /// Reads the number of samples in a saved state, checks the numbers and reads past them.
+    #[inline(never)]
+    fn checked(&self, from: &mut StateReader<'_>) -> Result<u64, StateError> {
         from.header::<T, 4>(TAG, &self.shape())?;
         let (found, limit) = (from.count()?, self.capacity().min(ENDLESS - 1));
-        let too_large = StateError::TooLarge { what: "samples", limit, found };
-        if found <= limit { Ok(found) } else { Err(too_large) }
+        if found > limit {
+            return Err(StateError::TooLarge { what: "samples", limit, found });
+        }
+        from.skip::<T>(self.changing() + self.saved_signal().len())?;
+        Ok(found)
     }
 
     #[inline(always)]
@@ -502,17 +495,18 @@ where
     #[cold]
     #[inline(never)]
     fn go_back(&mut self) {
-        self.len = self.len.saturating_sub(self.delayed_samples().saturating_mul(self.settling_blocks()));
+        let rings = (self.delayed_samples() as u64).saturating_mul(self.settling_blocks() as u64);
+        self.len = self.len.saturating_sub(rings);
     }
 
     /// Length of the ring of delayed samples, at least 1.
-    fn delayed_samples(&self) -> u64 {
-        self.kernel.layout().head.saturating_sub(2).max(1) as u64
+    fn delayed_samples(&self) -> usize {
+        self.kernel.layout().head.saturating_sub(2).max(1)
     }
 
     /// Number of blocks that settle in turn, at least 1.
-    fn settling_blocks(&self) -> u64 {
-        self.kernel.table().slow_blocks.max(1) as u64
+    fn settling_blocks(&self) -> usize {
+        self.kernel.table().slow_blocks.max(1)
     }
 }
 
@@ -522,6 +516,28 @@ const ENDLESS: u64 = ExponentialTable::<()>::ENDLESS;
 #[cold]
 fn full(capacity: u64) -> MemoryError {
     MemoryError::Full { capacity: saturated(capacity) }
+}
+
+/// Header of the state of a sum with this table; compiled once for all tables of a precision.
+#[inline(never)]
+fn shape_of<T: Real>(table: &ExponentialTable<&[T]>, scale: T, channels: usize, jumps: bool) -> Shape<4> {
+    let blocks = table.slow_blocks as u64 | (table.far_blocks as u64) << 32 | u64::from(jumps) << 63;
+    let kernel = fingerprint(table.head.iter().chain(table.exponentials)) ^ scale.bits();
+    [
+        ("channels", channels as u64),
+        ("stages", table.stages as u64),
+        ("slow blocks, far ones above, and whether samples jump", blocks),
+        ("fingerprint of the kernel", kernel),
+    ]
+}
+
+/// `count` modulo `length`, which is not 0: bit by bit, since a part of 32 bits has no division of 64 and needs
+/// 600 bytes for it.
+fn remainder(count: u64, length: usize) -> usize {
+    (0..u64::BITS).rev().fold(0, |rest, bit| {
+        let twice = 2 * rest + (count >> bit & 1) as usize;
+        if twice < length { twice } else { twice - length }
+    })
 }
 
 /// `count`, or the largest `usize` if it does not fit.
@@ -1141,23 +1157,25 @@ where
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 4>(TAG, &self.shape())?;
         to.count(self.len)?;
-        to.numbers(self.state.as_ref().iter().take(self.changing()).chain(self.saved_signal()))
+        to.slice(self.state.as_ref().get(..self.changing()).unwrap_or_default())?;
+        to.slice(self.saved_signal())
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.count(from)?;
-        from.skip::<T>(self.changing() + self.saved_signal().len())
+        self.checked(from).map(|_| ())
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.check_state(&mut from.clone())?;
-        self.len = self.count(from)?;
+        self.len = self.checked(&mut from.clone())?;
         let changing = self.changing();
-        let signal = self.signal.iter_mut().take(if self.kernel.jumps() { 2 } else { 0 });
-        from.numbers(self.state.as_mut().iter_mut().take(changing).chain(signal))?;
+        from.bytes(header_bytes(5))?;
+        from.fill(self.state.as_mut().get_mut(..changing).unwrap_or_default())?;
+        if self.kernel.jumps() {
+            from.fill(&mut self.signal)?;
+        }
         // Both indices are cyclic and advance by one with every sample.
-        self.oldest = self.len.checked_rem(self.delayed_samples()).map_or(0, saturated);
-        self.settling = self.len.checked_rem(self.settling_blocks()).map_or(0, saturated);
+        self.oldest = remainder(self.len, self.delayed_samples());
+        self.settling = remainder(self.len, self.settling_blocks());
         Ok(())
     }
 }

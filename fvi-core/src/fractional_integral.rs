@@ -268,7 +268,7 @@ impl<T: Real, M: Memory<T>> Stateful for FractionalIntegral<T, M> {
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 1>(TAG, &self.shape())?;
-        to.numbers([&self.sum, &self.rest])?;
+        to.slice(&[self.sum, self.rest])?;
         self.derivative.save(to)
     }
 
@@ -281,9 +281,10 @@ impl<T: Real, M: Memory<T>> Stateful for FractionalIntegral<T, M> {
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
         ahead.header::<T, 1>(TAG, &self.shape())?;
-        let (sum, rest) = (ahead.number()?, ahead.number()?);
+        let mut numbers = [T::zero(); 2];
+        ahead.fill(&mut numbers)?;
         self.derivative.restore(&mut ahead)?;
-        (self.sum, self.rest) = (sum, rest);
+        [self.sum, self.rest] = numbers;
         *from = ahead;
         Ok(())
     }

@@ -419,6 +419,15 @@ impl<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>> FractionalOperator<T, M, S
         [("kind of start", kind), ("bits of the rise", rise.bits()), ("kind of samples", acts_on)]
     }
 
+    /// The part of a saved state before that of the memory.
+    #[inline(never)]
+    fn read_numbers(&self, from: &mut StateReader<'_>) -> Result<[T; 2], StateError> {
+        from.header::<T, 3>(TAG, &self.shape())?;
+        let mut numbers = [T::zero(); 2];
+        from.fill(&mut numbers)?;
+        Ok(numbers)
+    }
+
     /// The memory behind the operator.
     pub fn memory(&self) -> &M {
         &self.memory
@@ -432,22 +441,20 @@ impl<T: Real, M: Memory<T>, S: Copy + Into<Start<T>>> Stateful for FractionalOpe
 
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 3>(TAG, &self.shape())?;
-        to.numbers([&self.reference, &self.rest])?;
+        to.slice(&[self.reference, self.rest])?;
         self.memory.save(to)
     }
 
     fn check_state(&self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.header::<T, 3>(TAG, &self.shape())?;
-        let _: (T, T) = (from.number()?, from.number()?);
+        self.read_numbers(from)?;
         self.memory.check_state(from)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let mut ahead = from.clone();
-        ahead.header::<T, 3>(TAG, &self.shape())?;
-        let (reference, rest) = (ahead.number()?, ahead.number()?);
+        let numbers = self.read_numbers(&mut ahead)?;
         self.memory.restore(&mut ahead)?;
-        (self.reference, self.rest) = (reference, rest);
+        [self.reference, self.rest] = numbers;
         *from = ahead;
         Ok(())
     }

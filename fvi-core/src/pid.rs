@@ -677,6 +677,7 @@ where
     }
 
     /// The part of a saved state before those of the memories.
+    #[inline(never)]
     fn read_state(&self, from: &mut StateReader<'_>) -> Result<PidState<T>, StateError> {
         from.header::<T, 4>(TAG, &self.shape())?;
         let mode = match from.count()? {
@@ -685,12 +686,12 @@ where
             2 => Mode::Transfer,
             found => return Err(StateError::TooLarge { what: "mode", limit: 2, found }),
         };
-        let (output, manual) = (from.number()?, from.number()?);
-        let filtered = CompensatedSum { sum: from.number()?, rest: from.number()? };
-        let integral = from.number()?;
-        let beside = CompensatedSum { sum: from.number()?, rest: from.number()? };
-        let numbers = [from.number()?, from.number()?, from.number()?, from.number()?];
-        let replaced = self.replaced(with_numbers(&self.law.borrow().settings().gains, numbers));
+        let mut numbers = [T::zero(); 11];
+        from.fill(&mut numbers)?;
+        let [output, manual, sum, rest, integral, sum_beside, rest_beside, gains @ ..] = numbers;
+        let filtered = CompensatedSum { sum, rest };
+        let beside = CompensatedSum { sum: sum_beside, rest: rest_beside };
+        let replaced = self.replaced(with_numbers(&self.law.borrow().settings().gains, gains));
         Ok(PidState { mode, output, manual, filtered, replaced, integral, beside })
     }
 }
@@ -718,9 +719,11 @@ where
             Mode::Manual => 1,
             Mode::Transfer => 2,
         })?;
-        to.numbers([&state.output, &state.manual, &state.filtered.sum, &state.filtered.rest])?;
-        to.numbers([&state.integral, &state.beside.sum, &state.beside.rest])?;
-        to.numbers(&numbers_of(&self.last_gains()))?;
+        let CompensatedSum { sum, rest } = state.filtered;
+        let beside = state.beside;
+        let signals = [state.output, state.manual, sum, rest, state.integral, beside.sum, beside.rest];
+        to.slice(&signals)?;
+        to.slice(&numbers_of(&self.last_gains()))?;
         self.integral.save(to)?;
         self.derivative.save(to)?;
         self.filter.save(to)

@@ -336,6 +336,12 @@ impl<'a> StateWriter<'a> {
         })
     }
 
+    /// [`numbers`](Self::numbers) of a slice, compiled once for each precision.
+    #[inline(never)]
+    pub(crate) fn slice<T: Real>(&mut self, numbers: &[T]) -> Result<(), StateError> {
+        self.numbers(numbers)
+    }
+
     #[inline]
     fn word<const B: usize>(&mut self, word: [u8; B]) -> Result<(), StateError> {
         if self.rest.len() < B {
@@ -357,8 +363,19 @@ impl<'a> StateWriter<'a> {
         tag: [u8; 4],
         shape: &Shape<E>,
     ) -> Result<(), StateError> {
-        self.bytes(&tag)?;
-        self.bytes(&[T::BYTES as u8])?;
+        self.header_of(tag, T::BYTES as u8, shape)
+    }
+
+    /// Compiled once, whatever the numbers and the shape.
+    #[inline(never)]
+    fn header_of(
+        &mut self,
+        tag: [u8; 4],
+        bytes_of_number: u8,
+        shape: &[(&'static str, u64)],
+    ) -> Result<(), StateError> {
+        let [a, b, c, d] = tag;
+        self.bytes(&[a, b, c, d, bytes_of_number])?;
         shape.iter().try_for_each(|&(_, value)| self.count(value))
     }
 }
@@ -448,10 +465,17 @@ impl<'a> StateReader<'a> {
         })
     }
 
+    /// [`numbers`](Self::numbers) to a slice, compiled once for each precision.
+    #[inline(never)]
+    pub(crate) fn fill<T: Real>(&mut self, places: &mut [T]) -> Result<(), StateError> {
+        self.numbers(places)
+    }
+
     /// Skips numbers after checking that they are complete and finite.
     ///
     /// # Errors
     /// [`StateError::Truncated`], or [`StateError::NotFinite`].
+    #[inline(never)]
     pub fn skip<T: Real>(&mut self, numbers: usize) -> Result<(), StateError> {
         let skipped = self.bytes(numbers.saturating_mul(T::BYTES))?;
         // All without leaving at the first: no branch for each number.
@@ -472,13 +496,23 @@ impl<'a> StateReader<'a> {
         tag: [u8; 4],
         shape: &Shape<E>,
     ) -> Result<(), StateError> {
-        let mut found = [0; 4];
-        found.iter_mut().zip(self.bytes(4)?).for_each(|(place, &byte)| *place = byte);
+        self.header_of(tag, T::BYTES as u8, shape)
+    }
+
+    /// Compiled once, whatever the numbers and the shape.
+    #[inline(never)]
+    fn header_of(
+        &mut self,
+        tag: [u8; 4],
+        bytes_of_number: u8,
+        shape: &[(&'static str, u64)],
+    ) -> Result<(), StateError> {
+        let found = self.word()?;
         if found != tag {
             return Err(StateError::Kind { expected: tag, found });
         }
-        let size = self.bytes(1)?.first().copied().unwrap_or(0);
-        same("bytes of a number", T::BYTES as u64, size.into())?;
+        let [size] = self.word()?;
+        same("bytes of a number", bytes_of_number.into(), size.into())?;
         shape.iter().try_for_each(|&(what, expected)| same(what, expected, self.count()?))
     }
 }
