@@ -408,6 +408,15 @@ def test_misspelt_arguments_are_told_by_what_was_meant() -> None:
         (lambda: fvi.System(mass=[1.0], stifness=[1.0]), "stiffness"),
         (lambda: fvi.Damping(ordr=0.5, coefficient=[1.0]), "order"),
         (lambda: fvi.Event("q0", directions="rising"), "direction"),
+        (lambda: fvi.Memory(exponent=0.5, step=0.1, channel=2), "channels"),
+        (lambda: fvi.Operator(exponnt=0.5, step=0.1), "exponent"),
+        (lambda: fvi.Convolver([1.0], latncy=0), "latency"),
+        (lambda: fvi.FractionalPid(sample=0.1, kpp=2.0), "kp"),
+        (lambda: fvi.weights(exponent=0.5, step=0.1, cont=3), "count"),
+        (lambda: fvi.exponentials(exponent=0.5, stepp=0.1), "step"),
+        (lambda: fvi.sweep({}, job=2), "jobs"),
+        (lambda: fvi.tune({}, override={}), "overrides"),
+        (lambda: fvi.extremal({}, override={}), "overrides"),
     ]:
         with pytest.raises(TypeError, match=f"did you mean {meant}"):
             call()  # type: ignore[no-untyped-call]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvi import _arrays, _fvi
-from fvi._errors import InputError
+from fvi._errors import InputError, suggesting_class
 
 
 def _made_again(kind: Any, arguments: dict[str, Any], coming: Any, state: bytes) -> Any:
@@ -23,6 +23,7 @@ def _typed(name: str, given: ArrayLike, single: bool) -> NDArray[Any]:
     return _arrays.numbers(name, given).astype(np.float32 if single else np.float64)
 
 
+@suggesting_class
 class Convolver(_fvi.Convolver):
     """The convolution of a stream without end with finite responses, block by block, exact to rounding.
 

@@ -73,7 +73,8 @@ def suggesting(function: Callable[P, R]) -> Callable[P, R]:
             if name not in known:
                 near = get_close_matches(name, known, 1)
                 advice = f"; did you mean {near[0]}?" if near else ""
-                raise TypeError(f"{function.__qualname__}() got an unexpected keyword argument {name!r}{advice}")
+                called_by = function.__qualname__.removesuffix(".__init__").removesuffix(".__new__")
+                raise TypeError(f"{called_by}() got an unexpected keyword argument {name!r}{advice}")
         return function(*args, **keywords)
 
     return called
@@ -84,5 +85,8 @@ C = TypeVar("C", bound=type)
 
 def suggesting_class(made: C) -> C:
     """A class whose constructor does."""
-    setattr(made, "__init__", suggesting(getattr(made, "__init__")))
+    if "__new__" in vars(made):
+        setattr(made, "__new__", staticmethod(suggesting(made.__new__)))
+    else:
+        setattr(made, "__init__", suggesting(getattr(made, "__init__")))
     return made

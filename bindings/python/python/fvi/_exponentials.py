@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fvi import _arrays, _fvi
-from fvi._errors import InputError
+from fvi._errors import InputError, suggesting
 from fvi._keyed import exponent_or_kernel
 from fvi._types import FloatArray, Real, Whole
 
@@ -78,6 +78,7 @@ class Exponentials:
         return f"Exponentials(head of {len(self.head)}, {len(self.rates)} exponentials, step={self.step})"
 
 
+@suggesting
 def exponentials(
     *,
     exponent: Real | None = None,

@@ -10,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from fvi._datasets import _module
-from fvi._errors import InputError
+from fvi._errors import InputError, suggesting
 from fvi._kernel import Kernel
 from fvi._types import FloatArray, RadiationKeys
 
@@ -73,6 +73,7 @@ class Hydrodynamics:
         return f"Hydrodynamics({len(self.omega)} frequencies, {len(self.dofs)} degrees of freedom)"
 
 
+@suggesting
 def read_capytaine(source: str | os.PathLike[str] | Any) -> Hydrodynamics:
     """A and B of a NetCDF file of Capytaine, or of its xarray Dataset.
 
@@ -151,6 +152,7 @@ def _of_dataset(source: Any, name: str) -> Hydrodynamics:
     return _sorted(name, omega, added[:, :, order], damping[:, :, order], None, dofs)
 
 
+@suggesting
 def read_bemio(path: str | os.PathLike[str], bodies: Sequence[int] | None = None) -> Hydrodynamics:
     """A and B of an HDF5 file that BEMIO, of WEC-Sim, has written, whose A is divided by ρ and whose B is divided by ρω.
 

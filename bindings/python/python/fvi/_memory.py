@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from fvi import _arrays, _fvi
 from fvi._types import Derivative, Engine, FloatArray, Precision, Real, Whole
-from fvi._errors import InputError
+from fvi._errors import InputError, suggesting_class
 from fvi._keyed import exponent_or_kernel
 
 
@@ -18,6 +18,7 @@ def _made_again(kind: Any, arguments: dict[str, Any], state: bytes) -> Any:
     return made
 
 
+@suggesting_class
 class Memory(_fvi.Memory):
     """A memory: the convolution of a kernel with samples that arrive one by one.
 
@@ -188,6 +189,7 @@ class Memory(_fvi.Memory):
         return f"<fvi.Memory: {self.engine}, {self.channels} channel(s), {len(self)} samples, {self.nbytes} bytes>"
 
 
+@suggesting_class
 class Operator(_fvi.Operator):
     """The fractional operator D^exponent on a stream: takes a sample x_k and returns (D x)_k.
 

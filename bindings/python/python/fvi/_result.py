@@ -580,6 +580,7 @@ def _of_directory(path: str) -> Result:
     return Result(t, q, p, energy, status == 0, status, message, record, warned, columns=columns, _derivatives=derivatives)
 
 
+@suggesting
 def load(path: str | os.PathLike[str]) -> Result:
     """Reads a result that `Result.save` wrote, or the directory of a run of `fvi run` or with `out`; the numbers are restored bit
     by bit.

@@ -152,6 +152,7 @@ def _rise(columns: FloatArray, shape: tuple[int, ...], formula: int, step: float
     return rise
 
 
+@suggesting
 def weights(
     *,
     exponent: Real | None = None,

@@ -9,7 +9,7 @@ from typing import Any, Unpack, cast
 import numpy as np
 
 from fvi import _arrays, _fvi
-from fvi._errors import InputError
+from fvi._errors import InputError, suggesting
 from fvi._result import Convergence, Extremal, Table
 from fvi._run import Progress
 from fvi._scenario import Scenario, by_path, source
@@ -77,6 +77,7 @@ def converge(
     return Convergence(rows)
 
 
+@suggesting
 def compare_engines(
     lengths: Sequence[int] = (1024, 16384),
     *,
@@ -120,6 +121,7 @@ def compare_engines(
     )
 
 
+@suggesting
 def extremal(problem: Scenario, *, overrides: Mapping[str, Any] | None = None) -> Extremal:
     """Solves a two-point fractional Euler–Lagrange problem, as the program `fvi extremal` does.
 

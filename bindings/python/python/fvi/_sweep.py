@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from fvi import _arrays, _fvi
-from fvi._errors import InputError
+from fvi._errors import InputError, suggesting
 from fvi._result import Table
 from fvi._run import Progress, check_progress
 from fvi._scenario import Scenario, source
@@ -19,6 +19,7 @@ from fvi._terms import out_of
 from fvi._types import Precision, Whole
 
 
+@suggesting
 def sweep(
     sweep: Scenario,
     *,

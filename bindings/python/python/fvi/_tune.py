@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fvi import _fvi
 from fvi._datasets import _module, dataset
+from fvi._errors import suggesting
 from fvi._result import Picture, html_table, labelled, new_axes
 from fvi._scenario import Scenario, by_path, source
 from fvi._system import System, scenario_of, source_of
@@ -136,6 +137,7 @@ class Tuning:
         return html_table(("kp", "ki", "λ", "kd", "μ"), gains) + html_table(("margin", "continuous", "sampled"), rows)
 
 
+@suggesting
 def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None) -> Tuning:
     """Tunes gains and orders of a controller for a plant, as the program `fvi tune` does.
 
@@ -171,7 +173,7 @@ def tune(problem: Scenario, *, overrides: Mapping[str, Any] | None = None) -> Tu
     text, controller, (response, steps) = _fvi.tune(source(problem, dict(overrides or {})), plant)
     record = json.loads(text)
     for warning in record["warnings"]:
-        warnings.warn(warning, stacklevel=2)
+        warnings.warn(warning, stacklevel=3)
     curves = np.array(response)
     times = np.array(steps)
 
