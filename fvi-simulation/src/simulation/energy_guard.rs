@@ -435,7 +435,8 @@ impl EnergyGuard {
                 ),
             };
             self.lost = Some(format!(
-                "the energy{with} has {how} from {:.3e} to {all:.3e} at t = {time}, {reason}: the steps seem too long there",
+                "the energy{with} has {how} by {:.2e} from {:.3e} at t = {time}, {reason}: the steps seem too long there",
+                change.abs(),
                 self.first_energy
             ));
         }
