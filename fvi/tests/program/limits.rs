@@ -169,8 +169,11 @@ fn a_run_whose_force_jumps_too_often_is_stopped_within_a_few_steps() {
     assert_eq!(child.wait().unwrap().code(), Some(130));
     if let Ok(summary) = fs::read_to_string(place.path("out/summary.json")) {
         let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
-        assert!(summary["steps"].as_u64().unwrap() < 64, "{summary}");
-        assert!(summary["warnings"].to_string().contains("than are looked for"), "{summary}");
+        let steps = summary["steps"].as_u64().unwrap();
+        assert!(steps < 64, "{summary}");
+        // The signal may come before the first step.
+        let warned = summary["warnings"].to_string().contains("than are looked for");
+        assert_eq!(warned, steps > 0, "{summary}");
     }
 }
 
