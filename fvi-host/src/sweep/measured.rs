@@ -14,7 +14,7 @@ pub(super) struct Measured {
     ranges: Vec<(f64, f64)>,
 }
 
-/// A step index, or a time for adaptive steps.
+/// A step index, or a time for steps of different lengths.
 #[derive(Clone, Copy, Debug)]
 enum Settled {
     Step(usize),
@@ -24,9 +24,10 @@ enum Settled {
 impl Measured {
     /// `settled` is the last share of the run over which amplitudes are taken.
     pub(super) fn new(scenario: &Scenario, settled: f64) -> Self {
-        let settled = match scenario.time.steps_known() {
-            Some(steps) => Settled::Step((((1.0 - settled) * steps as f64) as usize).min(steps)),
-            None => Settled::Time((1.0 - settled) * scenario.time.end()),
+        let time = &scenario.time;
+        let settled = match time.grid {
+            None => Settled::Step((((1.0 - settled) * time.steps as f64) as usize).min(time.steps)),
+            Some(_) => Settled::Time(time.end() - settled * (time.end() - time.time(0))),
         };
         Self { settled, energy_at_start: f64::NAN, ranges: Vec::new() }
     }

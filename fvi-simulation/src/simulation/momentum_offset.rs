@@ -38,7 +38,11 @@ impl<T: Real> MomentumOffset<T> {
             return Self::default();
         }
         let terms = scenario.system.damping.iter().enumerate();
-        let singular = terms.filter(|(_, term)| term.derivative == Derivative::RiemannLiouville);
+        // A spring and a dashpot have no memory of the constant: f is 0, or its derivatives are.
+        let remembers =
+            |kernel: &TransferFunction| kernel.fractions().is_none_or(|parts| !parts.poles.is_empty());
+        let singular = terms
+            .filter(|(_, term)| term.derivative == Derivative::RiemannLiouville && remembers(&term.transfer));
         let terms = singular.map(|(index, term)| (term.transfer.clone(), leave(index)));
         let begin = scenario.time.start - scenario.initial.past_steps() as f64 * scenario.time.step;
         Self { terms: terms.filter(|(_, vector)| vector.iter().any(|&x| x != T::zero())).collect(), begin }
@@ -131,5 +135,27 @@ mod tests {
         let [far, near] =
             [1.0 / 32.0, 1.0 / 64.0].map(|step| errors("riemann-liouville", [1.0, 0.0], step)[0]);
         assert!((far / near).abs().log2() > 6.0, "{far} {near}");
+    }
+
+    #[test]
+    fn a_spring_and_a_dashpot_leave_no_offset() {
+        for (order, exact) in [(0.0, [1f64.cos(), -1f64.sin()]), (1.0, [(-1f64).exp(), -(-1f64).exp()])] {
+            let scenario = json!({
+                "system": { "mass": [1.0], "damping": [{ "order": order, "coefficient": [1.0], "derivative": "riemann-liouville" }] },
+                "initial": { "position": [1.0], "momentum": [0.0] },
+                "scheme": { "kind": "galerkin", "degree": 3 },
+                "convolution": { "family": "bdf", "order": 6 },
+                "time": { "step": 1.0 / 256.0, "end": 1.0 },
+            });
+            let mut motion =
+                Motion::start(&Scenario::from_value(&scenario).unwrap(), Precision::F64).unwrap();
+            while !motion.is_done() {
+                motion.advance_along(usize::MAX).unwrap();
+            }
+            let found = [motion.state().position[0], motion.state().momentum[0]];
+            for (found, exact) in found.into_iter().zip(exact) {
+                assert!((found - exact).abs() < 1e-8, "order {order}: {found} {exact}");
+            }
+        }
     }
 }

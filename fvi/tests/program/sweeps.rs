@@ -277,3 +277,31 @@ fn runs_made_where_no_file_is_seen_come_back_to_the_same_bytes() {
         }
     }
 }
+
+/// The last half of a run is one of its time, whatever the lengths of its steps.
+#[test]
+fn amplitudes_are_taken_over_a_share_of_the_time() {
+    // q = (1 − e^{−2t})/2: from t = 5 to 10 half its range.
+    let half_range = 0.25 * ((-10f64).exp() - (-20f64).exp());
+    for (grid, tolerance) in [
+        ("step = 0.01\nend = 10.0", 1e-6),
+        ("grid = \"graded\"\nend = 10.0\nsteps = 1000\nexponent = 3.0", 0.03),
+        ("grid = \"geometric\"\nend = 10.0\nfirst = 0.001\nratio = 1.02", 0.1),
+        ("grid = \"adaptive\"\nend = 10.0\ntolerance = 1e-8\nmust_hit = [5.0]", 1e-4),
+    ] {
+        let place = Workplace::new();
+        place.write(
+            "scenario.toml",
+            &format!(
+                "system.mass = [1.0]\nsystem.force = [\"-2*v0\"]\ninitial = {{ position = [0.0], velocity = [1.0] }}\n\
+                 scheme = {{ kind = \"collocation\" }}\n[time]\n{grid}\n"
+            ),
+        );
+        let sweep = "scenario = \"scenario.toml\"\n[axes]\n\"initial.velocity[0]\" = [1.0]\n[keep]\nquantities = [\"amplitude\"]\nsettled = 0.5\n";
+        place.write("sweep.toml", sweep);
+        done(&place.fvi(&["sweep", "sweep.toml"]));
+        let table = fs::read_to_string(place.path("out/sweep/results.csv")).unwrap();
+        let found: f64 = table.lines().nth(1).unwrap().split(',').nth(4).unwrap().parse().unwrap();
+        assert!((found / half_range - 1.0).abs() < tolerance, "{grid}: {found} {half_range}");
+    }
+}
