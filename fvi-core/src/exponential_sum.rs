@@ -531,7 +531,7 @@ fn shape_of<T: Real>(table: &ExponentialTable<&[T]>, scale: T, channels: usize, 
     ]
 }
 
-/// `count` modulo `length`, which is not 0: bit by bit, since a part of 32 bits has no division of 64 and needs
+/// `count` modulo `length`, which is not 0: bit by bit, since parts of 32 bits have no division of 64 and need
 /// 600 bytes for it.
 fn remainder(count: u64, length: usize) -> usize {
     (0..u64::BITS).rev().fold(0, |rest, bit| {
@@ -1157,7 +1157,7 @@ where
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 4>(TAG, &self.shape())?;
         to.count(self.len)?;
-        to.slice(self.state.as_ref().get(..self.changing()).unwrap_or_default())?;
+        to.slice(self.state.as_ref().get(..self.changing()).ok_or(StateError::Unsupported)?)?;
         to.slice(self.saved_signal())
     }
 
@@ -1166,10 +1166,12 @@ where
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.len = self.checked(&mut from.clone())?;
+        let len = self.checked(&mut from.clone())?;
         let changing = self.changing();
+        let state = self.state.as_mut().get_mut(..changing).ok_or(StateError::Unsupported)?;
+        self.len = len;
         from.bytes(header_bytes(5))?;
-        from.fill(self.state.as_mut().get_mut(..changing).unwrap_or_default())?;
+        from.fill(state)?;
         if self.kernel.jumps() {
             from.fill(&mut self.signal)?;
         }

@@ -53,4 +53,4 @@ pub use space::{AnyEquations, AnyFactors, AnySpace};
 pub use sparse::{Elimination, Factored, SparseEquations, StagePair};
 pub(crate) use step_shape::StepShape;
 pub use switches::{Side, Switched};
-pub(crate) use unresolved::first_unresolved;
+pub(crate) use unresolved::{first_taken_in_part, first_unresolved};

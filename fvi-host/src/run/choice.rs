@@ -50,17 +50,9 @@ const TOLD_AT_MOST: f64 = 4.0;
 /// Number of times that steps are made shorter after they have been told.
 const ATTEMPTS: usize = 4;
 
-/// Adaptive steps of a motion whose positions stay below it would all be accepted: their tolerance is
-/// relative to positions of the size one.
-const LEAST_POSITION: f64 = 1e-3;
-
-/// Why there are no adaptive steps for a motion with such positions.
-fn too_small(largest: f64) -> String {
-    format!(
-        "positions stay below {largest:.1e}, and the tolerance of adaptive steps is relative to 1: take a smaller unit of length, \
-         or `grid = \"adaptive\"` with `scale` = {largest:.1e}"
-    )
-}
+/// Adaptive steps are relative to positions of the size one at least. A motion that stays below is made again
+/// relative to its own size, up to so many times, since the first run is coarse there.
+const MOST_SCALES: usize = 4;
 
 /// The smallest tolerance of adaptive steps.
 const SMALLEST_OF_STEPS: f64 = 1e-12;
@@ -155,7 +147,7 @@ pub fn choose(
         for told in told {
             let found = match told.fineness {
                 Fineness::Steps(_) => search.confirm_steps(told)?,
-                Fineness::Tolerance(_) => search.confirm_tolerance(told)?,
+                Fineness::Tolerance { .. } => search.confirm_tolerance(told)?,
             };
             if let Some(chosen) = found {
                 return Ok(chosen);
@@ -443,33 +435,39 @@ impl Search<'_> {
     }
 
     fn tell_adaptive(&mut self, candidate: Candidate) -> Result<Trial, RunError> {
-        let tolerance = self.automatic.tolerance.max(SMALLEST_OF_STEPS);
-        let fineness = Fineness::Tolerance(tolerance);
-        match self.pilot(candidate, fineness)? {
-            Ok(pilot) => {
-                let largest = pilot.largest_position();
-                if largest > 0.0 && largest < LEAST_POSITION {
-                    self.put_aside(candidate, NoRows::Failed(too_small(largest)));
+        let of = self.automatic.tolerance.max(SMALLEST_OF_STEPS);
+        let mut scale = 1.0;
+        for _ in 0..MOST_SCALES {
+            let fineness = Fineness::Tolerance { of, scale };
+            let pilot = match self.pilot(candidate, fineness)? {
+                Ok(pilot) => pilot,
+                Err(why) => {
+                    self.put_aside(candidate, why);
                     return Ok(Trial::Useless);
                 }
-                let steps = pilot.steps;
-                let finest = Some((steps, pilot));
-                Ok(Trial::Told(Told {
-                    candidate,
-                    fineness,
-                    steps,
-                    order: 1.0,
-                    is_clean: false,
-                    breaks: Breaks::of(self.scenario),
-                    finest,
-                    error: None,
-                }))
+            };
+            let size = pilot.largest_position();
+            if size > 0.0 && size < 0.5 * scale {
+                // A power of two, so that a choice in other units is the same.
+                scale = libm::exp2(libm::floor(libm::log2(size)));
+                continue;
             }
-            Err(why) => {
-                self.put_aside(candidate, why);
-                Ok(Trial::Useless)
-            }
+            let steps = pilot.steps;
+            let finest = Some((steps, pilot));
+            return Ok(Trial::Told(Told {
+                candidate,
+                fineness,
+                steps,
+                order: 1.0,
+                is_clean: false,
+                breaks: Breaks::of(self.scenario),
+                finest,
+                error: None,
+            }));
         }
+        let reason = "the size of its positions changes with the tolerance of its steps".to_owned();
+        self.put_aside(candidate, NoRows::Failed(reason));
+        Ok(Trial::Useless)
     }
 
     /// The order by which errors are told from differences that shrink at this one, with a scheme of its own
@@ -549,13 +547,14 @@ impl Search<'_> {
 
     /// Compares adaptive steps with those of a tenth of their tolerance.
     fn confirm_tolerance(&mut self, told: Told) -> Result<Option<Chosen>, RunError> {
-        let Told { candidate, finest, .. } = told;
+        let Told { candidate, finest, fineness, .. } = told;
+        let Fineness::Tolerance { scale, .. } = fineness else { return Ok(None) };
         let mut tolerance = self.automatic.tolerance.max(SMALLEST_OF_STEPS);
         let Some((_, mut coarse)) = finest else { return Ok(None) };
         let mut least = f64::INFINITY;
         while tolerance > SMALLEST_OF_STEPS {
             let finer = (0.1 * tolerance).max(SMALLEST_OF_STEPS);
-            let fine = match self.pilot(candidate, Fineness::Tolerance(finer))? {
+            let fine = match self.pilot(candidate, Fineness::Tolerance { of: finer, scale })? {
                 Ok(fine) => fine,
                 Err(why) => {
                     self.put_aside(candidate, why);
@@ -569,7 +568,7 @@ impl Search<'_> {
             if error <= ACCEPTED * self.automatic.tolerance {
                 let because =
                     format!("a run with {finer:.0e} as tolerance of its steps differs by {difference:.1e}");
-                let fineness = Fineness::Tolerance(tolerance);
+                let fineness = Fineness::Tolerance { of: tolerance, scale };
                 return self.chosen(candidate, fineness, (error, because)).map(Some);
             }
             (tolerance, coarse) = (finer, fine);

@@ -109,8 +109,13 @@ pub enum Spread {
 pub enum Fineness {
     /// Number of steps.
     Steps(usize),
-    /// Tolerance of adaptive steps.
-    Tolerance(f64),
+    /// Tolerance of adaptive steps, relative to positions of this size.
+    Tolerance {
+        /// ε.
+        of: f64,
+        /// `time.scale`.
+        scale: f64,
+    },
 }
 
 /// The values of a table of a document.
@@ -206,8 +211,11 @@ impl Automatic {
             (Fineness::Steps(steps), _) => {
                 put(time, &[("step", ((end - start) / steps as f64).into()), ("steps", whole(steps))]);
             }
-            (Fineness::Tolerance(tolerance), _) => {
-                put(time, &[("grid", "adaptive".into()), ("tolerance", tolerance.into())]);
+            (Fineness::Tolerance { of, scale }, _) => {
+                put(time, &[("grid", "adaptive".into()), ("tolerance", of.into())]);
+                if scale != 1.0 {
+                    put(time, &[("scale", scale.into())]);
+                }
                 put(time, &[("end", end.into())]);
                 hit(time, rows.unwrap_or(&compared_times(end)));
             }
@@ -447,7 +455,7 @@ impl Scenario {
                 (None, Fineness::Steps(steps)) if compared => {
                     put(output, &[("every", whole(automatic.every(1, steps, true)))]);
                 }
-                (None, Fineness::Tolerance(_)) if compared => {
+                (None, Fineness::Tolerance { .. }) if compared => {
                     output.remove("every");
                     if let Some(hit) = time_keys.get("must_hit") {
                         put(output, &[("times", hit.clone())]);

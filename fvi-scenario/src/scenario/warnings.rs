@@ -222,7 +222,7 @@ fn jumps_beyond_kinks(node: &Node, test: &dyn Fn(&Node) -> bool) -> bool {
     let inside = |part: &Node| jumps_beyond_kinks(part, test);
     let (mut factors, mut divisors) = (Vec::new(), Vec::new());
     collect_factors(node, &mut factors, &mut divisors);
-    let vanishes = |argument: &Node| factors.iter().any(|factor| vanishes_with(factor, argument));
+    let vanishes = |argument: &Node| factors.iter().any(|factor| power_of(factor, argument).is_some());
     let jumps = |factor: &Node| match factor.kind() {
         Kind::Call(Function::Step | Function::Sign, argument) => {
             test(argument) && !vanishes(positive(argument))
@@ -260,17 +260,42 @@ fn positive(node: &Node) -> &Node {
     }
 }
 
-/// True if a factor is 0 where an argument is: the argument, its modulus, or a power or root of that.
-fn vanishes_with(factor: &Node, argument: &Node) -> bool {
+/// The power of an argument that a factor is: the argument, its modulus, or a power or root of that.
+fn power_of(factor: &Node, argument: &Node) -> Option<f64> {
     match factor.kind() {
-        _ if factor == argument => true,
-        Kind::Negation(part) | Kind::Call(Function::Abs | Function::Sqrt, part) => {
-            vanishes_with(part, argument)
-        }
+        _ if factor == argument => Some(1.0),
+        Kind::Negation(part) | Kind::Call(Function::Abs, part) => power_of(part, argument),
+        Kind::Call(Function::Sqrt, part) => Some(0.5 * power_of(part, argument)?),
         Kind::Power(sides) => {
             let [base, exponent] = sides.as_ref();
-            exponent.as_number().is_some_and(|exponent| exponent > 0.0) && vanishes_with(base, argument)
+            Some(exponent.as_number().filter(|exponent| *exponent > 0.0)? * power_of(base, argument)?)
         }
-        _ => false,
+        _ => None,
     }
+}
+
+/// True if an expression has jumps or kinks in unknowns, other than in products whose slope is continuous, as
+/// v|v|.
+pub(super) fn bends(node: &Node) -> bool {
+    let (mut factors, mut divisors) = (Vec::new(), Vec::new());
+    collect_factors(node, &mut factors, &mut divisors);
+    // Of a product |a|^γ, with or without the sign of a.
+    let power = |argument: &Node| factors.iter().filter_map(|factor| power_of(factor, argument)).sum::<f64>();
+    let bent = |factor: &Node| match factor.kind() {
+        Kind::Call(Function::Step | Function::Sign | Function::Abs, argument) if argument.varies() => {
+            power(positive(argument)) <= 1.0 || bends(argument)
+        }
+        Kind::Power(sides) => match sides[0].kind() {
+            Kind::Call(Function::Abs, argument) if argument.varies() => {
+                power(positive(argument)) <= 1.0 || bends(argument) || bends(&sides[1])
+            }
+            _ => sides.iter().any(bends),
+        },
+        Kind::Call(_, part) => bends(part),
+        Kind::Choice(function, _) if function.selects() && factor.varies() => true,
+        Kind::Chain(first, operands) => bends(first) || operands.iter().any(|(_, part)| bends(part)),
+        Kind::Choice(_, sides) => sides.iter().any(bends),
+        Kind::Negation(_) | Kind::Number(_) | Kind::Time | Kind::SidedTime | Kind::Variable(_) => false,
+    };
+    factors.iter().any(|factor| bent(factor)) || divisors.iter().any(|part| bends(part))
 }

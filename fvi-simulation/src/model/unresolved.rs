@@ -11,8 +11,11 @@ use fvi_scenario::scenario::{Amplitude, Record, Scenario, TimeGrid};
 const MOST_LOOKS: usize = 20_000;
 
 /// Fraction, of the force and of the values at the surrounding nodes, above which a difference counts as
-/// missed.
-const MISSED: f64 = 0.3;
+/// missed: most of a force, or the part that a jump inside a step leaves, and in schemes of a higher order a
+/// kink.
+const MOST: f64 = 0.3;
+const AT_A_JUMP: f64 = 0.02;
+const AT_A_KINK: f64 = 1e-3;
 
 /// Number of steps on either side that are examined.
 const BESIDE: usize = 4;
@@ -20,13 +23,23 @@ const BESIDE: usize = 4;
 /// The first time near which the nodes of a scenario's scheme miss most of a function of time; `None` if
 /// there is none, or steps are chosen during the run.
 pub(crate) fn first_unresolved(scenario: &Scenario, function: &Amplitude) -> Option<f64> {
+    first_beyond(MOST, scenario, function)
+}
+
+/// The first time near which the nodes miss a part of it, as at a jump or a kink inside a step.
+pub(crate) fn first_taken_in_part(scenario: &Scenario, function: &Amplitude) -> Option<f64> {
+    let share = if scenario.scheme_descriptor().order > 2 { AT_A_KINK } else { AT_A_JUMP };
+    first_beyond(share, scenario, function)
+}
+
+fn first_beyond(share: f64, scenario: &Scenario, function: &Amplitude) -> Option<f64> {
     let time = &scenario.time;
     if time.adaptive().is_some() || time.steps == 0 {
         return None;
     }
     let scheme = AnyScheme::<f64>::new(scenario).ok()?;
     let (weights, nodes) = (scheme.view().weights.to_vec(), scheme.view().nodes.to_vec());
-    let mut nodes = Nodes { time, weights, nodes, looks: 0 };
+    let mut nodes = Nodes { time, weights, nodes, share, looks: 0 };
     match function {
         Amplitude::Expression(expression) => nodes.first_of_expression(expression),
         Amplitude::Record(record) => nodes.first_of_record(record),
@@ -37,6 +50,8 @@ struct Nodes<'s> {
     time: &'s TimeGrid,
     weights: Vec<f64>,
     nodes: Vec<f64>,
+    /// The share above which an impulse counts as missed.
+    share: f64,
     looks: usize,
 }
 
@@ -109,7 +124,7 @@ impl Nodes<'_> {
         low
     }
 
-    /// True if the nodes of a step miss most of the force's impulse over it.
+    /// True if the nodes of a step miss more than that share of the force's impulse over it.
     fn misses(
         &mut self,
         step: usize,
@@ -141,6 +156,6 @@ impl Nodes<'_> {
         };
         let beside = step.saturating_sub(BESIDE)..(step + BESIDE + 1).min(self.time.steps);
         let around: f64 = beside.map(seen).sum();
-        missed.abs() > MISSED * (around + missed.abs())
+        missed.abs() > self.share * (around + missed.abs())
     }
 }

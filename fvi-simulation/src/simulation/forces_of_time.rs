@@ -2,10 +2,10 @@
 //! those that no node of the scheme resolves.
 
 use crate::model::tape::{Singularity, Unbounded, terms};
-use crate::model::{first_unresolved, takes_moments};
+use crate::model::{first_taken_in_part, first_unresolved, takes_moments};
 use fvi_scenario::language::expression::{Expression, Kind, Node};
 use fvi_scenario::language::{InputError, Problem};
-use fvi_scenario::scenario::{Amplitude, Scenario};
+use fvi_scenario::scenario::{Amplitude, ForceQuadrature, Scenario};
 
 /// Refuses forces of time that are not integrable, and unbounded forces if the scheme can use neither their
 /// integral nor their values.
@@ -30,8 +30,8 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
                 return refused(
                     &key,
                     format!(
-                        "it grows like {} near t = {time}; it has an impulse there, but this scheme looks at forces at grid points alone: \
-                         take \"collocation\", \"galerkin\" or \"low-order\" with κ > 0",
+                        "it grows like {} near t = {time}; it has an impulse there, but this scheme looks at forces at its nodes alone: \
+                         take \"collocation\", \"galerkin\" without Gauss weights or \"low-order\" with κ > 0",
                         like(&singularity)
                     ),
                 );
@@ -45,6 +45,15 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), InputError> {
 pub(super) fn warnings(scenario: &Scenario) -> Vec<String> {
     let mut warnings = Vec::new();
     let by_nodes = !takes_moments(scenario);
+    // Moments are the default, and what they promise of jumps is not kept by the nodes of an accurate scheme.
+    let scheme = scenario.scheme_descriptor();
+    let in_part =
+        by_nodes && scheme.order >= 2 && scenario.system.force_quadrature == ForceQuadrature::Moments;
+    let seeing = if scheme.takes_moments {
+        "shorter steps see it, and `system.force_quadrature` = \"moments\""
+    } else {
+        "shorter steps see it"
+    };
     for (key, expression) in expressions(scenario) {
         for Unbounded { found, known_to } in unbounded(scenario, expression) {
             if let Some(time) = known_to {
@@ -67,13 +76,16 @@ pub(super) fn warnings(scenario: &Scenario) -> Vec<String> {
             let missed = |function: Node| {
                 first_unresolved(scenario, &Amplitude::Expression(expression.with_root(function)))
             };
-            if let Some(time) = functions.into_iter().find_map(missed) {
-                let advice = if depends {
-                    "shorter steps or an adaptive grid see it"
-                } else {
-                    "shorter steps see it, and `system.force_quadrature` = \"moments\" where the scheme can"
-                };
+            if let Some(time) = functions.iter().cloned().find_map(missed) {
+                let advice = if depends { "shorter steps or an adaptive grid see it" } else { seeing };
                 warnings.push(narrow(&key, time, advice));
+            } else if in_part
+                && let Some(time) = functions.iter().find_map(|function| {
+                    let function = Amplitude::Expression(expression.with_root(function.clone()));
+                    first_taken_in_part(scenario, &function)
+                })
+            {
+                warnings.push(inside(&key, time));
             }
         }
     }
@@ -83,10 +95,19 @@ pub(super) fn warnings(scenario: &Scenario) -> Vec<String> {
             if let Some(time) = first_unresolved(scenario, &load.amplitude) {
                 let key = format!("system.load[{index}].amplitude");
                 warnings.push(narrow(&key, time, "shorter steps see them"));
+            } else if in_part && let Some(time) = first_taken_in_part(scenario, &load.amplitude) {
+                warnings.push(inside(&format!("system.load[{index}].amplitude"), time));
             }
         }
     }
     warnings
+}
+
+fn inside(key: &str, time: f64) -> String {
+    format!(
+        "{key}: it jumps or bends inside the step from t = {time} on, where this scheme takes it at its nodes alone: a part of that \
+         step's impulse is lost; a grid point there keeps it, and so does \"galerkin\" without Gauss weights"
+    )
 }
 
 fn narrow(key: &str, time: f64, advice: &str) -> String {

@@ -227,7 +227,7 @@ fn forces_with_an_impulse_are_taken_where_they_have_no_bound() {
             for grid in grids(&scheme, 3.0) {
                 let found = last(&json!({ "force": [force] }), &scheme, &grid);
                 if !takes_moments(&scheme.0) {
-                    assert!(found.unwrap_err().contains("grid points alone"));
+                    assert!(found.unwrap_err().contains("at its nodes alone"));
                     continue;
                 }
                 let found =
@@ -393,6 +393,43 @@ impl Rough {
             }
         }
         sum
+    }
+}
+
+/// Gauss weights and discrete gradients take forces at their nodes: what they miss of a jump is said, and a
+/// grid point there keeps it.
+#[test]
+fn jumps_inside_steps_are_said_where_nodes_take_them() {
+    let rows = record(&[(0.123, 1.0), (0.678, 1.0)]);
+    let load = json!([{ "pattern": [1.0], "amplitude": { "file": rows.path() } }]);
+    let gauss = json!({ "kind": "galerkin", "degree": 2 });
+    let jump = "step(t - 0.123)*step(0.678 - t)";
+    let run = |system: Value, scheme: &Value, family: &str, time: Value| {
+        let convolution = if family.is_empty() { json!({}) } else { json!({ "family": family }) };
+        let scenario =
+            json!({ "system": system, "scheme": scheme, "convolution": convolution, "time": time });
+        let mut motion = Motion::start(&Scenario::from_value(&scenario).unwrap(), Precision::F64).unwrap();
+        while !motion.is_done() {
+            motion.advance_along(usize::MAX).unwrap();
+        }
+        let said = motion.notes().iter().any(|note| note.contains("inside the step from t = 0.1"));
+        (motion.state().momentum[0], said)
+    };
+    let (coarse, fine) = (json!({ "step": 0.05, "end": 1.0 }), json!({ "step": 0.001, "end": 1.0 }));
+    for system in [json!({ "mass": [1.0], "load": load }), json!({ "mass": [1.0], "force": [jump] })] {
+        for (scheme, family) in [(&gauss, "gauss"), (&json!({ "kind": "energy" }), "")] {
+            let (momentum, said) = run(system.clone(), scheme, family, coarse.clone());
+            assert!(said && (momentum - 0.555).abs() > 1e-3, "{scheme}: {momentum}");
+            let (momentum, said) = run(system.clone(), scheme, family, fine.clone());
+            assert!(!said && (momentum - 0.555).abs() < 1e-12, "{scheme}: {momentum}");
+        }
+        let (momentum, said) = run(system, &gauss, "bdf", coarse.clone());
+        assert!(!said && (momentum - 0.555).abs() < 1e-12, "{momentum}");
+    }
+    // Bends leave the order of the energy scheme.
+    for (scheme, family, warns) in [(&gauss, "gauss", true), (&json!({ "kind": "energy" }), "", false)] {
+        let system = json!({ "mass": [1.0], "force": ["20*abs(t - 0.123)"] });
+        assert_eq!(run(system, scheme, family, coarse.clone()).1, warns, "{scheme}");
     }
 }
 

@@ -401,3 +401,29 @@ fn rows_between_grid_points_are_held_to_the_tolerance_with_every_degree() {
         assert!(error < 2e-10, "degree {degree}: {error:e}");
     }
 }
+
+/// Against a wall, where forces bend and steps of one length lose their order, a tolerance is reached with
+/// about the same steps whatever the unit of length is.
+#[test]
+fn steps_that_a_tolerance_chooses_do_not_depend_on_the_unit_of_length() {
+    let run = |length: f64| {
+        let wall = format!(
+            "system.mass = [1.0]\nsystem.potential = \"2*q0^2 + 25*max(q0 - {:e}, 0)^2\"\n\
+             system.damping = [{{ order = 0.5, coefficient = [0.3] }}]\ninitial = {{ position = [{:e}] }}\n\
+             scheme = {{ kind = \"auto\", tolerance = 1e-6 }}\ntime = {{ end = 5.0 }}\n",
+            0.4 * length,
+            -length
+        );
+        let run = Workplace::new().run(&wall, &[]);
+        let last = |name: &str| run.column(name).last().unwrap() / length;
+        (run.column("t").len(), [last("q0"), last("p0")])
+    };
+    let (rows, known) = run(1.0);
+    for length in [1e-3, 1e-4, 1e-9, 1e3] {
+        let (found, last) = run(length);
+        assert!(found < 2 * rows && rows < 2 * found, "{length}: {found} rows, {rows}");
+        for (last, known) in last.iter().zip(known) {
+            assert!((last - known).abs() < 4e-6, "{length}: {last} {known}");
+        }
+    }
+}

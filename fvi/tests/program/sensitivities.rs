@@ -556,7 +556,9 @@ fn what_is_not_differentiated_is_refused_with_key_and_reason() {
     let forced = |force: &str| {
         good.replace("[[system.damping]]", &format!("force = [\"{force}\"]\n[[system.damping]]"))
     };
-    refused(&forced("-k*sign(q0)"), &[], "without jumps and kinks in the position");
+    for kinked in ["-k*sign(q0)", "-k*abs(v0)", "-k*sign(v0)*abs(v0)^0.5", "-max(q0, 0)*v0"] {
+        refused(&forced(kinked), &[], "whose slopes in position and velocity are continuous");
+    }
     refused(&forced("k*step(0.33 - t)"), &[], "exact moments");
     // At the nodes it is a force as others are.
     let at_nodes = forced("k*step(0.33 - t)")
@@ -612,6 +614,28 @@ fn large_systems_are_differentiated_by_their_sparse_factors() {
                 }
             }
             assert!(error < 1e-8 * largest, "{size}, {index}: {error:e} of {largest:e}");
+        }
+    }
+}
+
+/// v|v| and the like have continuous slopes, though their factors have none.
+#[test]
+fn drag_is_differentiated() {
+    for force in ["-c*v0*abs(v0)", "-c*sign(v0)*abs(v0)^1.5", "-c*v0*abs(v0) - q0*abs(q0)"] {
+        let scenario = |c: f64, asked: &str| {
+            rows(&format!(
+                "[system]\nmass = [1.0]\npotential = \"0.5*q0^2\"\nforce = [\"{force}\"]\nparameters = {{ c = {c:?} }}\n\
+                 [initial]\nposition = [1.0]\n[time]\nstep = 0.05\nend = 8.0\n{asked}"
+            ))
+        };
+        let (_, found) = scenario(0.3, "[sensitivity]\nparameters = [\"system.parameters.c\"]\n");
+        let h = 1e-4;
+        let [more, less] = [0.3 + h, 0.3 - h].map(|c| scenario(c, "").0);
+        for ((found, more), less) in found.iter().zip(&more).zip(&less) {
+            for column in 0..2 {
+                let difference = (more[column] - less[column]) / (2.0 * h);
+                assert!((found[column] - difference).abs() < 1e-6, "{force}: {} {difference}", found[column]);
+            }
         }
     }
 }

@@ -3,6 +3,7 @@
 use super::super::own_terms::SharedTerms;
 use super::super::scheme::{DampedAt, Quadrature, Scheme};
 use super::super::time::ReportedMomentum;
+use super::super::warnings::bends;
 use super::super::{Action, Damping, Derivative, GridRule, Scenario};
 use fvi_fft::memory::Engine;
 use fvi_fft::quadrature::ConvolutionFamily;
@@ -69,6 +70,8 @@ features! {
         |s| s.system.elements.iter().position(|element| element.potential.root().has_kinks());
     KinkedForce: "jumps or kinks in the position", "system.force[{i}]",
         |s| s.system.force.iter().flatten().position(|force| force.root().has_kinks());
+    BentForce: "a force with a kink", "system.force[{i}]",
+        |s| s.system.force.iter().flatten().position(|force| bends(force.root()));
     KinkedMechanism: "jumps or kinks in the position", "system",
         |s| {
             let mut all = s.system.kinetic.iter().chain(&s.system.constraints).chain(s.system.elongations());

@@ -11,6 +11,8 @@ const OF_MECHANICS: &str = "a scenario with `[system]`: coordinates without mass
 const ANY_WEIGHTS: &str = "\"direct\", \"block-fft\" or \"real-time\"";
 const LINEAR: &str = "cases of a linear structure, one factor for all: springs in `stiffness`, forces in `[[system.load]]` and `[[case.load]]`";
 const SMOOTH: &str = "expressions without jumps and kinks in the position";
+const SLOPED: &str =
+    "forces whose slopes in position and velocity are continuous: v0*abs(v0) has them, abs(v0) has not";
 const EXACT: &str = "expressions, or functions with exact Hessian and Jacobian matrices";
 const WITH_MASS: &str = "a scenario without it where a coordinate has no mass";
 const MAXWELL: &str = "kernels that are Maxwell elements side by side";
@@ -274,7 +276,7 @@ pub const ROWS: &[Row] = &[
     row(Times, Sensitivity, "", "rows at grid points: `output.every`"),
     row(KinkedPotential, Sensitivity, "", SMOOTH),
     row(KinkedElement, Sensitivity, "", SMOOTH),
-    row(KinkedForce, Sensitivity, "", SMOOTH),
+    row(BentForce, Sensitivity, "", SLOPED),
     row(KinkedMechanism, Sensitivity, "", SMOOTH),
     row(
         Energy,
@@ -298,7 +300,7 @@ pub const ROWS: &[Row] = &[
     row(Times, Gradient, "", "rows at grid points: `output.every`"),
     row(KinkedPotential, Gradient, "", SMOOTH),
     row(KinkedElement, Gradient, "", SMOOTH),
-    row(KinkedForce, Gradient, "", SMOOTH),
+    row(BentForce, Gradient, "", SLOPED),
     row(
         MomentumOffset,
         Gradient,
