@@ -531,8 +531,8 @@ fn shape_of<T: Real>(table: &ExponentialTable<&[T]>, scale: T, channels: usize, 
     ]
 }
 
-/// `count` modulo `length`, which is not 0: bit by bit, since parts of 32 bits have no division of 64 and need
-/// 600 bytes for it.
+/// `count` modulo `length`, which is not 0: bit by bit, since a processor of 32 bits needs 600 bytes of code
+/// to divide 64.
 fn remainder(count: u64, length: usize) -> usize {
     (0..u64::BITS).rev().fold(0, |rest, bit| {
         let twice = 2 * rest + (count >> bit & 1) as usize;
