@@ -408,7 +408,8 @@ fn jumps_inside_steps_are_said_where_nodes_take_them() {
         let convolution = if family.is_empty() { json!({}) } else { json!({ "family": family }) };
         let scenario =
             json!({ "system": system, "scheme": scheme, "convolution": convolution, "time": time });
-        let mut motion = Motion::start(&Scenario::from_value(&scenario).unwrap(), Precision::F64).unwrap();
+        let scenario = Scenario::from_value(&scenario).unwrap();
+        let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
         while !motion.is_done() {
             motion.advance_along(usize::MAX).unwrap();
         }

@@ -147,8 +147,8 @@ mod tests {
                 "convolution": { "family": "bdf", "order": 6 },
                 "time": { "step": 1.0 / 256.0, "end": 1.0 },
             });
-            let mut motion =
-                Motion::start(&Scenario::from_value(&scenario).unwrap(), Precision::F64).unwrap();
+            let scenario = Scenario::from_value(&scenario).unwrap();
+            let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
             while !motion.is_done() {
                 motion.advance_along(usize::MAX).unwrap();
             }
