@@ -192,3 +192,18 @@ def test_what_is_no_such_file_is_refused(tmp_path):
         fvi.read_capytaine(tmp_path / "text")
     with pytest.raises(FileNotFoundError):
         fvi.read_bemio(tmp_path / "missing.h5")
+
+
+def test_a_misspelt_array_of_a_state_space_is_refused(tmp_path):
+    file = tmp_path / "states.npz"
+    scenario = {
+        "system": {"mass": [1.0], "stiffness": [1.0], "damping": [{"kernel": {"states": str(file)}}]},
+        "initial": {"position": [1.0]},
+        "time": {"step": 0.01, "steps": 10},
+    }
+    np.savez(file, A=[[-1.0]], B=[[1.0]], C=[[1.0]], D=[[0.5]])
+    assert fvi.run(scenario).success
+    for other in ("Dd", "infinite"):
+        np.savez(file, A=[[-1.0]], B=[[1.0]], C=[[1.0]], **{other: [[0.5]]})
+        with pytest.raises(fvi.InputError, match=f"`{other}` is none of them"):
+            fvi.run(scenario)

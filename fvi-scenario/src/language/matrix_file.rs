@@ -316,6 +316,11 @@ impl Arrays {
         Ok(Self(names.into_iter().map(|name| (name.clone(), archive.array(&name))).collect()))
     }
 
+    /// The first array that has none of these names.
+    pub(crate) fn beyond(&self, names: &[&str]) -> Option<&str> {
+        self.0.iter().map(|(own, _)| own.as_str()).find(|own| !names.contains(own))
+    }
+
     /// True if there is an array of this name.
     pub(crate) fn has(&self, name: &str) -> bool {
         self.0.iter().any(|(own, _)| own == name)

@@ -478,6 +478,11 @@ pub(super) fn read_states(value: &Value<'_>) -> Result<StateSpace, InputError> {
     let refused = |reason: String| super::refuse(value, reason);
     let [state, input, output, direct] = if value.is_text() {
         let arrays = value.arrays()?;
+        if let Some(other) = arrays.beyond(&names) {
+            return Err(refused(format!(
+                "arrays A, B, C and perhaps D in the file, and `{other}` is none of them; A(∞) is the key `infinite` beside `states`"
+            )));
+        }
         let read = |name: &str| match arrays.has(name) || name != "D" {
             true => arrays.array(name).and_then(|array| matrix_of(name, array)).map(Some),
             false => Ok(None),
