@@ -85,7 +85,7 @@ pub(super) fn warnings(scenario: &Scenario) -> Vec<String> {
                     first_taken_in_part(scenario, &function)
                 })
             {
-                warnings.push(inside(&key, time));
+                warnings.push(inside(scenario, &key, time));
             }
         }
     }
@@ -96,17 +96,20 @@ pub(super) fn warnings(scenario: &Scenario) -> Vec<String> {
                 let key = format!("system.load[{index}].amplitude");
                 warnings.push(narrow(&key, time, "shorter steps see them"));
             } else if in_part && let Some(time) = first_taken_in_part(scenario, &load.amplitude) {
-                warnings.push(inside(&format!("system.load[{index}].amplitude"), time));
+                let key = format!("system.load[{index}].amplitude");
+                warnings.push(inside(scenario, &key, time));
             }
         }
     }
     warnings
 }
 
-fn inside(key: &str, time: f64) -> String {
+fn inside(scenario: &Scenario, key: &str, time: f64) -> String {
+    let or_else =
+        if scenario.is_mechanism() { "" } else { ", and so does \"galerkin\" without Gauss weights" };
     format!(
         "{key}: it jumps or bends inside the step from t = {time} on, where this scheme takes it at its nodes alone: a part of that \
-         step's impulse is lost; a grid point there keeps it, and so does \"galerkin\" without Gauss weights"
+         step's impulse is lost; a grid point there keeps it{or_else}"
     )
 }
 
