@@ -22,7 +22,7 @@ pub(crate) use of_scenario::{
 };
 pub(crate) use parts::{LARGEST_PART, Part};
 use parts::{all_parts, parts};
-use winding::Count;
+use winding::{Count, Fineness};
 
 /// Nodes at which the fractional force acts, and its convolution quadrature.
 #[derive(Clone, Debug, PartialEq)]
@@ -309,8 +309,13 @@ impl Check {
         let margin = (libm::log(GROWTH) * step / self.end).clamp(MARGINS.0, MARGINS.1);
         for part in &self.parts {
             let radius = libm::exp(-margin.max(2.0 * part.growth_rate() * step));
-            match winding::zeros_inside(radius, |z| self.characteristic.logarithm(part, step, z)) {
+            let count = |fineness: &Fineness| {
+                winding::zeros_inside(radius, fineness, |z| self.characteristic.logarithm(part, step, z))
+            };
+            match count(&winding::FINENESS) {
                 Count::Zeros(0) => {}
+                // Nothing is refused for zeros that a finer count does not find.
+                Count::Zeros(_) | Count::Unknown if count(&winding::FINER) == Count::Zeros(0) => {}
                 Count::Zeros(_) | Count::Unknown => return Some(false),
                 Count::Endless => return None,
             }
