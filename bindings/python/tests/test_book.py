@@ -14,11 +14,14 @@ FRAGMENT = re.compile(r"^```python(?: \S+)?\n(.*?)^```$", re.MULTILINE | re.DOTA
 ELSEWHERE = {"book/src/use/cluster.md", "book/src/engines/strategies.md"}
 
 
-def pages():
+def pages_with_python():
     for page in [ROOT / "README.md", ROOT / "bindings/python/README.md", *sorted((ROOT / "book/src").rglob("*.md"))]:
         name = page.relative_to(ROOT).as_posix()
         if name not in ELSEWHERE and FRAGMENT.search(page.read_text(encoding="utf-8")):
             yield name
+
+
+PAGES = list(pages_with_python())
 
 
 def program(page):
@@ -40,11 +43,11 @@ def checkout(tmp_path, monkeypatch):
 
 
 def test_the_pages_with_python_are_found():
-    assert {"README.md", "book/src/use/python.md", "book/src/use/equations.md", "book/src/start/python.md"} <= set(pages())
+    assert {"README.md", "book/src/use/python.md", "book/src/use/equations.md", "book/src/start/python.md"} <= set(PAGES)
     assert all((ROOT / page).exists() for page in ELSEWHERE)
 
 
-@pytest.mark.parametrize("page", pages())
+@pytest.mark.parametrize("page", PAGES)
 def test_the_fragments_of_a_page_run_one_after_another(page, checkout):
     (checkout / "page.py").write_text(program(page), encoding="utf-8")
     ran = subprocess.run(
@@ -55,7 +58,7 @@ def test_the_fragments_of_a_page_run_one_after_another(page, checkout):
 
 def test_mypy_has_nothing_against_them(checkout):
     names = []
-    for page in pages():
+    for page in PAGES:
         names.append(page.replace("/", "_").removesuffix(".md").lower() + ".py")
         (checkout / names[-1]).write_text(program(page), encoding="utf-8")
     # Each is a program of its own, since pages use the same names for other things.

@@ -411,7 +411,6 @@ def test_misspelt_arguments_are_told_by_what_was_meant() -> None:
         (lambda: fvi.Memory(exponent=0.5, step=0.1, channel=2), "channels"),
         (lambda: fvi.Operator(exponnt=0.5, step=0.1), "exponent"),
         (lambda: fvi.Convolver([1.0], latncy=0), "latency"),
-        (lambda: fvi.FractionalPid(sample=0.1, kpp=2.0), "kp"),
         (lambda: fvi.weights(exponent=0.5, step=0.1, cont=3), "count"),
         (lambda: fvi.exponentials(exponent=0.5, stepp=0.1), "step"),
         (lambda: fvi.sweep({}, job=2), "jobs"),

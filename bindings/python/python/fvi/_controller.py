@@ -6,11 +6,10 @@ import json
 from typing import Self, Unpack
 
 from fvi import _arrays, _fvi
-from fvi._errors import InputError, suggesting_class
+from fvi._errors import InputError
 from fvi._types import ControllerKeys, Real, Whole
 
 
-@suggesting_class
 class FractionalPid(_fvi.FractionalPid):
     """A fractional PID controller: that of ``[controller]`` in scenarios and of firmware, in double precision.
 

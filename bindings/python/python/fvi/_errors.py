@@ -65,7 +65,9 @@ class StepError(RuntimeError):
 
 def suggesting(function: Callable[P, R]) -> Callable[P, R]:
     """A function that tells a misspelt argument by the name that was meant."""
-    known = list(inspect.signature(function).parameters)
+    known = inspect.signature(function).parameters
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in known.values()):
+        raise TypeError(f"{function.__qualname__} takes any keyword")
 
     @wraps(function)
     def called(*args: P.args, **keywords: P.kwargs) -> R:
