@@ -17,7 +17,7 @@ pub(in crate::simulation) struct Fineness {
 /// For the half-circle: down to 10⁻¹³ of it.
 pub(super) const FINENESS: Fineness = Fineness { followed: 0.5, parts: 16, halvings: 41 };
 
-/// The same for a second count. Between neighbouring points some of many zeros in a row may turn the phase by a
+/// The same for a second count. Between neighbouring points some of many zeros in a row may turn the phase a
 /// whole number of times and leave the size: the smaller the increments, the rarer that is.
 pub(super) const FINER: Fineness = Fineness { followed: 0.2, ..FINENESS };
 
