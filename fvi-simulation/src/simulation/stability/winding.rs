@@ -41,8 +41,8 @@ pub(super) enum Count {
 ///
 /// The phase is followed over the upper half of the circle, from the real axis to the real axis; the
 /// conjugate half contributes equally. Intervals are halved until the logarithm, size and phase, changes
-/// little over both halves of each. Unlike the phase alone this seldom misses several zeros close together near
-/// the circle: they would change the phase by a multiple of 2π, but the function is small on the way.
+/// little over both halves of each. Unlike the phase alone this seldom misses several zeros close together
+/// near the circle: they would change the phase by a multiple of 2π, but the function is small on the way.
 pub(super) fn zeros_inside(
     radius: f64,
     fineness: &Fineness,
