@@ -1,5 +1,6 @@
 //! Margins of a loop from its frequency response.
 
+use fvi_simulation::simulation::events;
 use nalgebra::Complex;
 use serde::Serialize;
 use std::f64::consts::PI;
@@ -108,17 +109,18 @@ fn refine(
     Ok(())
 }
 
-/// The zero of a function that changes its sign in an interval of ω.
-fn zero(function: &dyn Fn(f64) -> Option<f64>, mut low: f64, mut high: f64) -> Option<f64> {
-    let begins = function(low)? > 0.0;
-    for _ in 0..100 {
-        let middle = 0.5 * (low + high);
-        if middle <= low || middle >= high {
-            break;
-        }
-        if (function(middle)? > 0.0) == begins { low = middle } else { high = middle }
-    }
-    Some(0.5 * (low + high))
+/// The zero of a function that changes its sign in an interval of ω; `None` where the function has no value.
+fn zero(function: &dyn Fn(f64) -> Option<f64>, low: f64, high: f64) -> Option<f64> {
+    let [at_low, at_high] = [function(low)?, function(high)?];
+    let mut has_values = true;
+    let value = |omega: f64| {
+        function(omega).unwrap_or_else(|| {
+            has_values = false;
+            0.0
+        })
+    };
+    let found = events::zero(value, (low, at_low), (high, at_high));
+    has_values.then_some(found)
 }
 
 /// The largest value of a function over the points of a response, refined between them, and its place.
@@ -169,23 +171,61 @@ pub(super) fn largest_by_parabolas(
     best
 }
 
-/// Place and value of the maximum of a function in an interval where it has one, by golden-section search.
+/// Place and value of the maximum of a function in an interval where it has one: by parabolas through the three
+/// best places, and by golden sections where these lead nowhere. \[Brent73\], chapter 5
 pub(super) fn summit(function: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> (f64, f64) {
-    const GOLDEN: f64 = 0.618_033_988_749_894_8;
-    let mut inner = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
-    let mut values = inner.map(function);
-    for _ in 0..80 {
-        if values[0] > values[1] {
-            high = inner[1];
-            inner = [high - GOLDEN * (high - low), inner[0]];
-            values = [function(inner[0]), values[0]];
+    /// The smaller part of a golden section.
+    const GOLDEN: f64 = 0.381_966_011_250_105_2;
+    const MOST: usize = 80;
+    // A maximum so near is higher by rounding.
+    let near = 1e-9 * (high - low);
+    let at = |place: f64| {
+        (place, Some(function(place)).filter(|value| !value.is_nan()).unwrap_or(f64::NEG_INFINITY))
+    };
+    let mut best = at(low + GOLDEN * (high - low));
+    let (mut second, mut third) = (best, best);
+    // The last move, and the one before it.
+    let (mut last, mut before) = (0.0_f64, 0.0_f64);
+    for _ in 0..MOST {
+        let middle = 0.5 * (low + high);
+        if (best.0 - middle).abs() <= 2.0 * near - 0.5 * (high - low) {
+            break;
+        }
+        let over = before;
+        let way = top_of_parabola(best, second, third);
+        let place = best.0 + way;
+        if way.abs() < 0.5 * over.abs() && place > low && place < high {
+            before = last;
+            last = if (place - low).min(high - place) < 2.0 * near {
+                near.copysign(middle - best.0)
+            } else {
+                way
+            };
         } else {
-            low = inner[0];
-            inner = [inner[1], low + GOLDEN * (high - low)];
-            values = [values[1], function(inner[1])];
+            before = if best.0 < middle { high - best.0 } else { low - best.0 };
+            last = GOLDEN * before;
+        }
+        let found = at(best.0 + if last.abs() < near { near.copysign(last) } else { last });
+        if found.1 >= best.1 {
+            *(if found.0 >= best.0 { &mut low } else { &mut high }) = best.0;
+            (best, second, third) = (found, best, second);
+        } else {
+            *(if found.0 < best.0 { &mut low } else { &mut high }) = found.0;
+            if found.1 >= second.1 || second.0 == best.0 {
+                (second, third) = (found, second);
+            } else if found.1 >= third.1 || third.0 == best.0 || third.0 == second.0 {
+                third = found;
+            }
         }
     }
-    if values[0] > values[1] { (inner[0], values[0]) } else { (inner[1], values[1]) }
+    best
+}
+
+/// Way from the first of three points to the top of the parabola through them; not finite where there is none.
+fn top_of_parabola(one: (f64, f64), two: (f64, f64), three: (f64, f64)) -> f64 {
+    let side = (one.0 - two.0) * (one.1 - three.1);
+    let other = (one.0 - three.0) * (one.1 - two.1);
+    ((one.0 - two.0) * side - (one.0 - three.0) * other) / (2.0 * (other - side))
 }
 
 /// |S| = 1/|1 + L|.
@@ -282,4 +322,40 @@ pub(super) fn margins(points: &[(f64, Complex<f64>)], open: &Loop<'_>) -> Margin
     (found.ms_at, found.ms) = largest(points, open, sensitivity);
     (found.mt_at, found.mt) = largest(points, open, complementary);
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn summits_are_found_with_few_evaluations() {
+        let calls = std::cell::Cell::new(0);
+        let counted = |function: fn(f64) -> f64, low: f64, high: f64| {
+            calls.set(0);
+            let found = summit(
+                &|x| {
+                    calls.set(calls.get() + 1);
+                    function(x)
+                },
+                low,
+                high,
+            );
+            (found, calls.get())
+        };
+        let ((place, value), calls_of_sine) = counted(libm::sin, 1.0, 2.5);
+        assert!((place - 0.5 * PI).abs() < 1e-7 && (value - 1.0).abs() < 1e-15, "{place} {value}");
+        assert!(calls_of_sine < 30, "{calls_of_sine}");
+        // A resonance of the quality 10⁶ in an interval that resolves it badly, a corner, and the end.
+        let sharp = |x: f64| 1.0 / ((x - 1.0) * (x - 1.0) * 1e12 + 1.0);
+        let ((place, value), _) = counted(sharp, 1.0 - 1e-4, 1.0 + 2e-4);
+        assert!((place - 1.0).abs() < 1e-10 && (value - 1.0).abs() < 1e-8, "{place} {value}");
+        let ((place, _), _) = counted(|x| -(x - 0.3).abs(), 0.0, 1.0);
+        assert!((place - 0.3).abs() < 2e-9, "{place}");
+        let ((place, _), _) = counted(|x| x, 0.0, 1.0);
+        assert!(place > 1.0 - 4e-9, "{place}");
+        // Where there is no value there is no maximum.
+        let ((place, _), _) = counted(|x| if x < 0.5 { f64::NAN } else { -x }, 0.0, 1.0);
+        assert!((place - 0.5).abs() < 4e-9, "{place}");
+    }
 }

@@ -258,7 +258,8 @@ fn sign(value: f64) -> Option<bool> {
 ///
 /// The sign at the second time differs from the last nonzero sign up to the first time, where the function
 /// may be zero.
-pub(super) fn zero(
+#[doc(hidden)]
+pub fn zero(
     mut value: impl FnMut(f64) -> f64,
     (mut low, mut at_low): (f64, f64),
     (mut high, mut at_high): (f64, f64),
