@@ -118,8 +118,13 @@ pub fn band_table(
         let errors = response.errors(&whole, band);
         return Ok((whole, errors));
     }
-    let mut best: Option<(usize, ExponentialKernel, BandErrors)> = None;
+    let cost = |head: usize, exponentials: usize| head + COST * BLOCK * exponentials.div_ceil(BLOCK);
+    // A rational kernel has no more exponentials than poles.
+    let errors = response.errors(&whole, band);
+    let mut best = (errors.relative <= tolerance)
+        .then(|| (cost(whole.head().len(), whole.exponentials().len()), whole.clone(), errors));
     let mut reached = f64::INFINITY;
+    let mut before = usize::MAX;
     for length in HEADS {
         let head = multistep_weights(transfer, order, step_size, on_increments, length)?;
         let most = best.as_ref().map_or(usize::MAX, |(least, ..)| *least);
@@ -130,14 +135,15 @@ pub fn band_table(
         let found = target.shortest(&whole, tolerance);
         reached = reached.min(found.as_ref().map_or_else(|error| *error, |_| tolerance));
         let Ok(exponentials) = found else { continue };
-        let cost = length + COST * BLOCK * exponentials.len().div_ceil(BLOCK);
+        let cost = cost(length, exponentials.len());
         let made = whole.with_tail(head, exponentials, tolerance);
         let errors = response.errors(&made, band);
         if errors.relative <= tolerance && cost < most {
             best = Some((cost, made, errors));
-        } else if cost > most {
+        } else if cost > before {
             break;
         }
+        before = cost;
     }
     match best {
         Some((_, made, errors)) => Ok((made, errors)),

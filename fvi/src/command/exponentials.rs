@@ -86,7 +86,7 @@ impl ExponentialsArguments {
         };
         // What has no cut from s = 0 on, as double poles, delays and lead-lags of a fractional power.
         let missed = matches!(made, Err(ExponentialKernelError::ToleranceMissed { .. }));
-        if missed && self.band.is_none() && !transfer.is_relaxation() {
+        if missed && !transfer.is_relaxation() {
             return self.in_pairs(&transfer, order, horizon);
         }
         let (kernel, errors) = made.map_err(table_error)?;
@@ -114,7 +114,8 @@ impl ExponentialsArguments {
         horizon: usize,
     ) -> Result<(), CommandError> {
         if self.band.is_some() {
-            let what = "a band is for kernels without complex poles, and this one needs no exponentials beside its poles";
+            let what = "--band shortens tables of real exponentials, and those of this kernel come in pairs (of complex or multiple \
+                        poles, or for delays): leave it out";
             return Err(CommandError::Unsuited(what.to_owned()));
         }
         let (step, tolerance) = (self.step, self.tolerance);

@@ -235,7 +235,17 @@ fn symbols_with_complex_poles_are_filters() {
     for (symbol, more, code, part) in [
         ("1/(s^2 + 0.4*s + 4)^2", "", 2, "horizon"),
         ("1/(s^2 + 0.4*s + 4)^2", "--horizon 3000 --tolerance 1e-6", 0, ""),
-        (notch, "--band 0.1 1 --tolerance 1e-2", 2, "a band is for kernels without complex poles"),
+        (notch, "--band 0.1 1 --tolerance 1e-2", 2, "--band shortens tables of real exponentials"),
+        ("1/(s + 1)^2", "--band 0.1 1 --tolerance 1e-2", 2, "come in pairs"),
+        ("exp(-0.1*s)/(s + 1)", "--band 0.1 1 --tolerance 1e-2", 2, "come in pairs"),
+        // No more exponentials than poles.
+        ("(s + 1)/(0.1*s + 1)", "--band 0.01 10 --tolerance 1e-7", 0, "note: 1 exponentials"),
+        (
+            "(s + 1)*(s + 20)/((0.1*s + 1)*(s + 50))",
+            "--band 0.01 10 --tolerance 1e-7",
+            0,
+            "note: 2 exponentials",
+        ),
         ("(s^2 + 4)/(s^2 - 0.4*s + 4)", "", 2, "analytic for Re s > 0"),
         // What fades: a double pole, a fractional lead–lag, a filter behind a delay.
         ("1/(s + 1)^2", "--tolerance 1e-9", 0, ""),
