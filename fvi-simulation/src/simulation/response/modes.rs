@@ -61,7 +61,7 @@ const FINENESS: Fineness = Fineness { followed: 0.3, parts: 8, halvings: 22 };
 /// ```
 ///
 /// The zeros of det T in the disc are then counted by the argument principle. Where there are more than were
-/// found, undamped modes near the nearest of them, or the integrals ∮ z^k T⁻¹ dz, k = 0, 1, over the edge of
+/// found, undamped modes near the nearest of them, or the integrals ∮ z^k T⁻¹ dz over the edge of
 /// the disc give the starts. Sources: \[GT17\] § 4, \[Beyn12\] for the integrals.
 ///
 /// # Errors
@@ -347,7 +347,7 @@ impl Search<'_> {
             }
         }
         for nodes in [24, 96] {
-            for (k, start) in self.starts(radius, wanted + 6, nodes).into_iter().enumerate() {
+            for (k, start) in self.starts(radius, wanted, nodes).into_iter().enumerate() {
                 // Beside the zero itself, where T has no inverse.
                 self.add_from(zeros, start * (1.0 + 1e-6), Irregular(17 + k as u64).vector(self.system.size));
             }
@@ -547,14 +547,20 @@ impl Search<'_> {
         order.into_iter().take(count).map(start).collect()
     }
 
-    /// Eigenvalues of the pencil ∮ z T⁻¹V dz, ∮ T⁻¹V dz in a disc, with the coordinate z = (s − iω)/r, for a
-    /// block V of `columns` irregular vectors.
-    fn starts(&self, radius: f64, columns: usize, nodes: usize) -> Vec<Complex<f64>> {
+    /// Eigenvalues of the pencil (A_{i+j+1}), (A_{i+j}), i, j < K, of the moments A_k = ∮ zᵏ T⁻¹V dz in a disc,
+    /// with the coordinate z = (s − iω)/r, for a block V of irregular vectors: `wanted` places and a few to
+    /// spare, of which one moment tells no more than there are coordinates.
+    fn starts(&self, radius: f64, wanted: usize, nodes: usize) -> Vec<Complex<f64>> {
+        const SPARE: usize = 6;
+        const MOST_BLOCKS: usize = 12;
         let size = self.system.size;
-        let columns = columns.min(size);
+        let columns = (wanted + SPARE).min(size);
+        // Of many coordinates a second moment to spare would only be noise.
+        let told = if size > SPARE { wanted } else { wanted + SPARE };
+        let blocks = told.div_ceil(size.max(1)).clamp(1, MOST_BLOCKS);
         let mut irregular = Irregular(1);
         let block: Vec<_> = (0..columns).map(|_| irregular.vector(size)).collect();
-        let mut moments = [(); 2].map(|()| DMatrix::<Complex<f64>>::zeros(size, columns));
+        let mut moments = vec![DMatrix::<Complex<f64>>::zeros(size, columns); 2 * blocks];
         for node in 0..nodes {
             let angle = 2.0 * PI * (node as f64 + 0.5) / nodes as f64;
             let z = Complex::new(libm::cos(angle), libm::sin(angle));
@@ -566,14 +572,20 @@ impl Search<'_> {
                 if self.solved(&factored, &mut solution).is_none() {
                     return Vec::new();
                 }
-                for (row, entry) in solution.into_iter().enumerate() {
-                    moments[0][(row, column)] += entry * z;
-                    moments[1][(row, column)] += entry * z * z;
+                for (row, mut entry) in solution.into_iter().enumerate() {
+                    for moment in &mut moments {
+                        entry *= z;
+                        moment[(row, column)] += entry;
+                    }
                 }
             }
         }
-        let [zeroth, first] = moments;
-        eigenvalues(&zeroth, &first)
+        let hankel = |from: usize| {
+            DMatrix::from_fn(blocks * size, blocks * columns, |row, column| {
+                moments[row / size + column / columns + from][(row % size, column % columns)]
+            })
+        };
+        eigenvalues(&hankel(0), &hankel(1))
             .into_iter()
             .filter(|z| z.norm() < 1.2)
             .map(|z| self.centre + z * radius)

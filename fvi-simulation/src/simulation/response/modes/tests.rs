@@ -57,6 +57,38 @@ fn chain(size: usize) -> (Linearised, impl Fn(Complex<f64>) -> Complex<f64>) {
     (linearised(&text, &files), last_pivot)
 }
 
+/// One coordinate has more motions than coordinates if its kernel has states: those of
+/// (m s² + k)(s² + d s + w) + s² = 0.
+#[test]
+fn motions_of_the_states_of_a_kernel_are_found_beside_that_of_one_coordinate() {
+    for (mass, stiffness, w, d, omega) in [
+        (0.85, 10.76, 2.102, 1.448, 2.656),
+        (2.52, 5.4, 2.356, 1.176, 11.03),
+        (2.41, 9.93, 1.484, 1.196, 2.441),
+        (2.21, 2.33, 1.248, 1.334, 1.318),
+    ] {
+        let states = format!("A = [[0.0, 1.0], [-{w}, -{d}]], B = [[1.0], [-{d}]], C = [[1.0, 0.0]]");
+        let system = linearised(
+            &format!(
+                "[system]\nmass = [{mass}]\nstiffness = [[{stiffness}]]\n[[system.damping]]\n\
+                 kernel = {{ states = {{ {states} }} }}\n[time]\nstep = 0.1\nsteps = 10\n"
+            ),
+            &[],
+        );
+        let found = modes(&system, omega, 6);
+        assert!(!found.is_empty() && found.len() <= 2, "{found:?}");
+        for mode in &found {
+            let s = mode.place;
+            let [own, kernel] = [s * s * mass + stiffness, s * s + s * d + w];
+            let size = own.norm() * kernel.norm() + s.norm_sqr();
+            assert!((own * kernel + s * s).norm() < 1e-12 * size, "{mode:?}");
+        }
+        if found.len() == 2 {
+            assert!((found[0].place - found[1].place).norm() > 0.1, "{found:?}");
+        }
+    }
+}
+
 /// The zero of a function next to a place, by the secant method.
 fn zero_of(function: &impl Fn(Complex<f64>) -> Complex<f64>, near: Complex<f64>) -> Complex<f64> {
     let (mut before, mut now) = (near * (1.0 + 1e-7), near);
