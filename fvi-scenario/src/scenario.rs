@@ -51,6 +51,8 @@ pub use builder::{Damper, Entries, ScenarioBuilder};
 pub use case::Case;
 #[doc(hidden)]
 pub use combinations::{Feature, MARK as COMBINATIONS_MARK, ROWS, Row, page as combinations_page};
+#[doc(hidden)]
+pub use controller::counts_within;
 pub use controller::{Controller, Noise, Quantise, Setpoint};
 pub use element::Element;
 pub use equation::{Equation, EquationCoordinate, NamedDerivative, Term};

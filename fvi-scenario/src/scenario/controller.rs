@@ -64,6 +64,17 @@ pub struct Quantise {
     pub output: Option<f64>,
 }
 
+/// The least and the largest multiple of a quantum within limits, as counts of it; a limit that is a multiple but
+/// for rounding counts as one.
+#[doc(hidden)]
+pub fn counts_within(quantum: f64, [lower, upper]: [f64; 2]) -> [f64; 2] {
+    let count = |limit: f64, inwards: fn(f64) -> f64| {
+        let (count, nearest) = (limit / quantum, libm::round(limit / quantum));
+        if (count - nearest).abs() <= 4.0 * f64::EPSILON * count.abs() { nearest } else { inwards(count) }
+    };
+    [count(lower, libm::ceil), count(upper, libm::floor)]
+}
+
 /// Gaussian noise on the measured value, the same in every run with the same seed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Noise {
@@ -264,8 +275,8 @@ impl Controller {
                 let quantum = |key| table.optional(key).map(|value| value.positive()).transpose();
                 let quantise = Quantise { measure: quantum("measure")?, output: quantum("output")? };
                 if let Some(output) = quantise.output {
-                    let [lower, upper] = settings.limits;
-                    if (lower / output).ceil() * output > upper {
+                    let [least, most] = counts_within(output, settings.limits);
+                    if least > most {
                         let allowed = "a quantum of which a multiple lies within `limits`";
                         return Err(table.required("output")?.out_of_range(allowed));
                     }

@@ -13,7 +13,7 @@ use fvi_fft::exponentials::exponential_table::{
 use fvi_scenario::language::InputError;
 use fvi_scenario::language::Problem;
 use fvi_scenario::language::expression::{Elementary, Moment};
-use fvi_scenario::scenario::{Controller, SampledInput, Scenario};
+use fvi_scenario::scenario::{Controller, SampledInput, Scenario, counts_within};
 use std::collections::VecDeque;
 
 /// The input force of a step: the force held from its beginning, and changes inside it.
@@ -264,16 +264,16 @@ fn memory<T: Real>(kernel: &Kernel, table: &ExponentialKernel, what: &str) -> Re
 /// Largest multiple of a quantum to which numbers are rounded.
 const MOST_QUANTA: f64 = (1u64 << 52) as f64;
 
-/// The nearest multiple of a quantum, if there is a quantum; ties are rounded away from zero.
-fn rounded<T: Real>(number: T, quantum: Option<f64>) -> T {
-    match quantum {
-        Some(quantum) => {
-            let quantum = T::of(quantum);
-            let count = (number / quantum).to_f64();
-            // Larger numbers of double precision are multiples already.
-            if count.abs() < MOST_QUANTA { T::of(libm::round(count)) * quantum } else { number }
-        }
-        None => number,
+/// The nearest multiple of a quantum within limits, if there is a quantum; ties are rounded away from zero.
+fn rounded<T: Real>(number: T, quantum: Option<f64>, limits: [f64; 2]) -> T {
+    let Some(quantum) = quantum else { return number };
+    let count = (number / T::of(quantum)).to_f64();
+    if count.abs() < MOST_QUANTA {
+        let [least, most] = counts_within(quantum, limits);
+        T::of(libm::round(count).max(least).min(most) * quantum)
+    } else {
+        // Larger numbers of double precision are multiples already.
+        number
     }
 }
 
@@ -285,23 +285,15 @@ impl<T: Elementary> Loop<T> {
         let Controller { measures, setpoint, feed_forward, quantise, noise, settings, .. } = &self.controller;
         let time = T::of(time);
         let noise = T::of(noise.at(step / self.every));
-        let measured = rounded(measures.value(Moment::inside(time), variables) + noise, quantise.measure);
+        let measured = measures.value(Moment::inside(time), variables) + noise;
+        let measured = rounded(measured, quantise.measure, [f64::NEG_INFINITY, f64::INFINITY]);
         let wanted = setpoint.at(time);
         let mut inputs = PidInputs::new(wanted, measured);
         if let Some(feed_forward) = feed_forward {
             inputs.feed_forward = feed_forward.value(Moment::from_right(time), &[]);
         }
         let output = self.pid.tick_with(&inputs).map_err(|error| error.to_string())?;
-        let mut output = rounded(output, quantise.output);
-        if let Some(quantum) = quantise.output {
-            // The nearest multiple within the limits.
-            let [lower, upper] = settings.limits;
-            if output.to_f64() > upper {
-                output -= T::of(quantum);
-            } else if output.to_f64() < lower {
-                output += T::of(quantum);
-            }
-        }
+        let output = rounded(output, quantise.output, settings.limits);
         self.waiting.push_back((step.saturating_add(self.delay.0), output));
         self.columns = [output, wanted, measured];
         Ok(())

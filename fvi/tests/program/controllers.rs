@@ -367,6 +367,36 @@ fn a_loop_at_rest_stays_there_unless_values_before_the_start_count_as_zero() {
     assert!((run.column("u")[0] - kick).abs() < 1e-9, "{}", run.column("u")[0]);
 }
 
+/// An output at its limit is the last multiple of the quantum within it, also where the quotient of the two is
+/// rounded: 0.3 and 0.1.
+#[test]
+fn a_limit_that_is_a_multiple_of_the_quantum_is_reached() {
+    let place = Workplace::new();
+    for (limit, quantum, reached) in [
+        (0.3, 0.1, 0.3),
+        (0.7, 0.1, 0.7),
+        (0.6, 0.2, 0.6),
+        (2.3, 0.1, 2.3),
+        (3.3, 1e-4, 3.3),
+        (0.35, 0.1, 0.3),
+        (1.0, 0.3, 0.9),
+    ] {
+        for sign in [1.0, -1.0] {
+            for precision in ["f64", "f32"] {
+                let scenario = format!(
+                    "[system]\nmass = [1.0]\n[initial]\nposition = [0.0]\n[time]\nstep = 0.01\nend = 0.1\n\
+                     [controller]\nmeasures = \"q0\"\nsetpoint = \"{sign}\"\ndrives = [1.0]\nkp = 20.0\nki = 1.0\n\
+                     sample = 0.01\nlimits = [-{limit}, {limit}]\nquantise = {{ output = {quantum} }}\n"
+                );
+                let run = place.run(&scenario, &["--precision", precision]);
+                let near =
+                    |u: f64| (u - sign * reached).abs() < 1e-6 * reached && u.abs() <= limit * (1.0 + 1e-7);
+                assert!(run.column("u").iter().all(|&u| near(u)), "{limit} {quantum}: {:?}", run.column("u"));
+            }
+        }
+    }
+}
+
 const LOOP: &str = "[controller]\nmeasures = \"q0\"\nsetpoint = \"1\"\ndrives = [1.0]\nkp = 1.5\nki = 0.8\nlambda = 0.9\n\
                     kd = 0.6\nmu = 0.7\nsample = 0.06\ndelay = 0.13\nlimits = [-1.0, 2.0]\n\
                     anti_windup = { kind = \"conditional\" }\nquantise = { measure = 1e-3, output = 0.25 }\n\
