@@ -611,7 +611,9 @@ impl<'s> AdaptiveSteps<'s> {
         }
         let usual = match self.scenario.equation {
             Some(_) => {
-                "at the start the right side is no number, or its slopes hide the solution, or the tolerance is below what rounding leaves"
+                "at the start the right side is no number (a root or a power of an unknown that begins at 0 also meets numbers a \
+                 little below it: write abs(x0)^1.5 there), or its slopes hide the solution, or the tolerance is below what \
+                 rounding leaves"
             }
             None => {
                 "a jump of a force belongs on a grid point (`time.must_hit`), and a tolerance above what rounding leaves"
