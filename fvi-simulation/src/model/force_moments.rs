@@ -499,8 +499,11 @@ impl ForceMoments {
         let time = singularity.time;
         let close = match () {
             () if time == 0.0 => 1e-290,
-            () if exponent < -0.2 => 1e-8 * time,
-            () => 1e-14 * time,
+            // Late in time, where a step is hardly longer than that, with fewer digits.
+            () if exponent < -0.2 => {
+                (1e-8 * time.abs()).min((0.01 * length).max(1e3 * f64::EPSILON * time.abs()))
+            }
+            () => 1e-14 * time.abs(),
         };
         let pieces = 16;
         let mut finite = true;

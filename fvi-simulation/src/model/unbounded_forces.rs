@@ -31,8 +31,8 @@ impl UnboundedForces {
         if !is_forced || !takes_moments(scenario) {
             return None;
         }
-        let (end, touched) = (scenario.time.end(), touched(scenario));
-        let split = |expression: &Expression| split(expression, end, touched);
+        let (run, touched) = ([scenario.time.start, scenario.time.end()], touched(scenario));
+        let split = |expression: &Expression| split(expression, run, touched);
         let split_components: Vec<_> = components.iter().map(split).collect();
         let split_loads: Vec<_> = loads(scenario)
             .map(|(load, motions)| match &load.amplitude {
@@ -88,15 +88,15 @@ fn touched(scenario: &Scenario) -> [bool; 2] {
 /// The terms of an expression to be separated, the remaining expression, and the times of the singularities.
 fn split(
     expression: &Expression,
-    end: f64,
+    run: [f64; 2],
     touched: [bool; 2],
 ) -> Option<(Expression, Expression, Vec<Singularity>)> {
     let (mut taken, mut left, mut times) = (Vec::new(), Vec::new(), Vec::new());
     for term in terms(expression.root()) {
-        let found = if term.varies() { Vec::new() } else { Unbounded::of(&term, end).found };
+        let found = if term.varies() { Vec::new() } else { Unbounded::of(&term, run).found };
         let is_strong = |singularity: &Singularity| {
-            let place = usize::from(singularity.time > 0.0);
-            touched[place] || singularity.exponent() < MILD[place]
+            let is_later = usize::from(singularity.time > run[0]);
+            touched[is_later] || singularity.exponent() < MILD[usize::from(singularity.time != 0.0)]
         };
         if found.iter().all(Singularity::has_integral) && found.iter().any(is_strong) {
             taken.push(term);

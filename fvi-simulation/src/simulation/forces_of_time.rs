@@ -148,9 +148,9 @@ fn expressions(scenario: &Scenario) -> impl Iterator<Item = (String, &Expression
 
 /// Unbounded terms of an expression among those that depend on time alone.
 fn unbounded(scenario: &Scenario, expression: &Expression) -> impl Iterator<Item = Unbounded> {
-    let end = scenario.time.end();
+    let run = [scenario.time.start, scenario.time.end()];
     let of_time = terms(expression.root()).into_iter().filter(|term| !term.varies());
-    of_time.filter(move |_| end > 0.0).map(move |term| Unbounded::of(&term, end))
+    of_time.filter(move |_| run[1] > run[0]).map(move |term| Unbounded::of(&term, run))
 }
 
 /// The largest parts that depend on time alone.

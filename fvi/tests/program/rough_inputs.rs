@@ -212,3 +212,43 @@ fn random_records_drive_every_scheme_on_every_grid_as_their_polygons_do() {
         }
     }
 }
+
+/// Forces that are unbounded at the start of a run, wherever it begins: p = ∫ (t − s)^e dt.
+#[test]
+fn a_force_that_is_unbounded_at_the_start_has_its_whole_impulse() {
+    let place = Workplace::new();
+    for (start, length) in [(0.0, 0.2), (10.0, 0.2), (1e-3, 5.0), (1e7, 2.0)] {
+        for exponent in [-0.9, -0.5] {
+            for scheme in ["low-order", "galerkin\"\ndegree = 2\nquadrature = \"gauss", "collocation"] {
+                let scenario = format!(
+                    "[system]\nmass = [1.0]\nforce = [\"(t - {start:?})^({exponent})\"]\n[initial]\nposition = [0.0]\n\
+                     [scheme]\nkind = \"{scheme}\"\n[time]\nstep = {:?}\nstart = {start:?}\nend = {:?}\n",
+                    length / 100.0,
+                    start + length,
+                );
+                let run = place.run(&scenario, &[]);
+                let exact = f64::powf(length, exponent + 1.0) / (exponent + 1.0);
+                let found = *run.column("p0").last().unwrap();
+                // The rounding of late times.
+                let within = if start > 1e6 { 2e-2 } else { 1e-6 };
+                assert!((found / exact - 1.0).abs() < within, "{scenario}: {found} for {exact}");
+            }
+        }
+    }
+    // What lies before the start is no matter, what has no impulse is refused.
+    let free = |force: &str| {
+        format!(
+            "[system]\nmass = [1.0]\nforce = [\"{force}\"]\n[initial]\nposition = [0.0]\n\
+             [time]\nstep = 0.01\nstart = 1.0\nend = 2.0\n"
+        )
+    };
+    let run = place.run(&free("1/t"), &[]);
+    assert!((run.column("p0").last().unwrap() - std::f64::consts::LN_2).abs() < 1e-4);
+    place.write("none.toml", &free("(t - 1)^(-1.2)"));
+    let output = place.fvi(&["run", "none.toml", "--out", "none"]);
+    assert!(
+        output.status.code() == Some(2) && text(&output.stderr).contains("impulse"),
+        "{}",
+        text(&output.stderr)
+    );
+}

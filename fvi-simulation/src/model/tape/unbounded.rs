@@ -21,14 +21,15 @@ const SMALLEST_EXPONENT: f64 = -0.99;
 pub struct Unbounded {
     /// Singularities, ascending, up to the first that is not integrable.
     pub found: Vec<Singularity>,
-    /// Time up to which they are known, if not the end.
+    /// Time up to which they are known, if not the end of the run.
     pub known_to: Option<f64>,
 }
 
 /// Largest number of enclosures in a search.
 const MOST_LOOKS: usize = 20_000;
 
-/// Length of a range at 0, as a fraction of the run, below which it is treated as a point.
+/// Length of a range from the start on, as a fraction of the run, below which it is treated as a point, if times are
+/// numbers so close to each other: at a start at 0.
 const SMALLEST: f64 = 1e-27;
 
 impl Singularity {
@@ -44,10 +45,12 @@ impl Singularity {
 }
 
 impl Unbounded {
-    /// The singularities of a term over [0, `end`]: the range is halved until interval arithmetic bounds the
-    /// term in every part except the shortest, where the growth of its values decides.
-    pub fn of(node: &Node, end: f64) -> Self {
-        let (mut parts, mut looks) = (vec![(0.0, end)], 0);
+    /// The singularities of a term over a run, from its start to its end: the range is halved until interval
+    /// arithmetic bounds the term in every part except the shortest, where the growth of its values decides.
+    pub fn of(node: &Node, run: [f64; 2]) -> Self {
+        let [start, end] = run;
+        let smallest = SMALLEST * (end - start);
+        let (mut parts, mut looks) = (vec![(start, end)], 0);
         let mut result = Self::default();
         let mut passed = f64::NEG_INFINITY;
         let term = Term::new(node.clone());
@@ -66,14 +69,14 @@ impl Unbounded {
                 continue;
             }
             let middle = 0.5 * (from + to);
-            let is_point = to - from <= 4.0 * f64::EPSILON * to || to <= SMALLEST * end;
+            let is_start = from == start && to - start <= smallest;
+            let is_point = is_start || to - from <= 4.0 * f64::EPSILON * from.abs().max(to.abs());
             if !is_point {
                 parts.extend([(middle, to), (from, middle)]);
                 continue;
             }
-            let is_start = to <= SMALLEST * end;
-            let time = if is_start { 0.0 } else { highest(from, to, &mut value) };
-            match growth(time, end, &mut value) {
+            let time = if is_start { start } else { highest(from.next_down().max(start), to, &mut value) };
+            match growth(time, run, &mut value) {
                 None => {
                     // The term is not a number there: the run will fail with a message.
                     result.known_to = None;
@@ -88,7 +91,7 @@ impl Unbounded {
                     }
                 }
             }
-            passed = if is_start { SMALLEST * end } else { to * (1.0 + 8.0 * f64::EPSILON) };
+            passed = if is_start { start + smallest } else { to + 8.0 * f64::EPSILON * to.abs() };
         }
         result
     }
@@ -96,7 +99,7 @@ impl Unbounded {
 
 /// The place between two close ones where a function is largest, or not finite.
 fn highest(from: f64, to: f64, value: &mut impl FnMut(f64) -> f64) -> f64 {
-    let (mut time, mut best, mut largest) = (from.next_down(), from, 0.0);
+    let (mut time, mut best, mut largest) = (from, from, 0.0);
     while time <= to.next_up() {
         let size = value(time).abs();
         if !size.is_finite() {
@@ -110,13 +113,18 @@ fn highest(from: f64, to: f64, value: &mut impl FnMut(f64) -> f64) -> f64 {
     best
 }
 
-/// e before and after a time; `None` if the function is not a number there.
-fn growth(time: f64, end: f64, value: &mut impl FnMut(f64) -> f64) -> Option<[f64; 2]> {
-    // Distances large enough for the rounding of the time.
-    let distances = if time == 0.0 { [1e-20 * end, 1e-24 * end] } else { [1e-7 * time, 1e-9 * time] };
+/// e before and after a time of a run; `None` if the function is not a number there.
+fn growth(time: f64, [start, end]: [f64; 2], value: &mut impl FnMut(f64) -> f64) -> Option<[f64; 2]> {
+    // Distances large enough for the rounding of the time, and small beside the run.
+    let distances = if time == 0.0 {
+        [1e-20, 1e-24].map(|part| part * (end - start))
+    } else {
+        let far = (1e-7 * time.abs()).min(0.01 * (end - start));
+        [far, (0.01 * far).max(64.0 * f64::EPSILON * time.abs()).min(0.5 * far)]
+    };
     let mut exponents = [0.0; 2];
     for (side, exponent) in [-1.0, 1.0].into_iter().zip(&mut exponents) {
-        if (side < 0.0 && time == 0.0) || (side > 0.0 && time >= end) {
+        if (side < 0.0 && time <= start) || (side > 0.0 && time >= end) {
             continue;
         }
         let [far, near] = distances.map(|distance| value(time + side * distance).abs());
@@ -151,7 +159,7 @@ mod tests {
 
     fn unbounded(text: &str) -> Unbounded {
         let expression = Expression::parse(text, &Symbols::new().with_time()).unwrap();
-        Unbounded::of(expression.root(), 8.0)
+        Unbounded::of(expression.root(), [0.0, 8.0])
     }
 
     #[test]
@@ -172,6 +180,27 @@ mod tests {
         assert!(logarithm[0].exponents.iter().all(|&e| e < 0.0 && e > -0.1), "{logarithm:?}");
         let periodic = unbounded("abs(sin(t))^(-0.5)").found;
         assert_eq!(periodic.len(), 3, "{periodic:?}");
+    }
+
+    #[test]
+    fn what_lies_before_the_start_does_not_count() {
+        let of = |text: &str, run: [f64; 2]| {
+            let expression = Expression::parse(text, &Symbols::new().with_time()).unwrap();
+            Unbounded::of(expression.root(), run)
+        };
+        for (start, length) in [(10.0, 0.2), (1.0, 100.0), (1e7, 2.0), (-3.0, 1.0), (1e-3, 5.0)] {
+            let run = [start, start + length];
+            for exponent in [-0.9, -0.5] {
+                let found = of(&format!("(t - ({start}))^({exponent})"), run);
+                let right = Singularity { time: start, exponents: [0.0, exponent] };
+                assert!(found.found.len() == 1 && found.known_to.is_none(), "{start}: {found:?}");
+                assert!(found.found[0].time == right.time && found.found[0].exponents[0] == 0.0, "{found:?}");
+                assert!((found.found[0].exponents[1] - exponent).abs() < 1e-5, "{start}: {found:?}");
+            }
+            let found = of(&format!("(t - ({start}))^(-1.2)"), run).found;
+            assert!(found.len() == 1 && !found[0].has_integral(), "{start}: {found:?}");
+            assert_eq!(of(&format!("1/(t - ({start}) + 0.5)"), run), Unbounded::default(), "{start}");
+        }
     }
 
     #[test]
