@@ -707,24 +707,22 @@ impl<T: Scalar> TypedSimulation<T> {
 impl<T: Elementary + Memories> TypedSimulation<T> {
     /// Sets the input, and stores the beginning of the step.
     #[inline(always)]
-    fn prepare(&mut self, input: &[f64]) {
-        if !input.is_empty() || self.pushed || self.pieces.is_some() {
+    fn prepare(&mut self, input: &[f64], begin: impl Fn() -> f64) {
+        if !input.is_empty() || self.pushed {
             self.store_input(input);
+        }
+        if let Some(pieces) = &mut self.pieces {
+            let state = self.integrator.state();
+            pieces.swap(0, 1);
+            pieces[0].begin(begin(), &state.position, &state.momentum);
         }
     }
 
     #[inline(never)]
     fn store_input(&mut self, input: &[f64]) {
-        if !input.is_empty() || self.pushed {
-            self.pushed = !input.is_empty();
-            for (index, place) in self.input.iter_mut().enumerate() {
-                *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
-            }
-        }
-        if let Some(pieces) = &mut self.pieces {
-            let state = self.integrator.state();
-            pieces.swap(0, 1);
-            pieces[0].begin(self.integrator.time().to_f64(), &state.position, &state.momentum);
+        self.pushed = !input.is_empty();
+        for (index, place) in self.input.iter_mut().enumerate() {
+            *place = input.get(index).map_or(T::zero(), |&number| T::of(number));
         }
     }
 
@@ -745,26 +743,27 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
         step: usize,
         drive: Option<&Drive>,
     ) -> Result<u32, StepError> {
+        // The grid's times have more digits than those of a run in single precision.
+        let [begin, end] = [step, step + 1].map(|index| move || scenario.time.time(index));
         match drive {
             None => {
-                self.prepare(scenario.input_over(step));
+                self.prepare(scenario.input_over(step), begin);
             }
             Some(drive) => {
                 let live = self.integrator.system_mut().live();
                 if let (Some(live), Some(inside)) = (live, &drive.inside) {
                     live.clone_from(inside);
                 }
-                self.prepare(&drive.held);
+                self.prepare(&drive.held, begin);
             }
         }
-        let made = match &scenario.time.grid {
-            None => self.integrator.step_under(if self.pushed { &self.input } else { &[] }),
-            Some(_) => {
-                let (begin, end) = (scenario.time.time(step), scenario.time.time(step + 1));
-                self.integrator.step_over(T::of(end - begin), T::of(end), &self.input)
-            }
-        };
-        self.keep_piece(made)
+        if scenario.time.grid.is_none() {
+            let made = self.integrator.step_under(if self.pushed { &self.input } else { &[] });
+            return self.keep_piece(made, end, self.integrator.step_size());
+        }
+        let length = T::of(end() - begin());
+        let made = self.integrator.step_over(length, T::of(end()), &self.input);
+        self.keep_piece(made, end, length)
     }
 
     /// Updates the reported momentum if it is not that of the state.
@@ -798,9 +797,15 @@ impl<T: Elementary + Memories> TypedSimulation<T> {
     }
 
     /// Stores the solution of the step for states inside it.
-    fn keep_piece(&mut self, made: Result<u32, StepError>) -> Result<u32, StepError> {
+    #[inline(always)]
+    fn keep_piece(
+        &mut self,
+        made: Result<u32, StepError>,
+        end: impl Fn() -> f64,
+        length: T,
+    ) -> Result<u32, StepError> {
         if let (Ok(_), Some([piece, _])) = (&made, &mut self.pieces) {
-            piece.end(self.integrator.time().to_f64(), AnyScheme::solution(self.integrator.storage()));
+            piece.end(end(), length, AnyScheme::solution(self.integrator.storage()));
         }
         made
     }
@@ -1160,15 +1165,19 @@ impl<T: Scalar> Stepper for TypedSimulation<T> {
     }
 
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
-        self.prepare(input);
+        let begin = self.integrator.time().to_f64();
+        self.prepare(input, || begin);
         let made = self.integrator.step(&self.input);
-        self.keep_piece(made)
+        let (end, length) = (self.integrator.time().to_f64(), self.integrator.step_size());
+        self.keep_piece(made, || end, length)
     }
 
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
-        self.prepare(input);
+        let begin = self.integrator.time().to_f64();
+        self.prepare(input, || begin);
         let made = self.integrator.step_over(T::of(length), T::of(end), &self.input);
-        self.keep_piece(made)
+        let end = self.integrator.time().to_f64();
+        self.keep_piece(made, || end, T::of(length))
     }
 
     fn interpolate(&mut self, time: f64, state: &mut GridState) {
@@ -1190,7 +1199,7 @@ impl<T: Scalar> Stepper for TypedSimulation<T> {
                 self.integrator.scheme().interpolate(
                     &piece.solution,
                     self.integrator.system(),
-                    (T::of(piece.to - piece.from), T::of(fraction)),
+                    (piece.length, T::of(fraction)),
                     &mut position,
                     &mut momentum,
                 );
@@ -1210,7 +1219,7 @@ impl<T: Scalar> Stepper for TypedSimulation<T> {
         match piece.place(time) {
             WithinStep::Inside(fraction) if !piece.solution.is_empty() => {
                 let (mut inside, mut momentum) = (piece.position.clone(), piece.momentum.clone());
-                let place = (T::of(piece.to - piece.from), T::of(fraction));
+                let place = (piece.length, T::of(fraction));
                 let (scheme, system) = (self.integrator.scheme(), self.integrator.system());
                 scheme.interpolate(&piece.solution, system, place, &mut inside, &mut momentum);
                 position.extend(in_double(&inside));

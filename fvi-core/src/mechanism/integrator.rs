@@ -712,6 +712,11 @@ where
         system.energy(carried.position, carried.velocity)
     }
 
+    /// Step size h.
+    pub fn step_size(&self) -> T {
+        self.step_size
+    }
+
     /// The work that the dampers have taken up so far, h Σ_k Σ_i b_i W_iᵀ f_i.
     pub fn work(&self) -> T {
         let [work, _] = self.work;

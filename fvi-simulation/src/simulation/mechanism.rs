@@ -114,23 +114,23 @@ impl<T: Elementary> TypedMechanism<T> {
         }
     }
 
-    /// Stores the end of a step.
-    fn finish(&mut self, made: Result<u32, StepError>) -> Result<u32, StepError> {
+    /// Stores the end of a step of this length.
+    fn finish(&mut self, made: Result<u32, StepError>, length: T) -> Result<u32, StepError> {
         let corrections = made?;
         if let (Some(pulls), Some(_)) = (&mut self.pulls, &self.pieces) {
             pulls.at_nodes.clear();
             pulls.at_nodes.extend(in_double(self.integrator.tensions_at_nodes()));
         }
-        self.follow();
+        self.follow(length);
         if let Some([piece, _]) = &mut self.pieces {
-            piece.end(self.integrator.time().to_f64(), self.integrator.solution());
+            piece.end(self.integrator.time().to_f64(), length, self.integrator.solution());
         }
         self.take_momentum();
         Ok(corrections)
     }
 
     /// Looks at the last step.
-    fn follow(&mut self) {
+    fn follow(&mut self, length: T) {
         if self.passages.are_idle() && self.turns.is_none() {
             return;
         }
@@ -138,7 +138,6 @@ impl<T: Elementary> TypedMechanism<T> {
         let rule = *self.integrator.rule();
         let (end, moves) = (self.integrator.time().to_f64(), self.integrator.solution().to_vec());
         let last = self.integrator.position().to_vec();
-        let length = T::of(end - from);
         let at = |fraction: f64| {
             if fraction == 1.0 {
                 return last.clone();
@@ -160,7 +159,7 @@ impl<T: Elementary> TypedMechanism<T> {
     /// Position and velocity at a fraction of a step.
     fn inside(&self, piece: &Piece<T>, fraction: f64) -> [Vec<T>; 2] {
         let (rule, count) = (self.integrator.rule(), piece.position.len());
-        let length = T::of(piece.to - piece.from);
+        let length = piece.length;
         let (mut position, mut velocity) = (piece.position.clone(), vec![T::zero(); count]);
         for (stage, rates) in piece.solution.chunks_exact(count.max(1)).enumerate() {
             let (moved, share) = (length * rule.integral(stage, fraction), rule.value(stage, fraction));
@@ -490,13 +489,14 @@ impl<T: Elementary> Stepper for TypedMechanism<T> {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
         self.prepare(input);
         let made = self.integrator.step(&self.input);
-        self.finish(made)
+        let length = self.integrator.step_size();
+        self.finish(made, length)
     }
 
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
         self.prepare(input);
         let made = self.integrator.step_over(T::of(length), T::of(end), &self.input);
-        self.finish(made)
+        self.finish(made, T::of(length))
     }
 
     fn advance(

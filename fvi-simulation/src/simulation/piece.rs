@@ -7,6 +7,8 @@ use fvi_core::Real;
 pub(super) struct Piece<T> {
     pub(super) from: f64,
     pub(super) to: f64,
+    /// The length that the step had: late in time that is more digits than the difference of its ends.
+    pub(super) length: T,
     pub(super) position: Vec<T>,
     pub(super) momentum: Vec<T>,
     /// [`AnyScheme::solution`](crate::model::AnyScheme::solution).
@@ -28,8 +30,8 @@ impl<T: Real> Piece<T> {
         momentum.clone_into(&mut self.momentum);
     }
 
-    pub(super) fn end(&mut self, time: f64, solution: &[T]) {
-        self.to = time;
+    pub(super) fn end(&mut self, time: f64, length: T, solution: &[T]) {
+        (self.to, self.length) = (time, length);
         solution.clone_into(&mut self.solution);
     }
 

@@ -142,6 +142,38 @@ fn single_precision_agrees_with_double_to_its_own_rounding() {
     }
 }
 
+/// q = cos t, p = −sin t, energy ½, in rows and at events between grid points, far from t = 0: there the
+/// difference of two grid times has few digits.
+#[test]
+fn states_between_grid_points_far_from_zero_have_the_momentum_of_the_motion() {
+    let place = Workplace::new();
+    for (precision, start, step, within) in [
+        ("f32", 1e5, 0.01, 0.02),
+        ("f32", 0.0, 0.01, 0.02),
+        ("f64", 1.7e9, 0.001, 2e-6),
+        ("f64", 0.0, 0.001, 2e-6),
+    ] {
+        for scheme in ["low-order", "galerkin\"\ndegree = 2\nquadrature = \"gauss", "collocation"] {
+            let scenario = format!(
+                "[system]\nmass = [1.0]\npotential = \"0.5*q0^2\"\n[initial]\nposition = [1.0]\n\
+                 [scheme]\nkind = \"{scheme}\"\n[time]\nstep = {step:?}\nstart = {start:?}\nend = {:?}\n\
+                 [output]\ntimes = [{:?}]\n[[event]]\nwhen = \"q0\"\n",
+                start + 10.0,
+                start + 1.5755,
+            );
+            let run = place.run(&scenario, &["--precision", precision]);
+            let named = ["q0", "p0", "energy"].map(|name| run.column(name));
+            for ((&q, &p), &energy) in named[0].iter().zip(&named[1]).zip(&named[2]) {
+                let [radius, twice] = [q * q + p * p, 2.0 * energy];
+                assert!(
+                    (radius - 1.0).abs() < within && (twice - 1.0).abs() < within,
+                    "{scenario}: {q} {p} {energy}"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn no_steps_give_the_initial_state() {
     let place = Workplace::new();
