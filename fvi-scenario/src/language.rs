@@ -25,4 +25,4 @@ mod paths;
 
 pub use document::Document;
 pub use error::{Cause, InputError, Problem};
-pub use paths::{number_at, put, value_at};
+pub use paths::{mirrored, number_at, put, put_with_mirror, value_at};

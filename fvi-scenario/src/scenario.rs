@@ -97,7 +97,7 @@ pub use waves::Waves;
 
 use crate::language::document::{Document, Table};
 use crate::language::expression::Moment;
-use crate::language::{InputError, Problem, number_at, put};
+use crate::language::{InputError, Problem, number_at, put_with_mirror};
 use equation::RightSides;
 use fvi_core::min_or_nan;
 use fvi_fft::dense;
@@ -532,13 +532,13 @@ impl Scenario {
         Ok(number_at(&self.document.values()?, path))
     }
 
-    /// The scenario with another number at a path of its file.
+    /// The scenario with another number at a path of its file, and at its mirror image in a symmetric matrix.
     ///
     /// # Errors
     /// If there is no such path, or the number is not allowed there.
     pub fn with_number(&self, path: &str, number: f64) -> Result<Self, InputError> {
         let mut values = self.document.values()?;
-        put(&mut values, path, toml::Value::Float(number))
+        put_with_mirror(&mut values, path, number)
             .map_err(|reason| self.error_at(path, Problem::Unusable { reason }))?;
         Self::from_document(self.document.with_values(&values))
     }

@@ -4,7 +4,7 @@ use super::data::{Deviations, Domain, Extent, Record};
 use super::prony::Series;
 use super::shift::{Shift, is_of_shift};
 use fvi_scenario::language::document::{Document, Table, Value};
-use fvi_scenario::language::{InputError, Problem, number_at, put, value_at};
+use fvi_scenario::language::{InputError, Problem, mirrored, number_at, put, put_with_mirror, value_at};
 #[cfg(feature = "pictures")]
 use fvi_scenario::scenario::Appearance;
 use fvi_scenario::scenario::{Feature, Scenario};
@@ -134,26 +134,9 @@ pub(super) fn numbers_at<'a>(free: &'a [Free], point: &'a [f64]) -> impl Fn(&str
     move |path| free.iter().zip(point).find(|(free, _)| free.path == path).map(|(_, &number)| number)
 }
 
-/// Puts a number at a path, and at its mirror image in a symmetric matrix, with the opposite sign in a
-/// skew-symmetric one. Numbers of the shift are none of the scenario.
+/// Puts a number at a path, and at its mirror image. Numbers of the shift are none of the scenario.
 pub(super) fn put_number(values: &mut toml::Table, path: &str, number: f64) -> Result<(), String> {
-    if is_of_shift(path) {
-        return Ok(());
-    }
-    put(values, path, toml::Value::Float(number))?;
-    if let Some((mirrored, sign)) = mirrored(path) {
-        put(values, &mirrored, toml::Value::Float(sign * number))?;
-    }
-    Ok(())
-}
-
-/// The path of the mirror image of an entry of a matrix off its diagonal, and its sign there.
-fn mirrored(path: &str) -> Option<(String, f64)> {
-    let (front, column) = path.strip_suffix(']')?.rsplit_once('[')?;
-    let (front, row) = front.strip_suffix(']')?.rsplit_once('[')?;
-    let matrices = [("mass", 1.0), ("stiffness", 1.0), ("coefficient", 1.0), ("gyroscopic", -1.0)];
-    let (_, sign) = matrices.into_iter().find(|(matrix, _)| front.ends_with(matrix))?;
-    (row != column).then(|| (format!("{front}[{column}][{row}]"), sign))
+    if is_of_shift(path) { Ok(()) } else { put_with_mirror(values, path, number) }
 }
 
 impl Fit {
@@ -625,19 +608,6 @@ impl Model {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn entries_have_mirror_images() {
-        let image = |path: &str, sign: f64| Some((path.to_owned(), sign));
-        assert_eq!(mirrored("system.mass[0][1]"), image("system.mass[1][0]", 1.0));
-        let coefficient = mirrored("system.damping[3].coefficient[2][0]");
-        assert_eq!(coefficient, image("system.damping[3].coefficient[0][2]", 1.0));
-        assert_eq!(mirrored("system.gyroscopic[0][1]"), image("system.gyroscopic[1][0]", -1.0));
-        for path in ["system.mass[1][1]", "system.mass[1]", "system.damping[0].order", "input.samples[0][1]"]
-        {
-            assert_eq!(mirrored(path), None, "{path}");
-        }
-    }
 
     #[test]
     fn values_are_found_by_their_paths() {

@@ -1,5 +1,27 @@
 //! Values of a document by their paths.
 
+/// The path of the mirror image of an entry of a symmetric or skew-symmetric matrix off its diagonal, and its
+/// sign there.
+pub fn mirrored(path: &str) -> Option<(String, f64)> {
+    let (front, column) = path.strip_suffix(']')?.rsplit_once('[')?;
+    let (front, row) = front.strip_suffix(']')?.rsplit_once('[')?;
+    let matrices = [("mass", 1.0), ("stiffness", 1.0), ("coefficient", 1.0), ("gyroscopic", -1.0)];
+    let (_, sign) = matrices.into_iter().find(|(matrix, _)| front.ends_with(matrix))?;
+    (row != column).then(|| (format!("{front}[{column}][{row}]"), sign))
+}
+
+/// Puts a number at a path, as [`put`], and at its [mirror image](mirrored).
+///
+/// # Errors
+/// As [`put`].
+pub fn put_with_mirror(table: &mut toml::Table, path: &str, number: f64) -> Result<(), String> {
+    put(table, path, toml::Value::Float(number))?;
+    match mirrored(path) {
+        Some((mirrored, sign)) => put(table, &mirrored, toml::Value::Float(sign * number)),
+        None => Ok(()),
+    }
+}
+
 /// Puts a value at a path, such as `system.damping[0].order`. Tables that are missing on the way are added; a
 /// number at a list of one number takes the place of that number.
 ///
@@ -100,6 +122,19 @@ pub fn value_at<'t>(values: &'t toml::Table, path: &str) -> Option<&'t toml::Val
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn entries_have_mirror_images() {
+        let image = |path: &str, sign: f64| Some((path.to_owned(), sign));
+        assert_eq!(mirrored("system.mass[0][1]"), image("system.mass[1][0]", 1.0));
+        let coefficient = mirrored("system.damping[3].coefficient[2][0]");
+        assert_eq!(coefficient, image("system.damping[3].coefficient[0][2]", 1.0));
+        assert_eq!(mirrored("system.gyroscopic[0][1]"), image("system.gyroscopic[1][0]", -1.0));
+        for path in ["system.mass[1][1]", "system.mass[1]", "system.damping[0].order", "input.samples[0][1]"]
+        {
+            assert_eq!(mirrored(path), None, "{path}");
+        }
+    }
 
     #[test]
     fn values_are_put_where_paths_lead() {

@@ -506,6 +506,25 @@ fn derivatives_are_those_of_dual_numbers_in_a_hundred_random_scenarios() {
 const PLAIN: &str = "[system]\nmass = [1.0]\npotential = \"k*q0^2\"\nparameters = { k = 1.0, a = 2.0 }\n[[system.damping]]\n\
     order = 0.5\ncoefficient = [0.1]\n[initial]\nposition = [1.0]\n[time]\nstep = 0.1\nsteps = 10\n";
 
+/// An entry off the diagonal changes together with its mirror image, in mechanisms too.
+#[test]
+fn entries_off_the_diagonal_are_differences_of_runs() {
+    let written = |entry: f64, more: &str| {
+        format!(
+            "[system]\nmass = [1.0, 1.0]\npotential = \"q0^2 + q1^2\"\n[[system.damping]]\norder = 0.5\n\
+             along = [\"q0\", \"q1\"]\ncoefficient = [[1.0, {entry:?}], [{entry:?}, 0.5]]\n\
+             [initial]\nposition = [1.0, 0.5]\nvelocity = [0.5, 0.0]\n[time]\nstep = 0.02\nend = 1.0\n{more}"
+        )
+    };
+    let sought = "[sensitivity]\nparameters = [\"system.damping[0].coefficient[0][1]\"]\n";
+    let (_, derivatives) = rows(&written(0.3, sought));
+    let [(above, _), (below, _)] = [0.301, 0.299].map(|entry| rows(&written(entry, "")));
+    let last = |rows: &[Vec<f64>]| rows.last().unwrap().clone();
+    for ((above, below), found) in last(&above).iter().zip(last(&below)).zip(last(&derivatives)) {
+        assert!(((above - below) / 0.002 - found).abs() < 1e-5, "{above} {below} {found}");
+    }
+}
+
 #[test]
 fn derivatives_are_columns_behind_the_energy() {
     let place = Workplace::new();
