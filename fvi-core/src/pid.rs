@@ -552,12 +552,16 @@ where
     }
 
     /// Sets the output to u, from the next tick on, within limits and rate. The derivative continues; the
-    /// memory of the integral is cleared.
+    /// memory of the integral is cleared. Before the first tick, where an actuator stands at u already, no rate
+    /// holds it up: for a bumpless start [`automatic`](FractionalPid::automatic) may follow at once.
     ///
     /// # Errors
     /// [`PidError::NotFinite`].
     pub fn manual(&mut self, output: T) -> Result<(), PidError> {
         finite("the manual output", output)?;
+        if self.state.mode == Mode::Automatic && self.integral.memory().is_empty() {
+            self.state.output = within(output, self.law.borrow().settings().limits);
+        }
         if self.state.mode != Mode::Manual {
             self.integral.clear();
             let PidState { integral, beside, .. } = PidState::new();

@@ -222,6 +222,10 @@ impl Reference {
     }
 
     fn manual(&mut self, output: f64) {
+        if self.manual.is_none() && !self.transfer && self.samples.is_empty() {
+            let [lowest, highest] = self.settings.limits;
+            self.output = output.max(lowest).min(highest);
+        }
         if self.manual.is_none() {
             self.samples.clear();
             (self.offset, self.last_integral) = (0.0, 0.0);
@@ -600,6 +604,41 @@ fn transfers_have_no_bump() {
     assert_eq!(proportional.tick(1.0, 0.0), Ok(0.5));
     proportional.automatic();
     assert_eq!(proportional.tick(1.0, 0.0), Ok(2.0));
+}
+
+/// The actuator stands at 0.7, far from where the rate would lead from 0 in a tick.
+#[test]
+fn a_start_from_where_the_actuator_stands_has_no_bump() {
+    for settings in laws().into_iter().filter(|law| law.derivative_of != DerivativeOf::MeasuredRate) {
+        let settings = PidSettings { rate_limit: 0.1, limits: [-1.0, 1.0], ..settings };
+        let tables = tables(&settings);
+        for ticks in [0, 1, 3] {
+            let mut pid = on(settings, &tables);
+            pid.manual(0.7).unwrap();
+            for _ in 0..ticks {
+                assert_eq!(pid.tick(0.0, 0.0), Ok(0.7));
+            }
+            pid.automatic();
+            let first = pid.tick(0.0, 0.0).unwrap();
+            // Without an integral the rate leads to what the law says.
+            let leads = matches!(settings.gains, PidGains::Parallel { integral: 0.0, .. });
+            let within = if leads { settings.rate_limit * settings.sample.unwrap() } else { 0.0 };
+            assert!((first - 0.7).abs() < within + 1e-14, "{settings:?}, {ticks} ticks: {first}");
+        }
+        // Not behind a tick: from there the rate leads on, in any mode.
+        let mut pid = on(settings, &tables);
+        let before = pid.tick(0.0, 0.0).unwrap();
+        pid.manual(0.7).unwrap();
+        let step = settings.rate_limit * settings.sample.unwrap();
+        assert!((pid.tick(0.0, 0.0).unwrap() - before - step).abs() < 1e-14);
+        pid.automatic();
+        pid.manual(0.7).unwrap();
+        assert!((pid.tick(0.0, 0.0).unwrap() - before - 2.0 * step).abs() < 1e-14);
+        // Beyond a limit it stands at the limit.
+        let mut pid = on(settings, &tables);
+        pid.manual(5.0).unwrap();
+        assert_eq!(pid.tick(0.0, 0.0), Ok(1.0));
+    }
 }
 
 #[test]
