@@ -430,6 +430,7 @@ fn read_settings(table: &Table<'_>, sample: f64) -> Result<PidSettings<f64>, Inp
             table.allow(&["time", "order"])?;
             let time = not_negative(&table.required("time")?)?;
             match order(&table, "order")? {
+                _ if time == 0.0 => DerivativeFilter::None,
                 1.0 => DerivativeFilter::FirstOrder { time },
                 order => DerivativeFilter::Fractional { time, order },
             }

@@ -265,7 +265,7 @@ impl Listed<'_> {
         }
         let [b, c] = settings.setpoint_weights;
         members.push(("setpoint_weights", format!("{{{}, {}}}", number(b), number(c))));
-        if settings.limits[0].is_finite() {
+        if settings.limits.iter().any(|limit| limit.is_finite()) {
             let [lower, upper] = settings.limits;
             members.push(("limits", format!("{{{}, {}}}", number(lower), number(upper))));
         }
@@ -306,6 +306,9 @@ impl Listed<'_> {
             let _ = write!(text, " \\\n    .{name} = {value},");
         }
         text.push('\n');
+        if text.contains("INFINITY") {
+            text.insert_str(0, "#include <math.h>\n\n");
+        }
         Ok(())
     }
 }

@@ -174,6 +174,27 @@ fn a_controller_for_a_band_has_short_tables() {
     assert_eq!(alone.status.code(), Some(2));
 }
 
+/// A limit beyond single precision is none there, and a filter without a time none at all.
+#[test]
+fn constants_in_c_are_declared() {
+    let place = crate::workplace::Workplace::new();
+    let controller = "[controller]\nmeasures = \"q0\"\nsetpoint = \"0\"\ndrives = [1.0]\nkp = 2.0\nki = 0.2\nkd = 0.5\n\
+                      lambda = 0.7\nmu = 0.6\nsample = 0.01\n";
+    let listed = |more: &str| {
+        place.write("c.toml", &format!("{controller}{more}"));
+        let output = place.fvi(&["controller", "c.toml", "--format", "c", "--name", "x"]);
+        assert!(output.status.success(), "{}", crate::workplace::text(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let header = listed("limits = [0.0, 1e39]\n");
+    assert!(
+        header.starts_with("#include <math.h>\n") && header.contains(".limits = {0e0f, INFINITY}"),
+        "{header}"
+    );
+    let none = listed("derivative_filter = { time = 0.0, order = 0.5 }\n");
+    assert!(none == listed("") && !none.contains("FILTER") && !none.contains("math.h"), "{none}");
+}
+
 /// A controller in whole numbers says what its counts are worth and how far rounding goes, and is refused
 /// where it would not be the law.
 #[test]
