@@ -1178,8 +1178,8 @@ enum FviStatus fvi_pid_tick_with(struct FviPid *controller, const struct FviPidI
 
 /*
  Sets the output by hand, from the next tick on, within limits and rate limit; the memory of the integral
- is cleared. Before the first tick no rate holds it up: for a bumpless start, from where the actuator stands,
- fvi_pid_automatic may follow at once.
+ is cleared. Before the first tick no rate holds it up: for a bumpless start, from where the actuator
+ stands, fvi_pid_automatic may follow at once.
 
  Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED or FVI_STATUS_NOT_FINITE.
 

@@ -355,8 +355,8 @@ pub unsafe extern "C" fn fvi_pid_tick_with(
 }
 
 /// Sets the output by hand, from the next tick on, within limits and rate limit; the memory of the integral
-/// is cleared. Before the first tick no rate holds it up: for a bumpless start, from where the actuator stands,
-/// fvi_pid_automatic may follow at once.
+/// is cleared. Before the first tick no rate holds it up: for a bumpless start, from where the actuator
+/// stands, fvi_pid_automatic may follow at once.
 ///
 /// Returns FVI_STATUS_NULL, FVI_STATUS_MISALIGNED, FVI_STATUS_NOT_INITIALISED or FVI_STATUS_NOT_FINITE.
 ///

@@ -5,7 +5,7 @@
 mod two_stage;
 
 use fvi_strategies::fvi_core::{Memory, MemoryError, Stateful, check_channels};
-use fvi_strategies::{Lab, LabError, BuiltStrategy, Strategy};
+use fvi_strategies::{BuiltStrategy, Lab, LabError, Strategy};
 
 /// The last 256 samples one by one, and those before as means of sixteen: O(N/16) a step, right for signals
 /// that change slowly.
