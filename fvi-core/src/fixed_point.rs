@@ -263,8 +263,9 @@ struct IntegralTerm {
 /// of them behind the point as keep |x|/μ from overflowing; where a sum nevertheless grows without bound, as
 /// an integral does, it saturates. Against the same law in exact arithmetic the output is within the bound
 /// that `fvi controller` states with the constants, for any inputs, while it is within its limits; in them
-/// samples that wind back are rounded to 2⁻⁵ counts, and saturate at 2²⁶: from an output that would be farther
-/// beyond its limit than that many counts times (w + τ^λ) K_i, or w K_i, it winds back in more ticks than one.
+/// samples that wind back are rounded to 2⁻⁵ counts, and saturate at 2²⁶: from an output that would be
+/// farther beyond its limit than that many counts times (w + τ^λ) K_i, or w K_i, it winds back in more ticks
+/// than one.
 ///
 /// ```
 /// use fvi_core::{FixedGain, FixedLaw, FixedOperator, FixedPid, FixedWindup};

@@ -552,8 +552,8 @@ where
     }
 
     /// Sets the output to u, from the next tick on, within limits and rate. The derivative continues; the
-    /// memory of the integral is cleared. Before the first tick, where an actuator stands at u already, no rate
-    /// holds it up: for a bumpless start [`automatic`](FractionalPid::automatic) may follow at once.
+    /// memory of the integral is cleared. Before the first tick, where an actuator stands at u already, no
+    /// rate holds it up: for a bumpless start [`automatic`](FractionalPid::automatic) may follow at once.
     ///
     /// # Errors
     /// [`PidError::NotFinite`].

@@ -171,8 +171,8 @@ pub(super) fn largest_by_parabolas(
     best
 }
 
-/// Place and value of the maximum of a function in an interval where it has one: by parabolas through the three
-/// best places, and by golden sections where these lead nowhere. \[Brent73\], chapter 5
+/// Place and value of the maximum of a function in an interval where it has one: by parabolas through the
+/// three best places, and by golden sections where these lead nowhere. \[Brent73\], chapter 5
 pub(super) fn summit(function: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64) -> (f64, f64) {
     /// The smaller part of a golden section.
     const GOLDEN: f64 = 0.381_966_011_250_105_2;
@@ -221,7 +221,8 @@ pub(super) fn summit(function: &dyn Fn(f64) -> f64, mut low: f64, mut high: f64)
     best
 }
 
-/// Way from the first of three points to the top of the parabola through them; not finite where there is none.
+/// Way from the first of three points to the top of the parabola through them; not finite where there is
+/// none.
 fn top_of_parabola(one: (f64, f64), two: (f64, f64), three: (f64, f64)) -> f64 {
     let side = (one.0 - two.0) * (one.1 - three.1);
     let other = (one.0 - three.0) * (one.1 - two.1);

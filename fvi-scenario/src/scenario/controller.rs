@@ -64,8 +64,8 @@ pub struct Quantise {
     pub output: Option<f64>,
 }
 
-/// The least and the largest multiple of a quantum within limits, as counts of it; a limit that is a multiple but
-/// for rounding counts as one.
+/// The least and the largest multiple of a quantum within limits, as counts of it; a limit that is a multiple
+/// but for rounding counts as one.
 #[doc(hidden)]
 pub fn counts_within(quantum: f64, [lower, upper]: [f64; 2]) -> [f64; 2] {
     let count = |limit: f64, inwards: fn(f64) -> f64| {

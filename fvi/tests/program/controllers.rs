@@ -367,8 +367,8 @@ fn a_loop_at_rest_stays_there_unless_values_before_the_start_count_as_zero() {
     assert!((run.column("u")[0] - kick).abs() < 1e-9, "{}", run.column("u")[0]);
 }
 
-/// An output at its limit is the last multiple of the quantum within it, also where the quotient of the two is
-/// rounded: 0.3 and 0.1.
+/// An output at its limit is the last multiple of the quantum within it, also where the quotient of the two
+/// is rounded: 0.3 and 0.1.
 #[test]
 fn a_limit_that_is_a_multiple_of_the_quantum_is_reached() {
     let place = Workplace::new();

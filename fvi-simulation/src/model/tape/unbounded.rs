@@ -28,8 +28,8 @@ pub struct Unbounded {
 /// Largest number of enclosures in a search.
 const MOST_LOOKS: usize = 20_000;
 
-/// Length of a range from the start on, as a fraction of the run, below which it is treated as a point, if times are
-/// numbers so close to each other: at a start at 0.
+/// Length of a range from the start on, as a fraction of the run, below which it is treated as a point, if
+/// times are numbers so close to each other: at a start at 0.
 const SMALLEST: f64 = 1e-27;
 
 impl Singularity {

@@ -547,9 +547,9 @@ impl Search<'_> {
         order.into_iter().take(count).map(start).collect()
     }
 
-    /// Eigenvalues of the pencil (A_{i+j+1}), (A_{i+j}), i, j < K, of the moments A_k = ∮ zᵏ T⁻¹V dz in a disc,
-    /// with the coordinate z = (s − iω)/r, for a block V of irregular vectors: `wanted` places and a few to
-    /// spare, of which one moment tells no more than there are coordinates.
+    /// Eigenvalues of the pencil (A_{i+j+1}), (A_{i+j}), i, j < K, of the moments A_k = ∮ zᵏ T⁻¹V dz in a
+    /// disc, with the coordinate z = (s − iω)/r, for a block V of irregular vectors: `wanted` places and a
+    /// few to spare, of which one moment tells no more than there are coordinates.
     fn starts(&self, radius: f64, wanted: usize, nodes: usize) -> Vec<Complex<f64>> {
         const SPARE: usize = 6;
         const MOST_BLOCKS: usize = 12;
