@@ -493,7 +493,7 @@ impl Scenario {
         let steps = if end >= self.time.start {
             time::steps_to(end, self.time.start, self.time.step)
         } else {
-            Err("an end ≥ 0".to_owned())
+            Err(time::LEAST_END[usize::from(self.time.start != 0.0)].to_owned())
         };
         let refused = |allowed| {
             self.error_at(

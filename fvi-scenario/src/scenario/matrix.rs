@@ -154,16 +154,32 @@ impl SymmetricMatrix {
         if let Self::Sparse(matrix) = self {
             return known.positive_definite(matrix, value).map(Self::Sparse);
         }
-        let (smallest, threshold) = match self.zero_rows().as_slice() {
-            [] => self.spectrum(),
+        let massive = match self.zero_rows().as_slice() {
+            [] => self.clone(),
             massless if massless.len() == self.size() => return Ok(self),
-            massless => self.clone().without(massless).spectrum(),
+            massless => self.clone().without(massless),
         };
-        if smallest > threshold && smallest.recip().is_finite() {
+        let is_positive =
+            |(smallest, threshold): (f64, f64)| smallest > threshold && smallest.recip().is_finite();
+        let spectrum = massive.spectrum();
+        // Whatever the units of the coordinates are.
+        if is_positive(spectrum)
+            || massive.with_unit_diagonal().is_some_and(|scaled| is_positive(scaled.spectrum()))
+        {
             Ok(self)
         } else {
-            Err(value.error(Problem::NotPositiveDefinite { smallest }))
+            Err(value.error(Problem::NotPositiveDefinite { smallest: spectrum.0 }))
         }
+    }
+
+    /// A full matrix with the diagonal 1, m_ij/√(m_ii m_jj), which is definite together with this one; `None`
+    /// where its diagonal is not positive.
+    fn with_unit_diagonal(&self) -> Option<Self> {
+        let Self::Dense(matrix) = self else { return None };
+        let sizes: Vec<f64> = matrix.diagonal().iter().map(|entry| libm::sqrt(*entry)).collect();
+        let is_positive = sizes.iter().all(|size| *size > 0.0 && size.is_finite());
+        let of = |row: usize, column: usize| matrix[(row, column)] / sizes[row] / sizes[column];
+        is_positive.then(|| Self::Dense(DMatrix::from_fn(sizes.len(), sizes.len(), of)))
     }
 
     /// A mass with another one added, which is positive definite together with it.

@@ -142,6 +142,19 @@ fn a_scenario_that_does_not_say_is_damped_at_the_nodes_with_order_two() {
     assert_eq!(error.key(), "convolution.starting");
 }
 
+/// A mass is positive definite whatever the units of its coordinates are: here metres and nanometres.
+#[test]
+fn a_mass_may_have_entries_of_any_size() {
+    let of = |mass: &str| read(&GOOD.replace("[[2.0, 0.5], [0.5, 1.0]]", mass));
+    assert!(of("[[1.2, 3e8], [3e8, 9e17]]").is_ok());
+    assert!(of("[[1.2e-30, 3e-31], [3e-31, 9e-31]]").is_ok());
+    for singular in
+        ["[[1.2, 1.2e9], [1.2e9, 1.2e18]]", "[[1.2, 3e9], [3e9, 9e17]]", "[[-1.2, 3e8], [3e8, 9e17]]"]
+    {
+        assert_eq!(of(singular).unwrap_err().key(), "system.mass", "{singular}");
+    }
+}
+
 #[test]
 fn mistakes_are_told_with_key_line_value_and_what_is_allowed() {
     let cases = [

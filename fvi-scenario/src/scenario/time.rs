@@ -17,6 +17,9 @@ use std::collections::BTreeSet;
 /// Largest number of steps of a run: larger indices are not exact in double precision.
 pub const MOST_STEPS: usize = 1 << 53;
 
+/// What the end of a run that begins at 0, or later, must be.
+pub(super) const LEAST_END: [&str; 2] = ["an end ≥ 0", "an end ≥ `start`"];
+
 /// The times t_0 … t_steps: t_k = t_0 + k h, or those of a grid with different steps, from t_0 = 0 on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TimeGrid {
@@ -165,8 +168,10 @@ impl TimeGrid {
         if let (true, Some(value)) = (uniform, table.optional("must_hit")) {
             let times = read_must_hit(&value, grid.end())?;
             if let Some(time) = times.iter().find(|&&time| grid.index_of(time).is_none()) {
+                let from =
+                    if start == 0.0 { String::new() } else { format!(", from `time.start`, {start}, on") };
                 let allowed = format!(
-                    "multiples of `time.step`, {step}; {time} is none: take another step, or another grid"
+                    "multiples of `time.step`, {step}{from}; {time} is none: take another step, or another grid"
                 );
                 return Err(value.out_of_range(allowed));
             }
@@ -202,7 +207,7 @@ impl TimeGrid {
         } else {
             let end = value.number()?;
             if end < start {
-                let allowed = if start == 0.0 { "an end ≥ 0" } else { "an end ≥ `start`" };
+                let allowed = LEAST_END[usize::from(start != 0.0)];
                 return Err(value.out_of_range(allowed));
             }
             steps_to(end, start, step).map_err(|allowed| value.out_of_range(allowed))?
