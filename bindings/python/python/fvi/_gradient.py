@@ -116,16 +116,6 @@ class Recording:
         return f"Recording({self.result!r}, {self.nbytes} bytes)"
 
 
-def checked(model: Any, parameters: Any) -> None:
-    """Raises InputError unless these may be a model and its numbers."""
-    from fvi._model import Model
-
-    if not isinstance(model, Model):
-        raise InputError(f"model = {model!r}: a fvi.Model is needed", "model", repr(model))
-    if not isinstance(parameters, Mapping):
-        raise InputError("parameters: numbers by their names are needed", "parameters", repr(parameters))
-
-
 def gradient_of(recording: Recording, cotangent: Cotangent | Callable[[Result], Any]) -> Gradient:
     """The gradient for cotangents or a function of the result that returns them."""
     by: Any = cotangent(recording.result) if callable(cotangent) else cotangent

@@ -609,3 +609,11 @@ def _after_argument(error: InputError, names: Mapping[str, str]) -> InputError:
             key = name + error.key[len(path) :]
             return InputError(str(error).replace(error.key, key, 1), key, error.value)
     return named_after_argument(error)
+
+
+def checked(model: Any, parameters: Any) -> None:
+    """Raises InputError unless these may be a model and its numbers."""
+    if not isinstance(model, Model):
+        raise InputError(f"model = {model!r}: a fvi.Model is needed", "model", repr(model))
+    if not isinstance(parameters, Mapping):
+        raise InputError("parameters: numbers by their names are needed", "parameters", repr(parameters))

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from fvi._errors import InputError
-from fvi._gradient import Recording, checked
-from fvi._model import Model
+from fvi._gradient import Recording
+from fvi._model import Model, checked
 
 KEPT = 64
 """Runs of one model whose steps are kept between the two passes."""

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from fvi._gradient import checked
-from fvi._model import Model
+from fvi._model import Model, checked
 
 
 def integrate(model: Model, parameters: Mapping[str, Any]) -> tuple[Any, Any]:
