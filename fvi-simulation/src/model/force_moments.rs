@@ -499,9 +499,10 @@ impl ForceMoments {
         let time = singularity.time;
         let close = match () {
             () if time == 0.0 => 1e-290,
-            // Late in time, where a step is hardly longer than that, with fewer digits.
+            // Late in time, where the rest of the run is hardly longer than that, with fewer digits.
             () if exponent < -0.2 => {
-                (1e-8 * time.abs()).min((0.01 * length).max(1e3 * f64::EPSILON * time.abs()))
+                let rest = if self.end > time { 1e-3 * (self.end - time) } else { f64::INFINITY };
+                (1e-8 * time.abs()).min(rest.max(64.0 * f64::EPSILON * time.abs()))
             }
             () => 1e-14 * time.abs(),
         };

@@ -72,7 +72,7 @@ impl Memory<f64> for Coarse {
             return Err(MemoryError::Full { capacity: self.weights.len() });
         }
         self.samples.push(sample[0]);
-        if self.samples.len() % GROUP == 0 {
+        if self.samples.len().is_multiple_of(GROUP) {
             let group = &self.samples[self.samples.len() - GROUP..];
             self.means.push(group.iter().sum::<f64>() / GROUP as f64);
         }
