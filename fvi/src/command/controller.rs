@@ -178,7 +178,13 @@ impl Listed<'_> {
 
     fn write(&self, text: &mut String) -> Result<(), CommandError> {
         match (self.format, self.precision) {
-            (Format::C, _) => self.write_c(text),
+            (Format::C, _) => {
+                self.write_c(text)?;
+                if text.contains("INFINITY") {
+                    text.insert_str(0, "#include <math.h>\n\n");
+                }
+                Ok(())
+            }
             (Format::Rust, ListingPrecision::F32) => self.write_rust::<f32>(text),
             (Format::Rust, ListingPrecision::F64) => self.write_rust::<f64>(text),
         }
@@ -306,9 +312,6 @@ impl Listed<'_> {
             let _ = write!(text, " \\\n    .{name} = {value},");
         }
         text.push('\n');
-        if text.contains("INFINITY") {
-            text.insert_str(0, "#include <math.h>\n\n");
-        }
         Ok(())
     }
 }
