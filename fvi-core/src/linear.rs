@@ -258,20 +258,28 @@ fn eliminate<T: Real>(matrix: &mut [T], n: usize, column: usize, pivot: T) {
     }
 }
 
+/// True if a pivot is no more than rounding of what elimination took from its entry, the products of the
+/// factors to its left and above it. Rows and columns in other units change both alike.
+#[inline(always)]
+fn is_rounding<T: Real>(matrix: &[T], n: usize, (row, column): (usize, usize), pivot: T) -> bool {
+    // The entry before elimination is the pivot plus what was taken from it.
+    let mut entry = pivot.abs();
+    for earlier in 0..column {
+        entry += (at(matrix, row * n + earlier) * at(matrix, earlier * n + column)).abs();
+    }
+    pivot.abs() <= entry * T::EPSILON * T::of(4.0)
+}
+
 /// Factors P A = L U in place, by elimination with row pivoting; `pivots` takes the row that each column's
 /// pivot came from.
 ///
 /// # Errors
-/// [`Singular`] if no pivot of a column is larger than rounding of that column's largest entry, or one is not
-/// a number.
+/// [`Singular`] if the largest pivot of a column is no more than rounding of what elimination took from its
+/// entry, or one is not a number.
 #[inline(always)]
 pub fn factor<T: Real>(matrix: &mut [T], pivots: &mut [usize]) -> Result<(), Singular> {
     let n = pivots.len();
     for (column, place) in pivots.iter_mut().enumerate() {
-        let mut largest = T::zero();
-        for row in 0..n {
-            largest = largest.max(at(matrix, row * n + column).abs());
-        }
         let (mut pivot_row, mut pivot) = (column, T::zero());
         for row in column..n {
             let candidate = at(matrix, row * n + column);
@@ -279,7 +287,7 @@ pub fn factor<T: Real>(matrix: &mut [T], pivots: &mut [usize]) -> Result<(), Sin
                 (pivot_row, pivot) = (row, candidate);
             }
         }
-        if !pivot.is_finite() || pivot.abs() <= largest * T::EPSILON {
+        if !pivot.is_finite() || is_rounding(matrix, n, (pivot_row, column), pivot) {
             return Err(Singular);
         }
         *place = pivot_row;
@@ -402,13 +410,7 @@ pub fn invert_factored<T: Real>(factors: &[T], pivots: &[usize], columns: &mut [
 pub fn is_positive_definite_in_place<T: Real>(matrix: &mut [T], n: usize) -> bool {
     for column in 0..n {
         let pivot = at(matrix, column * n + column);
-        // The diagonal entry before elimination is the pivot plus what was taken from it.
-        let mut diagonal = pivot.abs();
-        for earlier in 0..column {
-            let (factor, product) = (at(matrix, column * n + earlier), at(matrix, earlier * n + column));
-            diagonal += (factor * product).abs();
-        }
-        if !(pivot.is_finite() && pivot > diagonal * T::EPSILON * T::of(4.0)) {
+        if !(pivot.is_finite() && pivot > T::zero()) || is_rounding(matrix, n, (column, column), pivot) {
             return false;
         }
         eliminate(matrix, n, column, pivot);
@@ -602,12 +604,22 @@ mod tests {
     }
 
     #[test]
-    fn a_pivot_is_held_against_the_whole_of_its_column() {
-        // 1 is nothing beside 10²⁰, in whichever row that is.
-        let mut above = [1.0, 1e20, 0.0, 1.0];
-        assert_eq!(factor(&mut above, &mut [0; 2]), Err(Singular));
-        let mut between = [1.0, 0.0, 1.0, 0.0, 1.0, 1e20, 0.0, 0.0, 1.0];
-        assert_eq!(factor(&mut between, &mut [0; 3]), Err(Singular));
+    fn a_pivot_is_held_against_what_elimination_took_from_it() {
+        // Two equations alike but for rounding, and a saddle of a mass and a constraint, in whichever units.
+        for unit in [1e-26, 1.0, 1e20] {
+            let mut alike = [unit, 1.0, unit, 1.0 + f64::EPSILON];
+            assert_eq!(factor(&mut alike, &mut [0; 2]), Err(Singular), "{unit:e}");
+            let mut saddle = [unit, 0.0, 0.6, 0.0, unit, 0.8, 0.6, 0.8, 0.0];
+            let (mut pivots, mut force) = ([0; 3], [unit, 0.0, 0.0]);
+            factor(&mut saddle, &mut pivots).unwrap();
+            substitute(&saddle, &pivots, &mut force);
+            for (found, expected) in force.into_iter().zip([0.64, -0.48, 0.6 * unit]) {
+                let error = (found - expected).abs();
+                assert!(error <= 4.0 * f64::EPSILON * expected.abs(), "{unit:e}: {found} for {expected}");
+            }
+            let mut twice = [unit, 0.3, 0.6, 0.3, 0.0, 0.0, 0.6, 0.0, 0.0];
+            assert_eq!(factor(&mut twice, &mut [0; 3]), Err(Singular), "{unit:e}");
+        }
         // Of rows alike the first is the pivot.
         let (mut alike, mut pivots) = ([1.0, 2.0, 1.0, 3.0], [9; 2]);
         factor(&mut alike, &mut pivots).unwrap();
