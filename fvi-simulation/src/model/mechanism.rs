@@ -3,7 +3,7 @@
 use super::mechanics::Model;
 use super::space::AnySpace;
 use crate::model::tape::CompiledFunction;
-use fvi_core::{Instant, Lagrangian, MatrixError, Mechanics, Second};
+use fvi_core::{Instant, Lagrangian, MatrixError, Mechanics, Second, max_or_nan};
 use fvi_scenario::language::expression::{Elementary, Expression, Moment};
 use fvi_scenario::scenario::{Quantity, Scenario, Scheme, SymmetricMatrix};
 
@@ -18,6 +18,8 @@ pub struct Mechanism<T> {
     kinetic: Option<CompiledFunction<T>>,
     mass: Vec<T>,
     constraints: Vec<CompiledFunction<T>>,
+    /// What constraints are multiplied by, and their multipliers divided.
+    unit: T,
     elongations: Vec<Elongation<T>>,
     /// q, and q followed by v.
     position: Vec<T>,
@@ -83,6 +85,7 @@ impl<T: Elementary> Mechanism<T> {
             kinetic,
             mass,
             constraints,
+            unit: T::one(),
             elongations,
             position: zeros(count),
             point: zeros(2 * count),
@@ -91,6 +94,40 @@ impl<T: Elementary> Mechanism<T> {
             hessian: Vec::new(),
             registers: Vec::new(),
         })
+    }
+
+    /// Measures the constraints in a [unit](Self::unit) in which their gradients are about as large as the mass
+    /// where it moves at first: elimination by the larger pivot would lose a mass of 10⁻²⁶ beside gradients of
+    /// 1. It is a power of two, and stays 1 where the two are within a factor of 2²⁰.
+    pub fn balance(&mut self, position: &[T], velocity: &[T]) {
+        let (count, constraints) = (position.len(), self.constraints.len());
+        let zeros = |count: usize| vec![T::zero(); count];
+        let [mut mass, mut coupling, mut stiffness, mut resistance] = [(); 4].map(|()| zeros(count * count));
+        let parts = Second {
+            mass: &mut mass,
+            coupling: &mut coupling,
+            stiffness: &mut stiffness,
+            resistance: &mut resistance,
+        };
+        self.second(Instant::in_step(T::zero(), T::of(0.5), T::zero()), position, velocity, parts);
+        let (mut values, mut gradients) = (zeros(constraints), zeros(constraints * count));
+        self.constrain(position, &mut values, &mut gradients);
+        let size = |numbers: &[T]| numbers.iter().fold(0.0, |most, x| max_or_nan(most, x.to_f64().abs()));
+        let ratio = size(&mass) / size(&gradients);
+        if ratio.is_normal() && ratio.log2().abs() > 20.0 {
+            self.unit = T::of(ratio.log2().round().exp2());
+        }
+    }
+
+    /// The factor of the constraints: their multipliers are those of the scenario divided by it.
+    pub fn unit(&self) -> T {
+        self.unit
+    }
+
+    /// The same with its constraints as they are written.
+    #[must_use]
+    pub fn in_units_of_scenario(self) -> Self {
+        Self { unit: T::one(), ..self }
     }
 
     /// Potential and forces.
@@ -354,8 +391,9 @@ impl<T: Elementary> Lagrangian<T> for Mechanism<T> {
         let now = Moment::inside(T::zero());
         let rows = jacobian.chunks_exact_mut(position.len().max(1));
         for ((constraint, value), row) in self.constraints.iter().zip(values).zip(rows) {
-            *value = constraint.value(now, position, &mut self.registers);
+            *value = self.unit * constraint.value(now, position, &mut self.registers);
             constraint.gradient(now, position, &mut self.registers, row);
+            row.iter_mut().for_each(|slope| *slope *= self.unit);
         }
     }
 
@@ -367,7 +405,12 @@ impl<T: Elementary> Lagrangian<T> for Mechanism<T> {
             let now = Moment::inside(T::zero());
             constraint.derivatives(now, position, &mut self.registers, gradient, &mut self.hessian);
             for (&(row, column), &entry) in constraint.pattern().iter().zip(&self.hessian) {
-                add_both(sum, (row as usize, column as usize), count, factor * multiplier * entry);
+                add_both(
+                    sum,
+                    (row as usize, column as usize),
+                    count,
+                    self.unit * factor * multiplier * entry,
+                );
             }
         }
     }

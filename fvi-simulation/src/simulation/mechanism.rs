@@ -99,44 +99,43 @@ impl<T: Elementary> TypedMechanism<T> {
         }
     }
 
-    /// Stores the beginning of a step, and its input.
-    fn prepare(&mut self, input: &[f64]) {
+    /// Stores the beginning of a step, at this time, and its input.
+    fn prepare(&mut self, input: &[f64], begin: f64) {
         self.input.clear();
         self.input.extend(input.iter().map(|&force| T::of(force)));
         let (position, velocity, time) = &mut self.before;
         self.integrator.position().clone_into(position);
         self.integrator.velocity().clone_into(velocity);
-        *time = self.integrator.time().to_f64();
+        *time = begin;
         if let Some(pieces) = &mut self.pieces {
             pieces.swap(0, 1);
-            let time = self.integrator.time().to_f64();
-            pieces[0].begin(time, self.integrator.position(), &self.momentum);
+            pieces[0].begin(begin, self.integrator.position(), &self.momentum);
         }
     }
 
-    /// Stores the end of a step of this length.
-    fn finish(&mut self, made: Result<u32, StepError>, length: T) -> Result<u32, StepError> {
+    /// Stores the end of a step of this length, at this time.
+    fn finish(&mut self, made: Result<u32, StepError>, (length, end): (T, f64)) -> Result<u32, StepError> {
         let corrections = made?;
         if let (Some(pulls), Some(_)) = (&mut self.pulls, &self.pieces) {
             pulls.at_nodes.clear();
             pulls.at_nodes.extend(in_double(self.integrator.tensions_at_nodes()));
         }
-        self.follow(length);
+        self.follow(length, end);
         if let Some([piece, _]) = &mut self.pieces {
-            piece.end(self.integrator.time().to_f64(), length, self.integrator.solution());
+            piece.end(end, length, self.integrator.solution());
         }
         self.take_momentum();
         Ok(corrections)
     }
 
     /// Looks at the last step.
-    fn follow(&mut self, length: T) {
+    fn follow(&mut self, length: T, end: f64) {
         if self.passages.are_idle() && self.turns.is_none() {
             return;
         }
         let (position, velocity, from) = &self.before;
         let rule = *self.integrator.rule();
-        let (end, moves) = (self.integrator.time().to_f64(), self.integrator.solution().to_vec());
+        let moves = self.integrator.solution().to_vec();
         let last = self.integrator.position().to_vec();
         let at = |fraction: f64| {
             if fraction == 1.0 {
@@ -245,11 +244,13 @@ pub(super) fn integrator<T: Elementary>(scenario: &Scenario) -> Result<Integrato
     let time = (T::of(scenario.time.step), T::of(scenario.time.start));
     let velocity = vector::<T>(&velocity);
     let (state, project) = ((&position[..], &velocity[..]), scenario.initial.project);
-    match conserves {
+    let made = match conserves {
         true => Integrator::conserving(parts, time, state, project, buffers),
         false => Integrator::new(rule, parts, time, state, project, buffers),
-    }
-    .map_err(|error| refused(scenario, &error))
+    };
+    let mut integrator = made.map_err(|error| refused(scenario, &error))?;
+    integrator.system_mut().balance(&position, &velocity);
+    Ok(integrator)
 }
 
 /// The slope of W = G v at the start; `None` where the scenario cannot begin.
@@ -487,16 +488,15 @@ fn refused(scenario: &Scenario, error: &MechanismError) -> InputError {
 
 impl<T: Elementary> Stepper for TypedMechanism<T> {
     fn step(&mut self, input: &[f64]) -> Result<u32, StepError> {
-        self.prepare(input);
+        self.prepare(input, self.integrator.time().to_f64());
         let made = self.integrator.step(&self.input);
-        let length = self.integrator.step_size();
-        self.finish(made, length)
+        self.finish(made, (self.integrator.step_size(), self.integrator.time().to_f64()))
     }
 
     fn step_over(&mut self, length: f64, end: f64, input: &[f64]) -> Result<u32, StepError> {
-        self.prepare(input);
+        self.prepare(input, self.integrator.time().to_f64());
         let made = self.integrator.step_over(T::of(length), T::of(end), &self.input);
-        self.finish(made, T::of(length))
+        self.finish(made, (T::of(length), self.integrator.time().to_f64()))
     }
 
     fn advance(
@@ -509,13 +509,17 @@ impl<T: Elementary> Stepper for TypedMechanism<T> {
         let before = batch.first() - 1;
         for step in before..before + steps {
             let input = drive.map_or(scenario.input_over(step), |drive| &drive.held);
-            let corrections = match &scenario.time.grid {
-                None => self.step(input)?,
+            // The grid's times have more digits than those of a run in single precision.
+            let [begin, end] = [step, step + 1].map(|index| scenario.time.time(index));
+            self.prepare(input, begin);
+            let (made, length) = match &scenario.time.grid {
+                None => (self.integrator.step(&self.input), self.integrator.step_size()),
                 Some(_) => {
-                    let (begin, end) = (scenario.time.time(step), scenario.time.time(step + 1));
-                    self.step_over(end - begin, end, input)?
+                    let length = T::of(end - begin);
+                    (self.integrator.step_over(length, T::of(end), &self.input), length)
                 }
             };
+            let corrections = self.finish(made, (length, end))?;
             let energy = self.integrator.energy().to_f64();
             let time = self.integrator.time().to_f64();
             let momentum = in_double(&self.momentum);
@@ -621,6 +625,8 @@ impl<T: Elementary> Stepper for TypedMechanism<T> {
             if !self.integrator.write_multipliers(&mut found) {
                 return Err(lacks.to_owned());
             }
+            let unit = self.integrator.system_mut().unit();
+            found.iter_mut().for_each(|number| *number *= unit);
             multipliers.iter_mut().zip(in_double(&found)).for_each(|(place, number)| *place = number);
             return Ok(());
         }

@@ -55,6 +55,47 @@ fn a_step_beyond_the_domain_of_an_elongation_names_it() {
     assert!(reason.contains("`system.damping[0].along`") && reason.contains("q = ["), "{reason}");
 }
 
+/// A rod and a spring on it, with a damper, in atomic units, in kilograms, and in masses of planets: the places
+/// are the same. The same constraint twice is refused in all of them.
+#[test]
+fn the_unit_of_mass_does_not_matter() {
+    let of = |unit: f64, constraints: &[&str]| {
+        json!({
+            "mass": [1.3 * unit, 1.3 * unit, 0.7 * unit],
+            "potential": format!("{:e}*q1 + {:e}*(q2 - q0)^2", 12.753 * unit, 2.0 * unit),
+            "constraints": constraints,
+            "damping": [{ "order": 0.5, "coefficient": 0.4 * unit, "along": "q2 - q0" }],
+        })
+    };
+    let start = json!({ "position": [0.48, -0.64, 0.5] });
+    for scheme in [galerkin(1), galerkin(3), json!({ "kind": "energy" })] {
+        let end = |unit: f64| {
+            let scenario = scenario(&of(unit, &["q0^2 + q1^2 - 0.64"]), &start, scheme.clone(), (0.01, 200));
+            let mut motion = Motion::start(&scenario, Precision::F64).unwrap();
+            while !motion.is_done() {
+                motion.advance().unwrap_or_else(|failure| panic!("{unit:e}, {scheme}: {failure:?}"));
+            }
+            // Energies of the damper and the multiplier are as large as the masses.
+            let columns = motion.state().columns.iter().map(|column| column / unit);
+            motion.state().position.iter().copied().chain(columns).collect::<Vec<_>>()
+        };
+        let expected = end(1.0);
+        assert!(expected.len() > 3 && expected[expected.len() - 1].abs() > 1.0, "{expected:?}");
+        for unit in [1e-26, 1e20] {
+            for (&found, &known) in end(unit).iter().zip(&expected) {
+                assert!((found - known).abs() < 1e-10, "{unit:e}, {scheme}: {found} for {known}");
+            }
+        }
+    }
+    for unit in [1e-26, 1.0, 1e20] {
+        let twice = of(unit, &["q0^2 + q1^2 - 0.64", "2*(q0^2 + q1^2) - 1.28"]);
+        let twice = scenario(&twice, &start, galerkin(2), (0.01, 10));
+        let refused = Motion::start(&twice, Precision::F64).err();
+        let key = refused.map(|error| error.key().to_owned());
+        assert_eq!(key.as_deref(), Some("system.constraints[1]"), "{unit:e}");
+    }
+}
+
 /// Samples that begin inside steps would act late; those at grid points, and those that change nothing, are
 /// taken.
 #[test]

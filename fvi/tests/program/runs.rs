@@ -174,6 +174,29 @@ fn states_between_grid_points_far_from_zero_have_the_momentum_of_the_motion() {
     }
 }
 
+/// A bead on a circle turns by an angle of one a second: where it is at a time between grid points, far from t
+/// = 0, where times in single precision are 0.008 apart.
+#[test]
+fn a_mechanism_in_single_precision_is_at_its_place_at_late_times() {
+    let place = Workplace::new();
+    for start in [0.0, 1e5] {
+        let turned = 1.5755f64;
+        let scenario = format!(
+            "[system]\nmass = [1.0, 1.0]\nconstraints = [\"q0^2 + q1^2 - 1\"]\n\
+             [initial]\nposition = [1.0, 0.0]\nvelocity = [0.0, 1.0]\n\
+             [scheme]\nkind = \"galerkin\"\ndegree = 2\nquadrature = \"gauss\"\n\
+             [convolution]\nfamily = \"gauss\"\nstages = 2\n\
+             [time]\nstep = 0.01\nstart = {start:?}\nend = {:?}\n[output]\ntimes = [{:?}]\n",
+            start + 10.0,
+            start + turned,
+        );
+        let run = place.run(&scenario, &["--precision", "f32"]);
+        let [x, y] = ["q0", "q1"].map(|name| run.column(name)[0]);
+        let off = (x - turned.cos()).hypot(y - turned.sin());
+        assert!(off < 2e-5, "from {start}: ({x}, {y}), {off:e} off");
+    }
+}
+
 #[test]
 fn no_steps_give_the_initial_state() {
     let place = Workplace::new();

@@ -116,7 +116,7 @@ fn changes(
 impl OfMechanism {
     pub(super) fn new(scenario: &Scenario, parameters: &[Parameter]) -> Result<Self, InputError> {
         let integrator = integrator::<f64>(scenario)?;
-        let system = integrator.system().clone();
+        let system = integrator.system().clone().in_units_of_scenario();
         let mut made = Self {
             memory: dampers(scenario, integrator.rule())?,
             first_rates: Vec::new(),
@@ -263,7 +263,9 @@ impl OfMechanism {
     fn linearise(&mut self, start: &[f64], time: f64) -> Step {
         let ([n, m, e], rule, length) = (self.shape(), *self.integrator.rule(), self.scenario.time.step);
         let s = rule.stages();
-        let (velocities, multipliers) = (self.integrator.solution(), self.integrator.multipliers());
+        let (velocities, unit) = (self.integrator.solution(), self.integrator.system().unit());
+        let multipliers: Vec<f64> =
+            self.integrator.multipliers().iter().map(|number| unit * number).collect();
         let moved = |weight: &dyn Fn(usize) -> f64| {
             let mut position = start.to_vec();
             (0..s).for_each(|j| add_vector(length * weight(j), at(velocities, n, j), &mut position));
@@ -304,7 +306,7 @@ impl OfMechanism {
         for (j, position) in knots.into_iter().enumerate() {
             let (mut values, mut gradients) = (vec![0.0; m], vec![0.0; m * n]);
             system.constrain(&position, &mut values, &mut gradients);
-            let multipliers = if j < s { at(multipliers, m, j).to_vec() } else { vec![0.0; m] };
+            let multipliers = if j < s { at(&multipliers, m, j).to_vec() } else { vec![0.0; m] };
             let mut curvature = vec![0.0; n * n];
             system.add_constraint_curvature(&position, &multipliers, 1.0, &mut curvature);
             step.knots.push(Knot { position, gradients, multipliers, curvature });
