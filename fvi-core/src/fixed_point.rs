@@ -262,8 +262,8 @@ struct IntegralTerm {
 /// Inputs beyond ±(2²³ − 1) count as that. Exponentials are z ← z + (2^l x − μ z) with z in 64 bits, as many
 /// of them behind the point as keep |x|/μ from overflowing; where a sum nevertheless grows without bound, as
 /// an integral does, it saturates. Against the same law in exact arithmetic the output is within the bound
-/// that `fvi controller` states with the constants, for any inputs, while it is within its limits; in them
-/// samples that wind back are rounded to 2⁻⁵ counts, and saturate at 2²⁶: from an output that would be
+/// that `fvi controller` states with the constants, for any inputs, as long as it has reached no limit; at
+/// one, samples that wind back are rounded to 2⁻⁵ counts, and saturate at 2²⁶: from an output that would be
 /// farther beyond its limit than that many counts times (w + τ^λ) K_i, or w K_i, it winds back in more ticks
 /// than one.
 ///

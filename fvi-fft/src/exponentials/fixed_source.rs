@@ -215,7 +215,7 @@ impl FixedController {
         Ok(made)
     }
 
-    /// Bound on what rounding does to an output within its limits, in its counts.
+    /// Bound on what rounding does to an output that has reached no limit, in its counts.
     fn bound(&self) -> f64 {
         let word = |gain: FixedGain| if gain.mantissa == 0 || gain.shift <= 0 { 0.0 } else { 0.5 };
         let proportional = word(self.law.setpoint) + word(self.law.measured);
@@ -251,7 +251,7 @@ impl FixedController {
     pub fn worth(&self) -> String {
         format!(
             "a count of setpoint and measured value is {}, of the output {}; inputs saturate at ±{} counts; the \
-             output is within {:.3} counts of exact arithmetic while it is within its limits",
+             output is within {:.3} counts of exact arithmetic as long as it has reached no limit",
             self.units.input,
             self.units.output,
             FixedLaw::LARGEST_INPUT,

@@ -1,6 +1,6 @@
 /// A controller in whole numbers, sample 0.002, delay 0.001: a count of setpoint and measured value is
 /// 0.0001, of the output 0.001; inputs saturate at ±8388607 counts; the output is within 0.501 counts of
-/// exact arithmetic while it is within its limits.
+/// exact arithmetic as long as it has reached no limit.
 ///
 /// Its integral: from 0.01 to 250 Hz within 9.5e-3 of the weights' symbol (8.2e-2 dB, 5.4e-1 degrees) and
 /// within 3.1e0 dB, 7.2e1 degrees of the operator.
