@@ -18,7 +18,7 @@ pub struct StateSpace {
     pub direct: DMatrix<f64>,
 }
 
-/// A pole p, and its residue, a matrix of rank one.
+/// A pole p, and its residue, a matrix of the rank of its multiplicity.
 #[derive(Clone, Debug)]
 pub struct MatrixPole {
     /// p; of a pair only that with Im p > 0.
@@ -39,10 +39,12 @@ impl StateSpace {
         Some(complex(&self.output) * states + complex(&self.direct))
     }
 
-    /// The poles with their residues, R = C v wᵀ B/(wᵀ v), v and w the eigenvectors of A and Aᵀ.
+    /// The poles with their residues, R = C V (WᵀV)⁻¹ Wᵀ B, where the columns of V and W span the eigenvectors
+    /// of A and Aᵀ: one for a simple pole, and as many as the pole counts where two bodies alike have it.
     ///
     /// # Errors
-    /// A sentence with numbers if a pole is not in Re s < 0, or if the numbers do not tell the poles apart.
+    /// A sentence with numbers if a pole is not in Re s < 0, if the numbers do not tell the poles apart, or if
+    /// one is not simple: with fewer eigenvectors than it counts.
     pub fn poles(&self) -> Result<Vec<MatrixPole>, String> {
         let unknown = || "the eigenvalues of A are not found".to_owned();
         let mut places = eigenvalues(self.state.clone()).ok_or_else(unknown)?;
@@ -61,13 +63,18 @@ impl StateSpace {
         let transposed = self.state.transpose();
         let complex = |matrix: &DMatrix<f64>| matrix.map(|entry| Complex::new(entry, 0.0));
         let mut poles = Vec::new();
-        for place in places.into_iter().filter(|place| place.im >= 0.0) {
-            let (right, left) = (null_vector(&self.state, place), null_vector(&transposed, place));
-            let (Some(right), Some(left)) = (right, left) else { return Err(unknown()) };
-            let product = (left.transpose() * &right)[(0, 0)];
-            let observed = complex(&self.output) * right;
+        let mut rest: Vec<_> = places.into_iter().filter(|place| place.im >= 0.0).collect();
+        while let Some(&place) = rest.first() {
+            let count = rest.len();
+            rest.retain(|other| (other - place).norm() > ALIKE * place.norm());
+            let count = count - rest.len();
+            let spaces = (null_space(&self.state, place, count), null_space(&transposed, place, count));
+            let (Some(right), Some(left)) = spaces else { return Err(unknown()) };
+            let observed = complex(&self.output) * &right;
             let driven = left.transpose() * complex(&self.input);
-            let mut residue = observed * driven / product;
+            let product = left.transpose() * right;
+            let Some(driven) = product.lu().solve(&driven) else { return Err(not_simple(place)) };
+            let mut residue = observed * driven;
             if place.im == 0.0 {
                 residue.apply(|entry| entry.im = 0.0);
             }
@@ -92,8 +99,8 @@ impl StateSpace {
             return Ok(());
         }
         Err(format!(
-            "equations whose poles the numbers tell apart: partial fractions differ from D + C (s − A)⁻¹ B by {off:.1e} of it; a \
-             multiple pole is written as a quotient of polynomials in `symbol`"
+            "equations with simple poles that the numbers tell apart: partial fractions differ from D + C (s − A)⁻¹ B by {off:.1e} \
+             of it; a multiple pole with fewer eigenvectors than it counts is written as a quotient of polynomials in `symbol`"
         ))
     }
 
@@ -153,8 +160,22 @@ fn hermitian_lowest(matrix: &DMatrix<Complex<f64>>) -> f64 {
     symmetric_eigenvalues(whole).min()
 }
 
-/// A vector v with A v = p v, by inverse iteration beside p.
-fn null_vector(matrix: &DMatrix<f64>, place: Complex<f64>) -> Option<DMatrix<Complex<f64>>> {
+/// Distance of eigenvalues that are one pole, relative to their size. Those of a pole that is not simple are
+/// farther apart: the root of rounding.
+const ALIKE: f64 = 1e-11;
+
+/// The sentence about a pole with too few eigenvectors.
+fn not_simple(place: Complex<f64>) -> String {
+    format!(
+        "equations whose poles are simple: A has fewer eigenvectors for the eigenvalue {:.6e} ± {:.6e}i than it counts; such a \
+         multiple pole is written as a quotient of polynomials in `symbol`",
+        place.re,
+        place.im.abs()
+    )
+}
+
+/// Orthonormal vectors v with A v = p v, as many as asked for, by inverse iteration beside p.
+fn null_space(matrix: &DMatrix<f64>, place: Complex<f64>, count: usize) -> Option<DMatrix<Complex<f64>>> {
     let size = matrix.nrows();
     let mut shifted = matrix.map(|entry| Complex::new(entry, 0.0));
     let beside = place + place.norm() * Complex::new(3e-13, 1e-13);
@@ -162,17 +183,28 @@ fn null_vector(matrix: &DMatrix<f64>, place: Complex<f64>) -> Option<DMatrix<Com
         shifted[(k, k)] -= beside;
     }
     let factors = shifted.lu();
-    let mut vector =
-        DMatrix::from_fn(size, 1, |k, _| Complex::new(1.0 + 0.37 * libm::sin(k as f64 + 1.0), 0.0));
+    let start = |k: usize, j: usize| 1.0 + 0.37 * libm::sin((k * (j + 1)) as f64 + 1.0);
+    let mut vectors = DMatrix::from_fn(size, count, |k, j| Complex::new(start(k, j), 0.0));
     for _ in 0..4 {
-        vector = factors.solve(&vector)?;
-        let norm = vector.norm();
-        if norm <= 0.0 || !norm.is_finite() {
-            return None;
+        vectors = factors.solve(&vectors)?;
+        for j in 0..count {
+            let (before, mut rest) = vectors.columns_range_pair_mut(..j, j..);
+            let mut vector = rest.column_mut(0);
+            // Twice, for vectors that are nearly parallel.
+            for _ in 0..2 {
+                for other in before.column_iter() {
+                    let along = other.dotc(&vector);
+                    vector.axpy(-along, &other, Complex::ONE);
+                }
+            }
+            let norm = vector.norm();
+            if norm <= 0.0 || !norm.is_finite() {
+                return None;
+            }
+            vector /= Complex::new(norm, 0.0);
         }
-        vector /= Complex::new(norm, 0.0);
     }
-    Some(vector)
+    Some(vectors)
 }
 
 #[cfg(test)]
@@ -197,6 +229,45 @@ mod tests {
             assert!((sum(&space.direct, &poles, s)[(0, 0)] - exact).norm() < 1e-13);
         }
         assert!(space.lowest(&poles).0 > 0.0);
+    }
+
+    #[test]
+    fn bodies_alike_have_their_poles_once_with_residues_of_their_number() {
+        // Two and three times the same pair of poles and a real one, their states mixed by a rotation.
+        let block = [[-0.6, 1.3, 0.0], [-1.3, -0.6, 0.0], [0.0, 0.0, -0.4]];
+        for bodies in [2, 3] {
+            let size = 3 * bodies;
+            let mut state = DMatrix::zeros(size, size);
+            let (mut input, mut output) = (DMatrix::zeros(size, bodies), DMatrix::zeros(bodies, size));
+            for body in 0..bodies {
+                for (row, entries) in block.iter().enumerate() {
+                    for (column, &entry) in entries.iter().enumerate() {
+                        state[(3 * body + row, 3 * body + column)] = entry;
+                    }
+                    // They drive each other.
+                    for other in 0..bodies {
+                        let share = if other == body { 2.0 } else { 0.3 };
+                        input[(3 * body + row, other)] = share * (row as f64 - 0.7);
+                        output[(other, 3 * body + row)] = share * (0.4 + row as f64);
+                    }
+                }
+            }
+            let mixing = DMatrix::from_fn(size, size, |i, j| libm::sin((3 * i + 7 * j + i * j) as f64));
+            let mixing = mixing.qr().q();
+            let space = StateSpace {
+                state: &mixing * state * mixing.transpose(),
+                input: &mixing * input,
+                output: output * mixing.transpose(),
+                direct: DMatrix::zeros(bodies, bodies),
+            };
+            let poles = space.poles().unwrap();
+            assert_eq!(poles.len(), 2, "{poles:?}");
+            for omega in [0.1, 1.0, 3.0] {
+                let s = Complex::new(0.2, omega);
+                let off = (sum(&space.direct, &poles, s) - space.value(s).unwrap()).norm();
+                assert!(off < 1e-11, "{bodies} bodies at {omega}: {off:e}");
+            }
+        }
     }
 
     #[test]
