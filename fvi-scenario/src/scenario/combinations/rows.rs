@@ -108,9 +108,15 @@ pub const ROWS: &[Row] = &[
         OtherKernel,
         Gauss,
         "dampers are sums of relaxations",
-        "kernels of relaxations, or a `[convolution]` of multistep weights",
+        "kernels of relaxations, or a `[convolution]` of multistep weights for a system without constraints, elongations and \
+         `system.kinetic`",
     ),
-    row(Massless, Gauss, "", WITH_MASS),
+    row(
+        Massless,
+        Gauss,
+        "",
+        "a mass for it, or, where constraints determine how it moves, `system.kinetic` without its velocity",
+    ),
     row(
         Gyroscopic,
         Gauss,
