@@ -184,8 +184,7 @@ fn a_mechanism_in_single_precision_is_at_its_place_at_late_times() {
         let scenario = format!(
             "[system]\nmass = [1.0, 1.0]\nconstraints = [\"q0^2 + q1^2 - 1\"]\n\
              [initial]\nposition = [1.0, 0.0]\nvelocity = [0.0, 1.0]\n\
-             [scheme]\nkind = \"galerkin\"\ndegree = 2\nquadrature = \"gauss\"\n\
-             [convolution]\nfamily = \"gauss\"\nstages = 2\n\
+             [scheme]\nkind = \"galerkin\"\ndegree = 2\n\
              [time]\nstep = 0.01\nstart = {start:?}\nend = {:?}\n[output]\ntimes = [{:?}]\n",
             start + 10.0,
             start + turned,
