@@ -108,6 +108,8 @@ pub type ExponentialPi<'w, T, const I: usize, L = PidLaw<T>> =
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct PidState<T> {
     mode: Mode,
+    /// True from the first tick on.
+    has_ticked: bool,
     /// The output of the last tick, or that of the manual mode.
     output: T,
     /// The output set in manual mode.
@@ -129,6 +131,7 @@ impl<T: Real> PidState<T> {
         let filtered = beside;
         Self {
             mode: Mode::Automatic,
+            has_ticked: false,
             output: zero,
             manual: zero,
             filtered,
@@ -275,6 +278,8 @@ impl From<OperatorError> for PidError {
 
 /// Kind of the saved state.
 const TAG: [u8; 4] = *b"fpid";
+/// Added to the saved mode from the first tick on.
+const TICKED: u64 = 4;
 
 impl<T, I, D, L> FractionalPid<T, I, D, L>
 where
@@ -489,7 +494,7 @@ where
                 return Err(not_finite("the derivative", [signals.value(), None]));
             }
             signals.take()?;
-            (state.output, state.filtered, state.replaced) = (output, filtered, None);
+            *state = PidState { has_ticked: true, output, filtered, replaced: None, ..*state };
             return Ok(output);
         }
         let pending = prepare(integral, interval, now.sample)?;
@@ -508,6 +513,7 @@ where
                 if (integrates || gains.integral() != T::zero())
                     && settings.bumpless != Bumpless::Nothing =>
             {
+                let derived = signals.derived_with(gains, &settings.gains);
                 let old = Terms::of(gains, in_proportion, derived, error);
                 old.without_bump(&now, settings, leading)
             }
@@ -541,12 +547,13 @@ where
         signals.take()?;
         *state = PidState {
             mode: Mode::Automatic,
+            has_ticked: true,
             output,
+            manual: state.manual,
             filtered,
             replaced: None,
             integral: value,
             beside: kept,
-            ..*state
         };
         Ok(output)
     }
@@ -559,7 +566,7 @@ where
     /// [`PidError::NotFinite`].
     pub fn manual(&mut self, output: T) -> Result<(), PidError> {
         finite("the manual output", output)?;
-        if self.state.mode == Mode::Automatic && self.integral.memory().is_empty() {
+        if !self.state.has_ticked {
             self.state.output = within(output, self.law.borrow().settings().limits);
         }
         if self.state.mode != Mode::Manual {
@@ -684,19 +691,21 @@ where
     #[inline(never)]
     fn read_state(&self, from: &mut StateReader<'_>) -> Result<PidState<T>, StateError> {
         from.header::<T, 4>(TAG, &self.shape())?;
-        let mode = match from.count()? {
+        let found = from.count()?;
+        let mode = match found & !TICKED {
             0 => Mode::Automatic,
             1 => Mode::Manual,
             2 => Mode::Transfer,
-            found => return Err(StateError::TooLarge { what: "mode", limit: 2, found }),
+            _ => return Err(StateError::TooLarge { what: "mode", limit: 2 | TICKED, found }),
         };
+        let has_ticked = found & TICKED != 0;
         let mut numbers = [T::zero(); 11];
         from.fill(&mut numbers)?;
         let [output, manual, sum, rest, integral, sum_beside, rest_beside, gains @ ..] = numbers;
         let filtered = CompensatedSum { sum, rest };
         let beside = CompensatedSum { sum: sum_beside, rest: rest_beside };
         let replaced = self.replaced(with_numbers(&self.law.borrow().settings().gains, gains));
-        Ok(PidState { mode, output, manual, filtered, replaced, integral, beside })
+        Ok(PidState { mode, has_ticked, output, manual, filtered, replaced, integral, beside })
     }
 }
 
@@ -718,11 +727,12 @@ where
     fn save(&self, to: &mut StateWriter<'_>) -> Result<(), StateError> {
         to.header::<T, 4>(TAG, &self.shape())?;
         let state = &self.state;
-        to.count(match state.mode {
+        let mode = match state.mode {
             Mode::Automatic => 0,
             Mode::Manual => 1,
             Mode::Transfer => 2,
-        })?;
+        };
+        to.count(if state.has_ticked { mode | TICKED } else { mode })?;
         let CompensatedSum { sum, rest } = state.filtered;
         let beside = state.beside;
         let signals = [state.output, state.manual, sum, rest, state.integral, beside.sum, beside.rest];
@@ -858,6 +868,21 @@ impl<'a, T: Real, D: Memory<T>, F: Memory<T>> Signals<'a, T, D, F> {
             },
         };
         Ok(Self { in_proportion, derived, filtered, pending_derivative, pending_filter })
+    }
+
+    /// The derivative, or the output of the series form's filter, if `gains` were those of this tick in place
+    /// of `now`.
+    ///
+    /// With x + τ (p + w x) = e for the filter's output x, where p + w x = D^μ x, the output for another τ' is
+    /// x' = x + (τ − τ') D^μ x/(1 + τ' w).
+    #[inline(always)]
+    fn derived_with(&self, gains: &PidGains<T>, now: &PidGains<T>) -> T {
+        match (gains.filter_time(), now.filter_time(), &self.pending_derivative) {
+            (Some(time), Some(present), Some(pending)) => {
+                self.derived + (present - time) * pending.value() / (T::one() + time * pending.leading())
+            }
+            _ => self.derived,
+        }
     }
 
     /// The value of the derivative's operator.

@@ -59,6 +59,15 @@ impl<T: Real> PidGains<T> {
         )
     }
 
+    /// T_d/N of the series form.
+    #[inline(always)]
+    pub(crate) fn filter_time(&self) -> Option<T> {
+        match *self {
+            Self::Parallel { .. } => None,
+            Self::Series { derivative_time, filter_ratio, .. } => Some(derivative_time / filter_ratio),
+        }
+    }
+
     /// # Errors
     /// If a gain is not finite, or a time negative, or N not positive.
     pub(crate) fn check(&self) -> Result<(), ParameterError> {

@@ -37,6 +37,7 @@ struct Reference {
     filtered: f64,
     last_integral: f64,
     output: f64,
+    has_ticked: bool,
     manual: Option<f64>,
     transfer: bool,
     gains: PidGains<f64>,
@@ -54,6 +55,7 @@ impl Reference {
             filtered: 0.0,
             last_integral: 0.0,
             output: 0.0,
+            has_ticked: false,
             manual: None,
             transfer: false,
             gains: settings.gains,
@@ -117,13 +119,24 @@ impl Reference {
         }
     }
 
+    /// The derivative, or the lag of the series form, had the gains of the last tick been kept.
+    fn derived_before(&mut self, error: f64, derived: f64) -> f64 {
+        let PidGains::Series { derivative_time, filter_ratio, .. } = self.gains else { return derived };
+        let last = self.behind.pop();
+        let kept = self.relax(self.settings.derivative_order, derivative_time / filter_ratio, error);
+        self.behind.extend(last);
+        kept
+    }
+
     fn tick(&mut self, inputs: &PidInputs<f64>) -> f64 {
         let settings = self.settings;
         let (r, y) = (inputs.setpoint, inputs.measured);
         let [b, _] = settings.setpoint_weights;
         let derived = self.derived(inputs);
+        let kept = self.derived_before(r - y, derived);
+        self.has_ticked = true;
         // The output without the integral, and the sample of the integral.
-        let terms = |gains: PidGains<f64>| match gains {
+        let terms = |gains: PidGains<f64>, derived: f64| match gains {
             PidGains::Parallel { proportional, integral, derivative } => {
                 (proportional * (b * r - y), derivative * derived, integral, integral * (r - y))
             }
@@ -133,7 +146,7 @@ impl Reference {
                 (proportional * lead, 0.0, gain, gain * lead)
             }
         };
-        let now = terms(settings.gains);
+        let now = terms(settings.gains, derived);
         let range = settings.rate_limit * self.step;
         let clamp = |u: f64| u.max(settings.limits[0]).min(settings.limits[1]);
         let (least, most) = (clamp(self.output - range), clamp(self.output + range));
@@ -148,7 +161,7 @@ impl Reference {
             self.operator(-settings.integral_order, &all).0 + self.offset
         };
         let beside = now.0 + now.1 + inputs.feed_forward;
-        let (mut shift, old) = (0.0, terms(self.gains));
+        let (mut shift, old) = (0.0, terms(self.gains, kept));
         if self.transfer && now.2 != 0.0 {
             shift = self.output - beside - integral(now.3);
         } else if self.gains != settings.gains
@@ -222,7 +235,7 @@ impl Reference {
     }
 
     fn manual(&mut self, output: f64) {
-        if self.manual.is_none() && !self.transfer && self.samples.is_empty() {
+        if !self.has_ticked {
             let [lowest, highest] = self.settings.limits;
             self.output = output.max(lowest).min(highest);
         }
@@ -361,7 +374,7 @@ fn calls_of_every_kind_give_the_outputs_of_the_law() {
                                 proportional: proportional * factor,
                                 integral_rate: integral_rate / factor,
                                 derivative_time: derivative_time * factor,
-                                filter_ratio,
+                                filter_ratio: filter_ratio * factor,
                             }
                         }
                     };
@@ -573,7 +586,7 @@ fn the_output_leaves_its_limit_when_the_law_with_its_whole_memory_does() {
 #[test]
 fn transfers_have_no_bump() {
     let [settings, ..] = laws()[..] else { panic!() };
-    let tables = tables(&settings);
+    let tables = self::tables(&settings);
     let mut pid = on(settings, &tables);
     for _ in 0..100 {
         pid.tick(1.0, 0.2).unwrap();
@@ -595,6 +608,25 @@ fn transfers_have_no_bump() {
         let (before, after) = (old.tick(1.0, 0.4).unwrap(), new.tick(1.0, 0.4).unwrap());
         assert!((after - before - gap).abs() < 1e-13, "{bumpless:?}: {before} {after}");
     }
+    // The series form has its filter within its proportional part: no gain of it changes the output.
+    let series = |time, ratio| PidGains::Series {
+        proportional: 2.0,
+        integral_rate: 0.5,
+        derivative_time: time,
+        filter_ratio: ratio,
+    };
+    let settings = PidSettings { derivative_order: 0.6, ..PidSettings::new(series(1.0, 10.0), 0.1) };
+    let tables = self::tables(&settings);
+    for (time, ratio) in [(4.0, 10.0), (0.2, 10.0), (1.0, 3.0), (0.0, 3.0)] {
+        let mut old = on(settings, &tables);
+        for setpoint in [1.0, 2.0, 3.0] {
+            old.tick(setpoint, 0.0).unwrap();
+        }
+        let mut new = old.clone();
+        new.set_gains(series(time, ratio)).unwrap();
+        let (before, after) = (old.tick(4.0, 0.0).unwrap(), new.tick(4.0, 0.0).unwrap());
+        assert!((after - before).abs() < 1e-12, "T_d {time}, N {ratio}: {before} {after}");
+    }
     // Without an integral the output follows from the law.
     let gains = PidGains::Parallel { proportional: 2.0, integral: 0.0, derivative: 0.0 };
     let law = PidLaw::new(PidSettings::new(gains, 0.01)).unwrap();
@@ -614,6 +646,8 @@ fn a_start_from_where_the_actuator_stands_has_no_bump() {
         let tables = tables(&settings);
         for ticks in [0, 1, 3] {
             let mut pid = on(settings, &tables);
+            // Another value first: before a tick nothing has moved.
+            pid.manual(-0.6).unwrap();
             pid.manual(0.7).unwrap();
             for _ in 0..ticks {
                 assert_eq!(pid.tick(0.0, 0.0), Ok(0.7));
