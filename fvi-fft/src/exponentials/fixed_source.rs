@@ -89,6 +89,19 @@ impl Operator {
         self.head.first().copied().unwrap_or(FixedGain::ZERO).value()
     }
 
+    /// Σ |W_n − W_{n−1}| of the weights W on increments, at most: what the operator makes of samples whose
+    /// increments it takes and that are off by 1 at most. For orders up to 1 it is twice the leading weight.
+    fn variation(&self) -> f64 {
+        let head: Vec<f64> = self.head.iter().map(|weight| weight.value()).collect();
+        let [Some(first), Some(last)] = [head.first(), head.last()] else { return 0.0 };
+        // Of an exponential that begins at the lag behind the head.
+        let starts = |term: &FixedTerm| term.output.value() * libm::exp2(f64::from(term.lift));
+        let next: f64 = self.terms.iter().map(starts).sum();
+        let sizes: f64 = self.terms.iter().map(|term| starts(term).abs()).sum();
+        let between: f64 = head.windows(2).map(|pair| (pair[1] - pair[0]).abs()).sum();
+        first.abs() + between + (next - last).abs() + sizes
+    }
+
     fn fixed(&self) -> FixedOperator<'_> {
         FixedOperator { head: &self.head, terms: &self.terms }
     }
@@ -219,10 +232,9 @@ impl FixedController {
     fn bound(&self) -> f64 {
         let word = |gain: FixedGain| if gain.mantissa == 0 || gain.shift <= 0 { 0.0 } else { 0.5 };
         let proportional = word(self.law.setpoint) + word(self.law.measured);
-        // D of samples of which each is off by half a unit: at most twice its leading weight.
+        // Of samples of which each is off by half a unit.
         let weight = self.law.derivative_weight.value();
         let of_weight = if weight.fract() == 0.0 { 0.0 } else { 0.5 };
-        let leading = self.derivative.leading().abs();
         let share = self.law.filter_share;
         // The filter has 15 digits more, and is rounded to those of the output.
         let filter = if self.derivative.head.is_empty() {
@@ -230,7 +242,7 @@ impl FixedController {
         } else {
             0.5 + share.rounding() / share.value() * libm::exp2(-15.0)
         };
-        let derivative = self.derivative.rounding() + 2.0 * leading * of_weight + filter;
+        let derivative = self.derivative.rounding() + self.derivative.variation() * of_weight + filter;
         let units = proportional + self.integral.rounding() + derivative;
         0.5 + units * libm::exp2(-f64::from(FixedLaw::OUTPUT_DIGITS))
     }
@@ -434,7 +446,8 @@ mod tests {
         }
     }
 
-    /// Setpoints and measured values: of full size and random, and in turn at rest, slow, small and constant.
+    /// Setpoints and measured values: of full size and random, and in turn at rest, slow, small and constant,
+    /// and at every tick another.
     fn inputs() -> impl Iterator<Item = [i32; 2]> {
         let mut seed = 1u64;
         let mut random = move |size: f64| {
@@ -443,11 +456,12 @@ mod tests {
         };
         (0u64..).map(move |k| {
             let slow = libm::sin(1e-4 * k as f64);
-            match (k / 5000) % 5 {
+            match (k / 5000) % 6 {
                 0 => [random(9e6) as i32, random(9e6) as i32],
                 1 => [0, 0],
                 2 => [(8e5 * slow) as i32, random(3.0) as i32],
                 3 => [700, 699],
+                4 => [if k % 2 == 0 { 1 } else { 4 }, 0],
                 _ => [if k % 997 < 500 { i32::MAX } else { i32::MIN }, (3000.0 * slow) as i32],
             }
         })
@@ -502,6 +516,7 @@ mod tests {
         let fine = FixedUnits { input: 1e-6, output: 1e-4 };
         let weighted =
             |c: f64, lambda: f64| PidSettings { setpoint_weights: [0.7, c], ..settings(lambda, 0.6) };
+        let above_one = PidSettings { derivative_order: 1.9, ..weighted(0.3, 0.8) };
         let from_zero = PidSettings { derivative_of: DerivativeOf::Values, ..settings(0.3, 1.0) };
         for (settings, units) in [
             (settings(0.8, 0.6), coarse),
@@ -509,6 +524,7 @@ mod tests {
             (weighted(0.3, 0.8), fine),
             (weighted(-1.0, 0.5), coarse),
             (from_zero, fine),
+            (PidSettings { derivative_filter: DerivativeFilter::None, ..above_one }, fine),
         ] {
             let (_, _, fixed) = made(settings, units);
             let law = fixed.law();
