@@ -213,7 +213,13 @@ fn closed(
             } else {
                 let first = c * rho.powu(length as u32);
                 pairs.push([rho.re, rho.im, first.re, first.im]);
-                bound += f64::EPSILON * behind([rho, c], count) * (lags(rho) + count as f64);
+                // What stays for ever has a coefficient that is rounded, and a decay that is not.
+                let rounded = if rho == Complex::new(1.0, 0.0) {
+                    c.norm()
+                } else {
+                    behind([rho, c], count) * (lags(rho) + count as f64)
+                };
+                bound += f64::EPSILON * rounded;
             }
         }
         pairs.sort_by(|[re, im, ..], [other, more, ..]| {
