@@ -18,6 +18,8 @@ mod rate_rules;
 #[doc(hidden)]
 pub mod rate_table;
 #[doc(hidden)]
+pub mod rational_power;
+#[doc(hidden)]
 pub mod relaxation_table;
 #[doc(hidden)]
 pub mod rust_constants;

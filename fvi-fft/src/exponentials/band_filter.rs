@@ -6,26 +6,22 @@
 //!
 //! *Oustaloup*: corners in geometric sequence, z_i = ω₁ (ω₂/ω₁)^{(i + (1−β)/2)/N}, p_i with 1 + β, and k =
 //! ω₂^β. *Matsuda*: the continued fraction through the magnitudes ω_i^β at 2N + 1 frequencies in geometric
-//! sequence over the band,
-//!
-//! ```text
-//! C(s) = α₀ + (s − ω₀)/(α₁ + (s − ω₁)/(α₂ + …)) ,   α_i = f_i(ω_i), f₀ = ω^β, f_{i+1} = (ω − ω_i)/(f_i − α_i) .
-//! ```
+//! sequence over the band ([`RationalPower`]).
 //!
 //! Discrete by Tustin's rule, s = (2/h) (1 − z)/(1 + z) with z the delay by a step.
 //!
 //! Sources: \[Oustaloup00\]; \[MatsudaFujii93\].
 
-use crate::dense::eigenvalues;
+use crate::exponentials::rational_power::RationalPower;
 use crate::transfer::check;
 use fvi_core::{ParameterError, max_or_nan};
-use nalgebra::{Complex, DMatrix};
+use nalgebra::Complex;
 use std::f64::consts::PI;
 
 /// Most sections.
 const MOST: usize = 60;
 
-/// Largest relative difference between a filter and its sections, or its polynomials.
+/// Largest relative difference between a filter and its polynomials.
 const ALIKE: f64 = 1e-6;
 
 /// Frequencies of every check.
@@ -59,7 +55,8 @@ impl BandFilter {
     /// seconds.
     ///
     /// # Errors
-    /// If a parameter is out of range, or the continued fraction has no such sections in double precision.
+    /// If a parameter is out of range, or numbers of 30 digits do not hold the sections of the continued
+    /// fraction.
     pub fn new(
         design: Design,
         exponent: f64,
@@ -83,33 +80,11 @@ impl BandFilter {
             let corners = |sign: f64| (0..order).map(|i| corner(i, sign)).collect();
             return Ok(made(libm::pow(high, exponent), corners(-1.0), corners(1.0)));
         }
-        // In units of the middle of the band.
-        let middle = place(0.5);
-        let places: Vec<f64> =
-            (0..=2 * order).map(|i| place(i as f64 / (2 * order) as f64) / middle).collect();
-        let fraction = continued_fraction(&places, exponent);
-        let refused = || ParameterError {
-            parameter: "order",
-            value: order as f64,
-            allowed: "lower: double precision does not hold the sections of this continued fraction",
-        };
-        let [numerator, denominator] = polynomials(&fraction, &places);
-        let roots = |polynomial: &[f64]| -> Option<Vec<f64>> {
-            let mut roots = negated_roots(polynomial)?;
-            roots.iter_mut().for_each(|root| *root *= middle);
-            (roots.len() == order).then_some(roots)
-        };
-        let (zeros, poles) = roots(&numerator).zip(roots(&denominator)).ok_or_else(refused)?;
-        let gain = numerator[order] / denominator[order] * libm::pow(middle, exponent);
-        let found = made(gain, zeros, poles);
-        let apart = found.largest(|_, s| {
-            let scaled = s / middle;
-            let last = Complex::from(fraction[2 * order]);
-            let parts = fraction[..2 * order].iter().zip(&places).rev();
-            let value = parts.fold(last, |below, (a, place)| (scaled - place) / below + *a);
-            (found.at(s) / (value * libm::pow(middle, exponent)) - 1.0).norm()
-        });
-        if apart <= ALIKE { Ok(found) } else { Err(refused()) }
+        let allowed = "lower: numbers of 30 digits do not hold the sections of this continued fraction";
+        let found = RationalPower::through_gains(exponent, low, high, order);
+        let RationalPower { gain, zeros, poles } =
+            found.ok_or(ParameterError { parameter: "order", value: order as f64, allowed })?;
+        Ok(made(gain, zeros, poles))
     }
 
     /// Its value at s.
@@ -178,51 +153,4 @@ impl BandFilter {
             .map(|omega| of(omega, Complex::new(0.0, omega)))
             .fold(0.0, max_or_nan)
     }
-}
-
-/// α_i at these places.
-fn continued_fraction(places: &[f64], exponent: f64) -> Vec<f64> {
-    let mut values: Vec<f64> = places.iter().map(|place| libm::pow(*place, exponent)).collect();
-    for i in 0..places.len() {
-        let (before, after) = values.split_at_mut(i + 1);
-        for (value, place) in after.iter_mut().zip(&places[i + 1..]) {
-            *value = (place - places[i]) / (*value - before[i]);
-        }
-    }
-    values
-}
-
-/// Numerator and denominator of the continued fraction, from s⁰ on.
-fn polynomials(fraction: &[f64], places: &[f64]) -> [Vec<f64>; 2] {
-    let last = fraction.len() - 1;
-    let order = last / 2;
-    let mut quotient = [vec![0.0; last + 2], vec![0.0; last + 2]];
-    (quotient[0][0], quotient[1][0]) = (fraction[last], 1.0);
-    for (a, place) in fraction[..last].iter().zip(places).rev() {
-        // a + (s − ω) q/p for p/q.
-        let [above, below] = quotient;
-        let mut next: Vec<f64> = above.iter().zip(&below).map(|(p, q)| a * p - place * q).collect();
-        next.iter_mut().skip(1).zip(&below).for_each(|(next, q)| *next += q);
-        quotient = [next, above];
-    }
-    quotient.map(|polynomial| polynomial[..=order].to_vec())
-}
-
-/// −s of the real roots, ascending; `None` if one is not real and negative.
-fn negated_roots(polynomial: &[f64]) -> Option<Vec<f64>> {
-    let count = polynomial.len() - 1;
-    let last = polynomial[count];
-    let mut companion = DMatrix::zeros(count, count);
-    for i in 0..count {
-        companion[(i, count - 1)] = -polynomial[i] / last;
-        if i > 0 {
-            companion[(i, i - 1)] = 1.0;
-        }
-    }
-    let mut roots: Vec<f64> = eigenvalues(companion)?
-        .iter()
-        .map(|root| (root.im.abs() <= 1e-9 * root.norm() && root.re < 0.0).then_some(-root.re))
-        .collect::<Option<_>>()?;
-    roots.sort_by(f64::total_cmp);
-    Some(roots)
 }

@@ -4,12 +4,12 @@ use std::f64::consts::PI;
 
 use fvi_core::{BdfOrder, ConvolutionWeights, Memory, ParameterError, min_or_nan};
 use fvi_fft::baseline::{MemoryTerm, Signal, memory_term};
+use fvi_fft::exponentials::rational_power::RationalPower;
 use fvi_fft::sums::max_or_nan;
 use nalgebra::Complex;
 
 use crate::dyadic_exponentials::{Term, power_rules};
 use crate::l1::l1_weights;
-use crate::matsuda::Rational;
 use crate::oustaloup::recursion;
 use crate::{
     ObliviousQuadrature, PlainSum, RelaxedProduct, TextbookHls, jiang, kernel_compression,
@@ -226,7 +226,7 @@ fn filters() -> Vec<Claim> {
     let ripple = libm::sin(PI * order) * libm::exp(PI * PI / spacing) / libm::sinh(2.0 * PI * PI / spacing);
 
     let (points, from, to) = (9, 1e-3, 1e2);
-    let fraction = Rational::through_gains(0.5, from, to, (points - 1) / 2);
+    let fraction = RationalPower::through_gains(0.5, from, to, (points - 1) / 2);
     let error = |k: usize| {
         let s = from * libm::pow(to / from, k as f64 / (points - 1) as f64);
         fraction.as_ref().map_or(f64::NAN, |fraction| (fraction.value(s) / libm::sqrt(s) - 1.0).abs())
@@ -240,7 +240,7 @@ fn filters() -> Vec<Claim> {
         printed_difference(&zeros, 10.0, &[10.0, 298.5, 1218.0, 768.5, 74.97, 1.0]),
         printed_difference(&poles, 1.0, &[1.0, 74.97, 768.5, 1218.0, 298.5, 10.0]),
     );
-    let through_nine = Rational::through_gains(0.5, 0.1, 10.0, 4).map_or(f64::NAN, |fraction| {
+    let through_nine = RationalPower::through_gains(0.5, 0.1, 10.0, 4).map_or(f64::NAN, |fraction| {
         max_or_nan(
             printed_difference(&fraction.zeros, 1.0, &[1.0, 13.0, 20.84, 4.876, 0.08551]),
             printed_difference(&fraction.poles, 1.0 / fraction.gain, &[0.08549, 4.877, 20.84, 12.995, 1.0]),
