@@ -159,11 +159,12 @@ fn range(plant: &Plant, law: &Law, about: f64) -> Result<Range, String> {
     if size(highest).is_nan() {
         return Err(format!("the loop gain is not a number at ω = {highest:e}"));
     }
-    // Beyond the highest frequency |L| must not grow again.
-    let end = [1e2, 1e4, 1e6].iter().map(|part| size(part * highest)).fold(0.0, max_or_nan);
-    if dead_time > 0.0 && (size(highest) > MUST_END_AT || end > MUST_END_AT) {
+    // Beyond the highest frequency |L| must not grow again, be it as slowly as s^0.01.
+    let ends = [1e2, 1e4, 1e6].map(|part| size(part * highest));
+    let end = ends.into_iter().fold(0.0, max_or_nan);
+    if dead_time > 0.0 && (size(highest) > MUST_END_AT || end > MUST_END_AT || is_rising(ends[2], ends[0])) {
         return Err(
-            "the loop gain does not fall below 1 at high frequencies, and with a dead time such a loop is unstable: give the \
+            "the loop gain grows at high frequencies, or does not fall below 1 there, and with a dead time such a loop is unstable: give the \
              derivative a filter (`controller.derivative_filter`)"
                 .to_owned(),
         );
