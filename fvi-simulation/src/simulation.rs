@@ -24,6 +24,7 @@ mod forces_of_time;
 mod forces_of_time_tests;
 #[cfg(test)]
 mod forces_of_velocity_tests;
+mod function_jumps;
 mod given_weights;
 mod gyroscopic;
 mod massless;
@@ -64,6 +65,7 @@ use crate::model::{
 pub use choice::{Solver, SolverChoice};
 use choice::{dense_warning, sparse_space};
 use control::Drive;
+use function_jumps::FunctionJumps;
 use fvi_core::{
     Damping, Instant, Integrator, IntegratorBuilder, IntegratorError, MatrixError, Mechanics, Memory,
     MemoryError, Mismatch, Outcome, Real, Sample, Sampling, Scheme, StateError, StateReader, StateWriter,
@@ -685,8 +687,10 @@ impl<T: Scalar> TypedSimulation<T> {
     /// if it costs about as much as a step.
     fn settle(&mut self, scenario: &Scenario, is_dear: bool) {
         let system = self.integrator.system();
-        let is_looked_into =
-            scenario.is_looked_into() || system.switches() > 0 || VelocityKinks::of(scenario).is_some();
+        let is_looked_into = scenario.is_looked_into()
+            || system.switches() > 0
+            || VelocityKinks::of(scenario).is_some()
+            || FunctionJumps::of(scenario).is_some();
         self.pieces = is_looked_into.then(<[Piece<T>; 2]>::default);
         let is_compared = scenario.reference.as_ref().is_some_and(|reference| reference.knows()[2]);
         self.energies = match is_dear {

@@ -94,7 +94,8 @@ fn differences(order: BdfOrder, value: Complex<f64>) -> Option<Vec<Complex<f64>>
 fn zeros(coefficients: &[Complex<f64>], value: Complex<f64>) -> Option<Vec<Complex<f64>>> {
     let degree = coefficients.len() - 1;
     let last = coefficients[degree];
-    let miss = |x: Complex<f64>| coefficients.iter().rev().fold(Complex::ZERO, |sum, c| sum * x + c);
+    let miss =
+        |x: Complex<f64>| coefficients.iter().rev().fold(Complex::ZERO, |sum: Complex<f64>, c| sum * x + c);
     let slope = |x: Complex<f64>| {
         let terms = coefficients.iter().enumerate().skip(1).rev();
         terms.fold(Complex::ZERO, |sum: Complex<f64>, (i, c)| sum * x + c * i as f64)

@@ -39,8 +39,9 @@ impl StateSpace {
         Some(complex(&self.output) * states + complex(&self.direct))
     }
 
-    /// The poles with their residues, R = C V (WᵀV)⁻¹ Wᵀ B, where the columns of V and W span the eigenvectors
-    /// of A and Aᵀ: one for a simple pole, and as many as the pole counts where two bodies alike have it.
+    /// The poles with their residues, R = C V (WᵀV)⁻¹ Wᵀ B, where the columns of V and W span the
+    /// eigenvectors of A and Aᵀ: one for a simple pole, and as many as the pole counts where two bodies alike
+    /// have it.
     ///
     /// # Errors
     /// A sentence with numbers if a pole is not in Re s < 0, if the numbers do not tell the poles apart, or if

@@ -3,6 +3,7 @@
 use super::breaks::Breaks;
 use super::crossings::{CrossingState, Crossings, Verdict};
 use super::error_budget::ErrorBudget;
+use super::function_jumps::FunctionJumps;
 use super::perturbed::Perturbed;
 use super::step_control::StepControl;
 use super::velocity_kinks::VelocityKinks;
@@ -89,9 +90,10 @@ pub(crate) struct AdaptiveSteps<'s> {
     scenario: &'s Scenario,
     rule: Adaptive,
     breaks: Breaks,
-    /// Jumps and kinks in the position, if there are any, and kinks in the velocity.
+    /// Jumps and kinks in the position, if there are any, kinks in the velocity, and jumps of forces in code.
     crossings: Option<Crossings>,
     velocity_kinks: Option<VelocityKinks>,
+    function_jumps: Option<FunctionJumps>,
     progress: Progress,
     /// How perturbations grow; not known after a run has been continued.
     perturbed: Option<Perturbed>,
@@ -258,6 +260,7 @@ impl<'s> AdaptiveSteps<'s> {
             forgetting,
             crossings,
             velocity_kinks: VelocityKinks::of(scenario),
+            function_jumps: FunctionJumps::of(scenario),
             position_scale: position_scale(scenario, &rule),
             momentum_scale,
             scenario,
@@ -465,19 +468,28 @@ impl<'s> AdaptiveSteps<'s> {
             Some(crossings) => crossings.judge(simulation, pair, shortest, is_aimed),
             None => Ok(Verdict::Clear),
         };
-        let kinks = self.velocity_kinks.as_mut();
         let judged = match verdict {
             Err(reason) => Err(reason),
             Ok(Verdict::EndAt(earlier)) => {
                 Ok(Judged::Again(Some(earlier), "a jump or kink in the position is not met"))
             }
             Ok(Verdict::Again) => Ok(Judged::Again(None, "a jump or kink in the position is not met")),
-            Ok(verdict) => Ok(match kinks.and_then(|kinks| kinks.first_inside(simulation, pair)) {
-                Some(kink) if kink - pair[0] >= shortest && pair[2] - kink >= shortest => {
-                    Judged::Again(Some(kink), "a kink in the velocity is not met")
-                }
-                _ => Judged::Stands(matches!(verdict, Verdict::Ends)),
-            }),
+            Ok(verdict) => {
+                let is_inside = |time: &f64| *time - pair[0] >= shortest && pair[2] - *time >= shortest;
+                let kinks = self.velocity_kinks.as_mut();
+                let kink = kinks.and_then(|kinks| kinks.first_inside(simulation, pair)).filter(is_inside);
+                let jumps = self.function_jumps.as_mut();
+                let jump = jumps.and_then(|jumps| jumps.first_inside(simulation, pair)).filter(is_inside);
+                Ok(match (kink, jump) {
+                    (Some(kink), _) => Judged::Again(Some(kink), "a kink in the velocity is not met"),
+                    (None, Some(jump)) => Judged::Again(Some(jump), "a jump of a function is not met"),
+                    (None, None) => {
+                        let jumps = self.function_jumps.as_ref();
+                        let is_met = jumps.is_some_and(|jumps| jumps.is_met(pair[2]));
+                        Judged::Stands(is_met || matches!(verdict, Verdict::Ends))
+                    }
+                })
+            }
         };
         if !matches!(judged, Ok(Judged::Stands(_))) {
             simulation.restore(&self.saved).map_err(|error| error.to_string())?;

@@ -1,6 +1,7 @@
 //! Simulation of a mechanism: any Lagrangian, constraints, and dampers along elongations.
 
 use super::control::Drive;
+use super::function_jumps::FunctionJumps;
 use super::mechanism_multipliers::multipliers;
 use super::passage::Passages;
 use super::piece::{Piece, WithinStep};
@@ -77,7 +78,8 @@ impl<T: Elementary> TypedMechanism<T> {
             input: first_input.iter().map(|&force| T::of(force)).collect(),
             momentum: zeros(),
             is_own_momentum: scenario.output.momentum != ReportedMomentum::Mean,
-            pieces: scenario.is_looked_into().then(<[Piece<T>; 2]>::default),
+            pieces: (scenario.is_looked_into() || FunctionJumps::of(scenario).is_some())
+                .then(<[Piece<T>; 2]>::default),
             terms: scenario.system.damping.len(),
             pulls: (!scenario.system.constraints.is_empty()).then(|| Pulls::new(scenario)).transpose()?,
             passages,

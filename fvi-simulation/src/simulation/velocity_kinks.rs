@@ -65,21 +65,30 @@ impl VelocityKinks {
     }
 
     /// An argument at a time inside the pair.
-    fn value(&mut self, simulation: &mut Simulation, index: usize, (time, pair): (f64, [f64; 3])) -> f64 {
-        let [begin, middle, end] = pair;
-        // The polynomial is another one on each half.
-        let [from, to] = if time > middle { [middle, end] } else { [begin, middle] };
-        let apart = APART * (to - from);
-        let times = [(time - apart).max(from + 0.1 * apart), (time + apart).min(to)];
-        let [before, after] = &mut self.position;
-        simulation.position_at(times[0], before);
-        simulation.position_at(times[1], after);
-        let between = before.iter().zip(&*after);
-        self.variables.clear();
-        self.variables.extend(between.clone().map(|(before, after)| 0.5 * (before + after)));
-        self.variables.extend(between.map(|(before, after)| (after - before) / (times[1] - times[0])));
-        self.arguments[index].value(Moment::inside(time), &self.variables)
+    fn value(&mut self, simulation: &mut Simulation, index: usize, place: (f64, [f64; 3])) -> f64 {
+        motion_at(simulation, place, &mut self.position, &mut self.variables);
+        self.arguments[index].value(Moment::inside(place.0), &self.variables)
     }
+}
+
+/// Writes position and velocity at a time inside a finished pair, the velocity by differences.
+pub(super) fn motion_at(
+    simulation: &mut Simulation,
+    (time, [begin, middle, end]): (f64, [f64; 3]),
+    [before, after]: &mut [Vec<f64>; 2],
+    motion: &mut Vec<f64>,
+) {
+    // The polynomial is another one on each half.
+    let [from, to] = if time > middle { [middle, end] } else { [begin, middle] };
+    let apart = APART * (to - from);
+    let times = [(time - apart).max(from + 0.1 * apart), (time + apart).min(to)];
+    simulation.position_at(times[0], before);
+    simulation.position_at(times[1], after);
+    let part = (time - times[0]) / (times[1] - times[0]);
+    let between = before.iter().zip(&*after);
+    motion.clear();
+    motion.extend(between.clone().map(|(before, after)| before + part * (after - before)));
+    motion.extend(between.map(|(before, after)| (after - before) / (times[1] - times[0])));
 }
 
 /// Passes the arguments of the kinks of an expression that depend on a velocity, the variables from `first`

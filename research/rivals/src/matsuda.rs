@@ -50,10 +50,10 @@ pub fn matsuda(
     let Some(best) = best else {
         return Err(ParameterError { parameter: "order", value: order, allowed: "one that has a fraction" });
     };
-    sections.extend(sections(&best));
+    sections.extend(first_order(&best));
     FilterCascade::new(best.gain, &sections, formula, step, channels, capacity)
 }
 
-fn sections(fraction: &RationalPower) -> impl Iterator<Item = Section> {
+fn first_order(fraction: &RationalPower) -> impl Iterator<Item = Section> {
     fraction.zeros.iter().zip(&fraction.poles).map(|(&zero, &pole)| Section { zero, pole: Some(pole) })
 }
