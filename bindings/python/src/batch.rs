@@ -57,21 +57,31 @@ impl Batch {
         })
     }
 
-    /// What velocities follow from in the run with these numbers, as JSON: the mass, with that of the fluid
-    /// about bodies; or a kinetic energy with its parameters and constraints.
-    fn moving(&self, py: Python<'_>, numbers: Vec<f64>) -> PyResult<String> {
+    /// What velocities and accelerations follow from in the run with these numbers, as JSON, and its title:
+    /// scheme and times; the mass, with that of the fluid about bodies, or a kinetic energy with its parameters
+    /// and constraints, `with_mass`.
+    fn described(&self, py: Python<'_>, numbers: Vec<f64>, with_mass: bool) -> PyResult<String> {
         py.detach(|| {
             guarded(|| {
                 let scenario = self.batch.members().member(&numbers);
                 let scenario = scenario.map_err(|error| Failure::of_document(&error, self.in_file))?;
                 let failed = |error: serde_json::Error| Failure::Failed(error.to_string());
-                let mut system = serde_json::to_value(&scenario.system).map_err(failed)?;
-                if let Some(system) = system.as_object_mut() {
-                    system.retain(|key, _| {
-                        ["mass", "kinetic", "parameters", "constraints"].contains(&key.as_str())
-                    });
+                let mut described = serde_json::json!({
+                    "title": scenario.title,
+                    "scheme": scenario.scheme,
+                    "time": scenario.time,
+                    "output": { "times": scenario.output.times },
+                });
+                if with_mass {
+                    let mut system = serde_json::to_value(&scenario.system).map_err(failed)?;
+                    if let Some(system) = system.as_object_mut() {
+                        system.retain(|key, _| {
+                            ["mass", "kinetic", "parameters", "constraints"].contains(&key.as_str())
+                        });
+                    }
+                    described["system"] = system;
                 }
-                serde_json::to_string(&system).map_err(failed)
+                serde_json::to_string(&described).map_err(failed)
             })
         })
     }

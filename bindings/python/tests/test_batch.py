@@ -212,3 +212,25 @@ def test_vectors_at_paths_are_taken_as_a_whole():
         assert (run.q == alone.q).all() and (model.run({name: of_run}).q == alone.q).all()
     with pytest.raises(fvi.InputError, match="shape"):
         model.run({name: [1.0, 2.0, 3.0]})
+
+
+def test_accelerations_and_titles_of_batches_are_those_of_single_runs():
+    arguments = dict(mass=[1.0], potential="0.5*k*q0^2", parameters={"k": 1.0}, position=[1.0], step=0.1, steps=100, title="tip")
+    for more in ({"events": fvi.Event("q0-0.3", "falling", "stop")}, {"start": 0.05}):
+        model = fvi.Model(**arguments, **more)
+        one, several = model.integrate(), model.batch({"k": [1.0]})[0]
+        assert several.title == one.title == "tip"
+        assert (several.a == one.a).all() and np.abs(one.a + one.q).max() < 2e-2
+    inside = fvi.Model(**arguments, times=[0.0, 0.17, 0.23])
+    with pytest.raises(fvi.InputError, match="midpoint rule"):
+        inside.batch({"k": [1.0]})[0].a
+    steps = fvi.Model(**arguments).batch({"time.step": [0.1, 0.05]})
+    assert [run.summary["scenario"]["time"]["step"] for run in steps] == [0.1, 0.05]
+
+
+def test_parameters_may_have_the_names_of_variables():
+    pytest.importorskip("xarray")
+    for name in ("p", "q", "energy", "status"):
+        model = fvi.Model(mass=[1.0], potential=f"0.5*{name}*q0^2", parameters={name: 1.0}, position=[1.0], step=0.1, steps=10)
+        data = model.batch({name: [1.0, 2.0]}).to_xarray()
+        assert list(data[f"{name}_given"].values) == [1.0, 2.0] and data["q"].ndim == 3

@@ -246,3 +246,38 @@ def test_times_are_those_of_the_caller() -> None:
 def test_a_jacobian_that_is_no_number_is_refused() -> None:
     with pytest.raises(fvi.InputError, match="jac"):
         fvi.solve_fde(lambda t, x: [-x[0] ** 3, x[0] - x[1]], 0.5, 1.0, [1.0, 2.0], jac=lambda t, x: np.full((2, 2), np.nan))
+
+
+def test_functions_that_jump_keep_the_tolerance_wherever_they_jump():
+    def exact(t, at):
+        return np.exp(-t) + 3.0 * np.where(t > at, -np.expm1(at - t), 0.0)
+
+    for at in np.random.default_rng(9).uniform(0.1, 1.9, 25):
+        r = fvi.solve_fde(lambda t, x: -x + 3.0 * (t > at), 1.0, 2.0, [1.0], rtol=1e-8)
+        assert r.success and np.abs(r.x[:, 0] - exact(r.t, at)).max() < 1e-7
+
+
+def test_steps_end_where_a_function_is_said_to_bend():
+    # D^½ x = (t − ½)₊ has x = (t − ½)^{3/2}/Γ(5/2) behind the kink.
+    def bent(t, x):
+        return [max(t - 0.5, 0.0)]
+
+    r = fvi.solve_fde(bent, 0.5, (0.0, 2.0), [0.0], rtol=1e-9, must_hit=[0.5])
+    assert 0.5 in r.t
+    assert np.abs(r.x[:, 0] - np.maximum(r.t - 0.5, 0.0) ** 1.5 / math.gamma(2.5)).max() < 1e-8
+    shifted = fvi.solve_fde(lambda t, x: bent(t - 1.0, x), 0.5, (1.0, 3.0), [0.0], rtol=1e-9, must_hit=[1.0, 1.5, 3.0])
+    assert 1.5 in shifted.t
+    with pytest.raises(fvi.InputError, match=r"must_hit\[1\] = 7"):
+        fvi.solve_fde(bent, 0.5, 2.0, [0.0], must_hit=[0.5, 7.0])
+
+
+def test_results_of_equations_speak_of_unknowns():
+    r = fvi.run({"equation": {"order": 0.6, "right": ["-10*x0", "x0-x1"], "initial": [1.0, 0.0]}, "time": {"end": 5.0, "tolerance": 1e-8}})
+    assert r.labels == ["x0", "x1"] and list(r.to_pandas().columns) == ["x0", "x1"]
+    assert set(r.to_xarray().data_vars) == {"x"} and "unknowns" in repr(r)
+    known = fvi.solve_fde(["-10*x0", "x0-x1"], 0.6, 5.0, [1.0, 0.0], rtol=1e-10, t_eval=[2.5]).x[0]
+    assert np.abs(r(2.5) - known).max() < 1e-4
+    with pytest.raises(fvi.InputError, match="unknowns of an equation"):
+        r.v
+    with pytest.raises(fvi.InputError, match="order"):
+        fvi.solve_fde(lambda t, x: -x, 0.5 + 0j, 1.0, [1.0])

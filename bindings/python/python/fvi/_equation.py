@@ -86,6 +86,7 @@ def solve_fde(
     parameters: Mapping[str, float] | None = None,
     scale: Real | None = None,
     max_step: Real | None = None,
+    must_hit: ArrayLike | None = None,
     stages: Whole | None = None,
     progress: Progress | None = None,
 ) -> Solution:
@@ -128,6 +129,10 @@ def solve_fde(
         Size of unknowns below which errors are absolute; default: 1.
     max_step : float, optional
         The longest step.
+    must_hit : array_like, optional
+        Increasing times where steps end: those of jumps and kinks of a function. Those of expressions are known, and jumps that a
+        function shows near the ends of steps are found; one that is smaller than what the function changes on a step anyway, or
+        narrower than a step, is seen at these times only.
     stages : {1, 2, 3, 5, 7}, optional
         Stages of the Radau IIA method, of order 2 stages − 1; default: by `rtol`.
     progress : callable, optional
@@ -180,6 +185,8 @@ def solve_fde(
         raise InputError(f"terms = {terms!r}: a list of terms is needed", "terms", repr(terms))
     if np.ndim(order if order is not None else 0.0) > 1 or isinstance(order, (str, bytes)):
         raise InputError(f"order = {order!r}: a number, or one for each unknown, is needed", "order", repr(order))
+    if order is not None and np.ndim(order) == 0:
+        order = _arrays.real("order", order)
     equation: dict[str, Any] = {"derivative": derivative}
     if (order is None) == (terms is None):
         raise InputError("order: give either an order or terms", "order", repr(order))
@@ -193,8 +200,7 @@ def solve_fde(
         equation["terms"] = _terms(terms, count)
     else:
         assert order is not None
-        one = np.ndim(order) == 0
-        equation["order"] = _arrays.real("order", order) if one else [float(number) for number in _arrays.numbers("order", order)]
+        equation["order"] = order if np.ndim(order) == 0 else [float(number) for number in _arrays.numbers("order", order)]
     named = _derivatives(derivatives, expressions is not None)
     if named:
         equation["derivatives"] = named
@@ -211,14 +217,10 @@ def solve_fde(
     if stages is not None:
         scenario["convolution"] = {"stages": _arrays.whole("stages", stages, 1)}
     if t_eval is not None:
-        times = _arrays.numbers("t_eval", t_eval)
-        if times.ndim != 1:
-            raise InputError(f"t_eval: shape {times.shape} instead of a list of times", "t_eval", str(times.shape))
-        for index, at in enumerate(times):
-            if not begin <= at <= end:
-                place = f"t_eval[{index}]"
-                raise InputError(f"{place} = {at:g}: not allowed; allowed: {begin:g} ≤ t ≤ {end:g}, the span", place, str(at))
-        scenario["output"] = {"times": [float(at) - begin for at in times]}
+        scenario["output"] = {"times": _times("t_eval", t_eval, (begin, end))}
+    if must_hit is not None:
+        # At both ends of the span steps end anyway.
+        time["must_hit"] = [at for at in _times("must_hit", must_hit, (begin, end)) if 0.0 < at < end - begin]
     described, watched = _events(events, begin, args, count)
     if described:
         scenario["event"] = described
@@ -265,6 +267,8 @@ def _increasing(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _solution(t: FloatArray, x: FloatArray, ended: Mapping[str, Any], record: str, events: int, begin: float) -> Solution:
     status, message = ending(ended)
+    for path, name in NAMES:
+        message = message.replace(f"`{path}`", f"`{name}`")
     happened: list[list[tuple[float, Any]]] = [[] for _ in range(events)]
     for event in json.loads(record).get("events", []) if events else []:
         happened[event["event"]].append((event["time"] + begin, event["x"]))
@@ -274,6 +278,19 @@ def _solution(t: FloatArray, x: FloatArray, ended: Mapping[str, Any], record: st
     if ended["status"] == "event":
         status = 1
     return Solution(t, x, success, status, _later(message, begin), t_events, x_events, ended["steps"], tuple(ended.get("warnings", ())), record)
+
+
+def _times(name: str, times: ArrayLike, span: tuple[float, float]) -> list[float]:
+    """Times within the span, from its begin on."""
+    numbers = _arrays.numbers(name, times)
+    begin, end = span
+    if numbers.ndim != 1:
+        raise InputError(f"{name}: shape {numbers.shape} instead of a list of times", name, str(numbers.shape))
+    for index, at in enumerate(numbers):
+        if not begin <= at <= end:
+            place = f"{name}[{index}]"
+            raise InputError(f"{place} = {at:g}: not allowed; allowed: {begin:g} ≤ t ≤ {end:g}, the span", place, str(at))
+    return [float(at) - begin for at in numbers]
 
 
 def _span(span: Any) -> tuple[float, float]:
@@ -487,6 +504,7 @@ NAMES = (
     ("time.end", "span"),
     ("time.longest", "max_step"),
     ("time.scale", "scale"),
+    ("time.must_hit", "must_hit"),
     ("convolution.stages", "stages"),
     ("output.times", "t_eval"),
     ("event", "events"),

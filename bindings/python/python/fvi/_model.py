@@ -68,7 +68,7 @@ class _Known(NamedTuple):
     mass: Any
     """The mass, where it is a file."""
     moves: bool
-    """Whether velocities follow from the momenta of each run in another way."""
+    """Whether velocities and accelerations of each run follow in another way."""
     appearance: tuple[list[str], dict[str, str]]
     """Labels and units."""
 
@@ -276,7 +276,7 @@ class Model:
                 error = _after_argument(end, known.names)
                 table["ends"][index] = InputError(f"run {index}: {error}", error.key, error.value)
         runs = runs_of(table, given, known.coordinates, known.mass, known.appearance)
-        runs._systems.update(_systems(known, columns, runs.status))
+        runs._described.update(_described(known, columns, runs.status))
         for place, end in runs._ends.items():
             if end["status"] == "failed":
                 runs.errors[place] = StepError(f"run {place}: {ending({**end, 'steps': 0})[1]}", runs)
@@ -451,7 +451,7 @@ class Model:
         kept = arguments["mass"]
         mass = kept if isinstance(kept, Ready) or _arrays.is_sparse(kept) else None
         in_words = arguments["kinetic"] is not None
-        moves = any(path.startswith("system.mass") or path.endswith(".infinite") or in_words for path in paths)
+        moves = any(path.startswith(("system.mass", "time.")) or path.endswith(".infinite") or in_words for path in paths)
         written = tuple(range(size) if chosen is None else chosen)
         return _Known(batch, counts, by_path, written, mass, moves, appearance_of(source))
 
@@ -584,14 +584,17 @@ def _columns(arrays: Mapping[str, FloatArray], counts: list[int | None]) -> tupl
     return np.ascontiguousarray(np.concatenate(parts, axis=1)), given
 
 
-def _systems(known: _Known, columns: FloatArray, status: Any) -> dict[int, dict[str, Any]]:
-    """What velocities follow from in each run that was made."""
+def _described(known: _Known, columns: FloatArray, status: Any) -> dict[int, dict[str, Any]]:
+    """The title of each run that was made, and what velocities and accelerations follow from."""
     there = np.flatnonzero(status != -2).tolist()
-    if known.mass is not None or not there:
+    if not there:
         return {}
-    if not known.moves:
-        return dict.fromkeys(there, json.loads(known.batch.moving(columns[there[0]].tolist())))
-    return {place: json.loads(known.batch.moving(columns[place].tolist())) for place in there}
+
+    def of(place: int) -> dict[str, Any]:
+        described: dict[str, Any] = json.loads(known.batch.described(columns[place].tolist(), known.mass is None))
+        return described
+
+    return {place: of(place) for place in there} if known.moves else dict.fromkeys(there, of(there[0]))
 
 
 @contextmanager

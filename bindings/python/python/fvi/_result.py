@@ -146,7 +146,8 @@ class Result:
         if self.summary.get("scenario", {}).get("sensitivity"):
             return "the result has sensitivities, which are not continued"
         return (
-            "the result has no memory: it was read from a file, made of a scenario's file, or its memory is large and was not kept; "
+            "the result has no memory: it was read from a file, made of a scenario's file, by `Model.run` or by `Model.batch`, or its memory "
+            "is large and was not kept; "
             "`keep_memory=True` keeps it, and a run with `out` is gone on with by `resume=True`"
         )
 
@@ -206,12 +207,22 @@ class Result:
     def _repr_html_(self) -> str:
         """The end of the run and its last rows, for notebooks."""
         shown = self.q.shape[1] if self.q.shape[1] <= 6 else 3
-        names = ["t", *(f"q{coordinate}" for coordinate in self.coordinates[:shown]), "energy"]
+        energy = [] if self._is_equation else ["energy"]
+        names = ["t", *(f"{self._letter}{coordinate}" for coordinate in self.coordinates[:shown]), *energy]
         rows = [*range(min(3, len(self.t))), *range(max(3, len(self.t) - 3), len(self.t))]
-        cells = [[self.t[row], *self.q[row, :shown], self.energy[row]] for row in rows]
+        cells = [[self.t[row], *self.q[row, :shown], *([self.energy[row]] if energy else [])] for row in rows]
         head = "".join(f"<th>{name}</th>" for name in names)
         body = "".join("<tr>" + "".join(f"<td>{number:.6g}</td>" for number in line) + "</tr>" for line in cells)
         return f"<p>{html.escape(repr(self))}</p><table><tr>{head}</tr>{body}</table>"
+
+    @property
+    def _is_equation(self) -> bool:
+        """Whether it is of an equation D^α x = f, whose unknowns have neither momenta nor an energy."""
+        return bool(self.summary.get("scenario", {}).get("equation"))
+
+    @property
+    def _letter(self) -> str:
+        return "x" if self._is_equation else "q"
 
     @property
     def v(self) -> FloatArray:
@@ -226,8 +237,10 @@ class Result:
         ------
         InputError
             If they do not follow from the result: it is one of files without the mass, or without some coordinates that the mass
-            couples with the others.
+            couples with the others; or of an equation, whose unknowns have none.
         """
+        if self._is_equation:
+            raise InputError("v: the unknowns of an equation have no mass and no velocities; q holds them, p is 0", "v", "equation")
         if self._velocities is not None and self._velocities.shape == self.q.shape:
             return self._velocities
         mass = self._mass_matrix()
@@ -278,7 +291,7 @@ class Result:
         time, chosen = scenario.get("time", {}), np.ones(len(self.t), dtype=bool)
         if time.get("grid") is not None or not isinstance(step := time.get("step"), (int, float)):
             return chosen
-        steps = self.t / step
+        steps = (self.t - time.get("start", 0.0)) / step
         inside = np.abs(steps - np.round(steps)) > 1e-9 * np.maximum(1.0, np.abs(steps))
         if scenario.get("output", {}).get("times"):
             scheme = scenario.get("scheme", {})
@@ -335,7 +348,7 @@ class Result:
         """Positions between the rows, by cubic Hermite interpolation of positions and velocities.
 
         In addition to the error of the run they have an interpolation error of order (distance of rows)⁴, of order 3 at
-        coordinates without mass, whose slopes are differences, and larger near t = 0 where the motion is not smooth. The argument
+        coordinates without mass and unknowns of equations, whose slopes are differences, and larger near t = 0 where the motion is not smooth. The argument
         `times` of a run evaluates the scheme's own polynomial instead.
 
         Parameters
@@ -359,9 +372,9 @@ class Result:
             raise InputError(f"t = {value}: not allowed; allowed: {self.t[0]:g} ≤ t ≤ {self.t[-1]:g}", "t", value)
         if len(self.t) == 1:
             return np.broadcast_to(self.q[0], (*times.shape, self.q.shape[1])).copy()
-        v = self.v
+        v = np.full_like(self.q, np.nan) if self._is_equation else self.v
         if np.isnan(v).any():
-            # Coordinates without mass: slopes of the rows.
+            # Coordinates without mass, and unknowns of equations: slopes of the rows.
             order: Literal[1, 2] = 1 if len(self.t) == 2 else 2
             v = np.where(np.isnan(v), np.gradient(self.q, self.t, axis=0, edge_order=order), v)
         row = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
@@ -391,8 +404,9 @@ class Result:
 
     def __repr__(self) -> str:
         rows, coordinates = self.q.shape
+        named = "unknown" if self._is_equation else "coordinate"
         return (
-            f"Result({self.message!r}, {rows} rows of {coordinates} coordinate{'s' if coordinates != 1 else ''}, "
+            f"Result({self.message!r}, {rows} rows of {coordinates} {named}{'s' if coordinates != 1 else ''}, "
             f"t = {self.t[0]:g} … {self.t[-1]:g})"
         )
 
@@ -410,9 +424,9 @@ class Result:
 
     @property
     def labels(self) -> list[str]:
-        """Names of the coordinates: those of the scenario, or q0, q1, …"""
+        """Names of the coordinates: those of the scenario, or q0, q1, …, of the unknowns of an equation x0, x1, …"""
         given = self.summary.get("labels", [])
-        return list(given) if len(given) == self.q.shape[1] else [f"q{coordinate}" for coordinate in self.coordinates]
+        return list(given) if len(given) == self.q.shape[1] else [f"{self._letter}{coordinate}" for coordinate in self.coordinates]
 
     @property
     def units(self) -> dict[str, str]:
@@ -435,12 +449,12 @@ class Result:
         time_unit: str | None = None,
         energy_unit: str | None = None,
     ) -> Picture:
-        """Draws coordinates and energy over time.
+        """Draws coordinates and energy over time; of an equation, which has no energy, its unknowns.
 
         Parameters
         ----------
         axes : sequence of two matplotlib axes, optional
-            Axes to draw in; default: a new figure.
+            Axes to draw in, one of an equation; default: a new figure.
         coordinates : sequence of int, optional
             The coordinates to draw, as the system numbers them; default: the first ten of the result.
         labels : sequence of str, optional
@@ -450,7 +464,7 @@ class Result:
 
         Returns
         -------
-        sequence of two matplotlib axes
+        sequence of two matplotlib axes, or of one
             With their `figure`, and its `savefig`.
         """
         known = self.coordinates
@@ -463,16 +477,19 @@ class Result:
         names = [own[known.index(coordinate)] for coordinate in chosen] if labels is None else list(labels)
         if len(names) != len(chosen):
             raise InputError(f"labels: {len(names)} names for {len(chosen)} coordinates", "labels", str(len(names)))
-        above, below = axes = new_axes(axes, 2, 1, (6.4, 4.8), sharex=True)
+        axes = new_axes(axes, 1 if self._is_equation else 2, 1, (6.4, 4.8), sharex=True)
+        above, below = axes[0], axes[-1]
         for coordinate, name in zip(chosen, names):
             above.plot(self.t, self.q[:, known.index(coordinate)], label=name, linewidth=1)
-        above.set_ylabel(labelled("position", units.get("position", "") if unit is None else unit))
+        drawn = "unknown" if self._is_equation else "position"
+        above.set_ylabel(labelled(drawn, units.get("position", "") if unit is None else unit))
         first = coordinates is None and len(chosen) < len(known)
         above.set_title(f"{self.title} (first {len(chosen)} coordinates)" if first else self.title)
         if len(chosen) > 1 or labels is not None:
             above.legend(loc="upper right", fontsize="small")
-        below.plot(self.t, self.energy, color="black", linewidth=1)
-        below.set_ylabel(labelled("energy", units.get("energy", "") if energy_unit is None else energy_unit))
+        if not self._is_equation:
+            below.plot(self.t, self.energy, color="black", linewidth=1)
+            below.set_ylabel(labelled("energy", units.get("energy", "") if energy_unit is None else energy_unit))
         below.set_xlabel(labelled("time t", units.get("time", "") if time_unit is None else time_unit))
         return Picture(axes)
 
@@ -480,9 +497,10 @@ class Result:
         """The rows as a pandas DataFrame with the columns of ``trajectory.csv``, over an index t."""
         pandas = _module("pandas", "to_pandas()")
         columns: dict[str, FloatArray] = {}
-        for letter, values in (("q", self.q), ("p", self.p)):
+        for letter, values in ((self._letter, self.q), *(() if self._is_equation else (("p", self.p),))):
             columns.update({f"{letter}{coordinate}": values[:, column] for column, coordinate in enumerate(self.coordinates)})
-        columns["energy"] = self.energy
+        if not self._is_equation:
+            columns["energy"] = self.energy
         # As in the file: controller by controller.
         several = max((column.shape[1] for column in self.columns.values() if column.ndim == 2), default=0)
         for member in range(several):
@@ -499,10 +517,14 @@ class Result:
         scalars of the summary are attributes."""
         known = {"title": self.title, **self.summary}
         dimensions = {name: ("t", members_of(name))[: column.ndim] for name, column in self.columns.items()}
-        rows = {"energy": ("t", self.energy), **{name: (dimensions[name], column) for name, column in self.columns.items()}}
+        rows: dict[str, tuple[Any, Any]] = {name: (dimensions[name], column) for name, column in self.columns.items()}
+        if not self._is_equation:
+            rows = {"energy": ("t", self.energy), **rows}
         if self.dq.shape[1] > 0:
             rows.update((name, (("t", "parameter", "coordinate"), values)) for name, values in (("dq", self.dq), ("dp", self.dp)))
-        state = {"q": (("t", "coordinate"), self.q), "p": (("t", "coordinate"), self.p)}
+        state: dict[str, tuple[Any, Any]] = {self._letter: (("t", "coordinate"), self.q)}
+        if not self._is_equation:
+            state["p"] = (("t", "coordinate"), self.p)
         places = {"t": ("t", self.t), "coordinate": ("coordinate", self.coordinates), "label": ("coordinate", self.labels)}
         scalars = {key: value for key, value in known.items() if isinstance(value, (str, int, float))}
         return dataset({**state, **rows}, places, self.units, scalars)

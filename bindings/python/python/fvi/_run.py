@@ -294,8 +294,9 @@ def finish(result: Result, raised: BaseException | None, check: bool) -> Result:
 
 
 def raised_in(raised: BaseException, t: FloatArray) -> str:
-    """The message of a result that an exception in a function has ended."""
-    return f"{type(raised).__name__} in a function ended the run after t = {t[-1]:g}" if len(t) else f"{type(raised).__name__} in a function"
+    """The message of a result that an exception, in a function or from the keyboard, has ended."""
+    name = type(raised).__name__ if isinstance(raised, KeyboardInterrupt) else f"{type(raised).__name__} in a function"
+    return f"{name} ended the run after t = {t[-1]:g}" if len(t) else name
 
 
 def result_of(arrays: Arrays, end: str, record: str | _fvi.Record, mass: Any = None) -> Result:

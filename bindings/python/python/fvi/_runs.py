@@ -65,8 +65,8 @@ class Runs:
     _mass: Any = None
     _appearance: tuple[list[str], dict[str, str]] = field(default_factory=lambda: ([], {}))
     """Labels and units of the model."""
-    _systems: dict[int, dict[str, Any]] = field(default_factory=dict)
-    """What velocities follow from in each run."""
+    _described: dict[int, dict[str, Any]] = field(default_factory=dict)
+    """The title of each run, and what velocities and accelerations follow from."""
 
     @property
     def success(self) -> NDArray[np.bool_]:
@@ -104,10 +104,12 @@ class Runs:
         rows = int(self.rows[place])
         known = {"status": "completed", **self._ends.get(place, {}), "steps": int(self.steps[place])}
         status, message = ending(known)
+        described = self._described.get(place, {})
         scenario = {
-            "system": self._systems.get(place, {}),
+            "system": {},
+            **described,
             "initial": {"position": self.q[place, :1].ravel().tolist(), "momentum": self.p[place, :1].ravel().tolist()},
-            "output": {"coordinates": list(self._coordinates)},
+            "output": {**described.get("output", {}), "coordinates": list(self._coordinates)},
         }
         labels, units = self._appearance
         record = {**known, "events": self.events[place], "labels": labels, "units": units, "scenario": scenario}
@@ -180,13 +182,16 @@ class Runs:
 
     def to_xarray(self) -> Any:
         """The runs as an xarray Dataset with dimensions ``run``, ``row`` or ``t``, and ``coordinate``, with names, and units where the
-        model names them."""
+        model names them. A parameter with the name of a variable, as p, is p_given."""
         self._check_made("to_xarray")
         along = "t" if self.t.ndim == 1 else "row"
         labels, units = self._appearance
         names = labels or [f"q{coordinate}" for coordinate in self._coordinates]
         rows = {"t": (("t",) if along == "t" else ("run", "row"), self.t)}
-        given = {name: ("run", column) for name, column in self.parameters.items() if column.ndim == 1}
+        # A parameter may have the name of what the runs have anyway.
+        taken = {"q", "p", "energy", "status", "t", "coordinate", "label", *self.columns}
+        numbers = {name: column for name, column in self.parameters.items() if column.ndim == 1}
+        given = {f"{name}_given" if name in taken else name: ("run", column) for name, column in numbers.items()}
         columns = {name: (("run", along, members_of(name))[: column.ndim], column) for name, column in self.columns.items()}
         variables = {
             "q": (("run", along, "coordinate"), self.q),
