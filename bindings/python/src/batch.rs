@@ -58,8 +58,8 @@ impl Batch {
     }
 
     /// What velocities and accelerations follow from in the run with these numbers, as JSON, and its title:
-    /// scheme and times; the mass, with that of the fluid about bodies, or a kinetic energy with its parameters
-    /// and constraints, `with_mass`.
+    /// scheme and times; `with_mass` the mass, with that of the fluid about bodies, or a kinetic energy with
+    /// its parameters and constraints.
     fn described(&self, py: Python<'_>, numbers: Vec<f64>, with_mass: bool) -> PyResult<String> {
         py.detach(|| {
             guarded(|| {
