@@ -870,11 +870,11 @@ impl<'a, T: Real, D: Memory<T>, F: Memory<T>> Signals<'a, T, D, F> {
         Ok(Self { in_proportion, derived, filtered, pending_derivative, pending_filter })
     }
 
-    /// The derivative, or the output of the series form's filter, if `gains` were those of this tick in place
-    /// of `now`.
+    /// The derivative, or the output of the series form's filter, if `gains` were those of this tick in
+    /// place of `now`.
     ///
-    /// With x + τ (p + w x) = e for the filter's output x, where p + w x = D^μ x, the output for another τ' is
-    /// x' = x + (τ − τ') D^μ x/(1 + τ' w).
+    /// With x + τ (p + w x) = e for the filter's output x, where p + w x = D^μ x, the output for another τ'
+    /// is x' = x + (τ − τ') D^μ x/(1 + τ' w).
     #[inline(always)]
     fn derived_with(&self, gains: &PidGains<T>, now: &PidGains<T>) -> T {
         match (gains.filter_time(), now.filter_time(), &self.pending_derivative) {

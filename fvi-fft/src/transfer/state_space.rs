@@ -44,8 +44,8 @@ impl StateSpace {
     /// have it.
     ///
     /// # Errors
-    /// A sentence with numbers if a pole is not in Re s < 0, if the numbers do not tell the poles apart, or if
-    /// one is not simple: with fewer eigenvectors than it counts.
+    /// A sentence with numbers if a pole is not in Re s < 0, if the numbers do not tell the poles apart, or
+    /// if one is not simple: with fewer eigenvectors than it counts.
     pub fn poles(&self) -> Result<Vec<MatrixPole>, String> {
         let unknown = || "the eigenvalues of A are not found".to_owned();
         let mut places = eigenvalues(self.state.clone()).ok_or_else(unknown)?;

@@ -23,11 +23,11 @@ const HALVINGS: usize = 70;
 
 /// Forces in code, whose jumps no expression tells.
 ///
-/// A jump before the first node of a pair or behind its last one is seen by no difference of a whole step and
-/// its halves, since the forces are those of one side at all nodes. So the force is evaluated along the motion
-/// near both ends of an accurate pair: where it changes much more between two places than beside them, the
-/// interval is halved, and if all of the change stays in one half each time, the pair ends there. Jumps that
-/// are smaller than what the force changes on the pair anyway stay unseen.
+/// A jump before the first node of a pair or behind its last one is seen by no difference of a whole step
+/// and its halves, since the forces are those of one side at all nodes. So the force is evaluated along the
+/// motion near both ends of an accurate pair: where it changes much more between two places than beside them,
+/// the interval is halved, and if all of the change stays in one half each time, the pair ends there. Jumps
+/// that are smaller than what the force changes on the pair anyway stay unseen.
 pub(super) struct FunctionJumps {
     terms: SharedTerms,
     moves: bool,
@@ -255,7 +255,7 @@ mod tests {
                         "time": time,
                     }),
                 };
-                // Velocities of short steps have too few digits for a jump where they pass, and for ten digits.
+                // Velocities of short steps have too few digits for ten, and for a jump where they pass.
                 if is_of_velocity && (digits > 9 || !is_in_time) {
                     continue;
                 }

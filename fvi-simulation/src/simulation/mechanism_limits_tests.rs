@@ -55,8 +55,8 @@ fn a_step_beyond_the_domain_of_an_elongation_names_it() {
     assert!(reason.contains("`system.damping[0].along`") && reason.contains("q = ["), "{reason}");
 }
 
-/// A rod and a spring on it, with a damper, in atomic units, in kilograms, and in masses of planets: the places
-/// are the same. The same constraint twice is refused in all of them.
+/// A rod and a spring on it, with a damper, in atomic units, in kilograms, and in masses of planets: the
+/// places are the same. The same constraint twice is refused in all of them.
 #[test]
 fn the_unit_of_mass_does_not_matter() {
     let of = |unit: f64, constraints: &[&str]| {
