@@ -96,9 +96,9 @@ impl<T: Elementary> Mechanism<T> {
         })
     }
 
-    /// Measures the constraints in a [unit](Self::unit) in which their gradients are about as large as the mass
-    /// where it moves at first: elimination by the larger pivot would lose a mass of 10⁻²⁶ beside gradients of
-    /// 1. It is a power of two, and stays 1 where the two are within a factor of 2²⁰.
+    /// Measures the constraints in a [unit](Self::unit) in which their gradients are about as large as the
+    /// mass where it moves at first: elimination by the larger pivot would lose a mass of 10⁻²⁶ beside
+    /// gradients of 1. It is a power of two, and stays 1 where the two are within a factor of 2²⁰.
     pub fn balance(&mut self, position: &[T], velocity: &[T]) {
         let (count, constraints) = (position.len(), self.constraints.len());
         let zeros = |count: usize| vec![T::zero(); count];
