@@ -192,3 +192,14 @@ def test_steps_of_any_length_take_kernels_that_relax():
     assert abs(graded - end(zener, step=1e-3, steps=3000)) < 1e-8
     with pytest.raises(fvi.InputError, match="steps of any length"):
         end(fvi.Kernel.symbol("0.5*s*(s + 0.1)/((s + 0.1)^2 + 4)"), grid="graded", exponent=3.0, end=3.0, steps=60)
+
+
+def test_curves_of_states_are_their_transfer_function():
+    a, b, c = np.array([[-0.6, 0.9], [-0.9, -0.6]]), np.array([[1.0], [0.0]]), np.array([[1.0, -0.6 / 0.9]])
+    omega = np.array([1.0, 2.0])
+    known = [(1j * w * c @ np.linalg.inv(1j * w * np.eye(2) - a) @ b)[0, 0] for w in omega]
+    assert np.allclose(fvi.Kernel.states(a, b, c).curves(omega).moduli, known, rtol=1e-12)
+    with pytest.raises(fvi.InputError, match="a matrix of 2 rows"):
+        fvi.Kernel.states(a, np.eye(2), np.eye(2)).curves(omega)
+    with pytest.raises(fvi.InputError, match="omega"):
+        fvi.Kernel.power(0.5).curves([])

@@ -240,7 +240,7 @@ class Kernel(Keyed):
         Raises
         ------
         InputError
-            If K(s) is not known, as of a kernel given by weights.
+            If K(s) is not known, as of a kernel given by weights, or is a matrix.
 
         Examples
         --------
@@ -253,7 +253,13 @@ class Kernel(Keyed):
         if "weights" in self._keys:
             raise InputError("weights: K(s) is not known from them", "weights", repr(self))
         frequencies = np.geomspace(1e-3, 1e3, 200) if omega is None else np.atleast_1d(_arrays.numbers("omega", omega))
-        term = {"kernel": self.keys, "coefficient": [1.0], "allow_active": True}
+        if frequencies.size == 0:
+            raise InputError("omega: no frequencies", "omega", repr(omega))
+        term: dict[str, Any] = {"kernel": self.keys, "allow_active": True}
+        if "states" not in self._keys:
+            term["coefficient"] = [1.0]
+        elif (rows := len(self._keys["states"]["C"])) > 1:
+            raise InputError(f"states: K(s) is a matrix of {rows} rows; `response` shows what it does to a system", "states", str(rows))
         time = {"step": float(np.pi / frequencies.max()), "steps": 1, "allow_unstable": True}
         scenario = {"system": {"mass": [1.0], "stiffness": [1.0], "damping": [term]}, "time": time}
         return response(scenario, frequencies).kernels[0]
