@@ -33,6 +33,11 @@ impl RationalPower {
     /// The function with `count` zeros and poles through s^`order` at 2·`count` + 1 points from `low` to
     /// `high`; `None` if numbers of 30 digits do not hold them to nine.
     pub fn through_gains(order: f64, low: f64, high: f64, count: usize) -> Option<Self> {
+        if order < 0.0 {
+            // The inverse takes the inverse gains, and there is one function with as many zeros and poles.
+            let Self { gain, zeros, poles } = Self::through_gains(-order, low, high, count)?;
+            return Some(Self { gain: gain.recip(), zeros: poles, poles: zeros });
+        }
         // The last digit of a number of 30 is 2⁻¹⁰⁴ of it.
         let [found, other] =
             [0.0, libm::exp2(-102.0)].map(|change| Self::with_gains_changed(order, low, high, count, change));
@@ -175,6 +180,15 @@ mod tests {
         let found = RationalPower::through_gains(0.5, 2.0 * PI, 20.0 * PI, 9).unwrap();
         for (found, known) in found.zeros.iter().chain(&found.poles).zip(known) {
             assert!((found / known - 1.0).abs() < 1e-7, "{found} for {known}");
+        }
+    }
+
+    #[test]
+    fn negative_powers_are_the_inverse() {
+        let found = RationalPower::through_gains(-0.3, 0.1, 10.0, 4).unwrap();
+        for k in 0..9 {
+            let s = 0.1 * libm::pow(100.0, f64::from(k) / 8.0);
+            assert!((found.value(s) * libm::pow(s, 0.3) - 1.0).abs() < 1e-9, "{s}");
         }
     }
 
