@@ -171,7 +171,7 @@ fn faded(
             return Ok(exact);
         }
     }
-    let allowed = "a number of lags: only rational kernels with simple poles, and those whose weights have faded after 2^15 \
+    let allowed = "a number of lags: only rational kernels with simple poles in Re s < 0, and those whose weights have faded after 2^15 \
                    lags, have exponentials without end";
     Err(ParameterError { parameter: "horizon", value: f64::INFINITY, allowed }.into())
 }
@@ -213,13 +213,7 @@ fn closed(
             } else {
                 let first = c * rho.powu(length as u32);
                 pairs.push([rho.re, rho.im, first.re, first.im]);
-                // What stays for ever has a coefficient that is rounded, and a decay that is not.
-                let rounded = if rho == Complex::new(1.0, 0.0) {
-                    c.norm()
-                } else {
-                    behind([rho, c], count) * (lags(rho) + count as f64)
-                };
-                bound += f64::EPSILON * rounded;
+                bound += f64::EPSILON * behind([rho, c], count) * (lags(rho) + count as f64);
             }
         }
         pairs.sort_by(|[re, im, ..], [other, more, ..]| {
