@@ -36,9 +36,11 @@ impl SystemPole {
     }
 }
 
-/// Lower bound of |s| in the search, as a fraction of the largest frequency and of the slowest pole of a
-/// kernel; and where the stiffness asks for more, at most.
+/// Lower bound of |s| in the search, as a fraction of the largest frequency, which counts up to so many
+/// times that of the stiffness, and of the slowest pole of a kernel; where the stiffness asks for more, at
+/// most.
 const SLOWEST: f64 = 1e-9;
+const FASTEST: f64 = 1e3;
 const SLOWEST_OF_ALL: f64 = 1e-60;
 
 /// Distance from a kernel's pole, relative to it, within which the kernel is evaluated by its partial
@@ -465,13 +467,15 @@ fn reach(
     while highest * highest < 4.0 * (part.stiffness.norm() + damping(highest)) && highest < 1e150 {
         highest *= 2.0;
     }
-    let slowest = sizes().fold(highest, min_or_nan);
-    let mut lowest = SLOWEST * slowest;
+    // For damping of an order close to 2 the bound above is far beyond all frequencies of the stiffness.
+    let stiff = libm::sqrt(part.stiffness.norm());
+    let fast = if stiff > 0.0 { min_or_nan(highest, FASTEST * stiff) } else { highest };
+    let mut lowest = SLOWEST * sizes().fold(fast, min_or_nan);
     let eigenvalues = fvi_fft::dense::symmetric_eigenvalues(part.stiffness.clone());
     let softest = eigenvalues.iter().map(|value| value.abs()).fold(f64::INFINITY, min_or_nan);
     while softest > 1e-12 * part.stiffness.norm()
         && lowest * lowest + damping(lowest) > 0.25 * softest
-        && lowest > SLOWEST_OF_ALL * highest
+        && lowest > SLOWEST_OF_ALL * fast
     {
         lowest *= 0.5;
     }
@@ -597,6 +601,17 @@ mod tests {
             let s = found[0];
             assert!((s * s + 2.0 + s.powf(order) * 0.7).norm() < 1e-13, "{order}: {s}");
             assert!(s.re < 0.0);
+        }
+        // Close to 2 it acts as a mass, and |s|² = Σ |ρ| |K(s)| lies far beyond all that moves.
+        for order in [1.97, 1.99, 1.999] {
+            for rho in [1e-2, 1.0, 1e2, 1e4] {
+                let found = places(&part(1.0, &[rho]), &[TransferFunction::power(order).unwrap()]);
+                assert_eq!(found.len(), 1, "{order}, {rho}: {found:?}");
+                assert!(
+                    (found[0] * found[0] + 1.0 + found[0].powf(order) * rho).norm() < 1e-12,
+                    "{order}, {rho}"
+                );
+            }
         }
         // s² + s^{1/2}: s^{3/2} = −1, s = e^{2πi/3}.
         let found = places(&part(0.0, &[1.0]), &[TransferFunction::power(0.5).unwrap()]);
